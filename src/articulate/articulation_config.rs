@@ -1,0 +1,157 @@
+//! Settings of the search for parts and motions (stage 2, method.md 4).
+
+use serde::{Deserialize, Serialize};
+
+/// Which of two readings of the method to follow where the published text and the released program differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reading {
+    /// As published.
+    #[default]
+    Paper,
+    /// As the released program does.
+    Released,
+}
+
+/// What colors are compared in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ColorSpace {
+    /// Colors in `[0, 1]`.
+    #[default]
+    Rgb,
+    /// What the networks give before the sigmoid (released program).
+    Logit,
+}
+
+/// How a difference of signed distances counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SdfResidual {
+    /// Absolute difference (published).
+    #[default]
+    Absolute,
+    /// Quadratic up to this many standard deviations of the ray's depth noise, absolute beyond, no influence beyond
+    /// one truncation distance.
+    NoiseScaled {
+        /// Where the quadratic part ends, standard deviations.
+        sigmas: f64,
+    },
+}
+
+/// Weights of the loss terms (method.md 4.4).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LossWeights {
+    /// Signed distance consistency near surfaces.
+    pub sdf: f64,
+    /// Color consistency near surfaces.
+    pub color: f64,
+    /// Occupancy consistency.
+    pub occupancy: f64,
+    /// Collision, on ray samples and again on uniform points.
+    pub collision: f64,
+    /// Reprojection of pixel matches, in image heights.
+    pub matching: f64,
+    /// Distance of lifted matches, in truncation distances; not part of the published method.
+    pub matching_3d: f64,
+}
+
+impl Default for LossWeights {
+    fn default() -> Self {
+        Self { sdf: 10.0, color: 0.1, occupancy: 5.0, collision: 50.0, matching: 500.0, matching_3d: 0.0 }
+    }
+}
+
+/// The differences between the published text and the released program (method.md 4.4 and 11), one switch each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Compatibility {
+    /// Near-surface weight: `paper` is `sigmoid(5q) sigmoid(-5q)` on `|q| < 1` with `q` the signed distance in
+    /// truncation distances; `released` divides `q` once more by 0.03, floors it at -0.5 and cuts it at `q < 0.05`.
+    pub near_surface_weight: Reading,
+    /// Visibility: `paper` discounts points not seen in both states; `released` discounts those that are.
+    pub visibility: Reading,
+    /// Occupancy target of back-warped points: `paper` takes the state they lie in; `released` the state that they are
+    /// warped into.
+    pub occupancy_target: Reading,
+    /// Colors before (`logit`) or after (`rgb`) the sigmoid.
+    pub color_space: ColorSpace,
+    /// Grid queries: `paper` is node-aligned; `released` reads at `N / (N - 1)` times the normalised position.
+    pub grid_alignment: Reading,
+}
+
+/// Settings of [`super::ArticulationTrainer`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ArticulationConfig {
+    /// Optimizer steps where motions start from the identity.
+    pub identity_steps: usize,
+    /// Optimizer steps where motions start from a registration.
+    pub refine_steps: usize,
+    /// Steps that first fit the segmentation to given labels.
+    pub label_steps: usize,
+    /// Rays a step and state.
+    pub rays: usize,
+    /// Samples on a ray, stratified in one truncation distance around its depth.
+    pub samples_per_ray: usize,
+    /// Points a step and state for occupancy and collision, drawn towards the occupied space.
+    pub uniform_points: usize,
+    /// Matches a step and direction.
+    pub matches: usize,
+    /// Labelled points a step and state, while labels are fitted.
+    pub label_points: usize,
+    /// Grid nodes of the segmentation field along a side.
+    pub grid_nodes: usize,
+    /// First and last learning rate of the segmentation fields; falls exponentially.
+    pub field_rate: [f64; 2],
+    /// First and last learning rate of motions that start from the identity (radians, and half sides of the scene
+    /// cube).
+    pub identity_motion_rate: [f64; 2],
+    /// First and last learning rate of motions that start from a registration.
+    pub refine_motion_rate: [f64; 2],
+    /// Share of the steps after which occupancy and collision count (method.md 4.7: 500 of 2000).
+    pub late_start: f64,
+    /// Weight of points not seen in both states.
+    pub unseen_weight: f64,
+    /// Width in metres over which occupancy falls from 1 to 0; one spacing of the distance grid if not set.
+    pub occupancy_ramp_m: Option<f64>,
+    /// How a difference of signed distances counts.
+    pub sdf_residual: SdfResidual,
+    /// Whether rays weigh inversely to their depth noise.
+    pub noise_weights: bool,
+    /// Whether visibility, which depends on the segmentation, passes gradients on. Off, no point gains by being
+    /// assigned to a motion that hides it.
+    pub visibility_gradient: bool,
+    /// Weights of the loss terms.
+    pub weights: LossWeights,
+    /// Published text or released program.
+    pub compatibility: Compatibility,
+}
+
+impl Default for ArticulationConfig {
+    fn default() -> Self {
+        Self {
+            identity_steps: 2000,
+            refine_steps: 400,
+            label_steps: 200,
+            rays: 512,
+            samples_per_ray: 8,
+            uniform_points: 6000,
+            matches: 512,
+            label_points: 4096,
+            grid_nodes: 50,
+            field_rate: [0.01, 0.001],
+            identity_motion_rate: [0.01, 1e-5],
+            refine_motion_rate: [1e-3, 1e-5],
+            late_start: 0.25,
+            unseen_weight: 0.5,
+            occupancy_ramp_m: None,
+            sdf_residual: SdfResidual::Absolute,
+            noise_weights: false,
+            visibility_gradient: false,
+            weights: LossWeights::default(),
+            compatibility: Compatibility::default(),
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Articulation: matches between the states, rigid motions, part segmentation, joints (method.md 4 and 5).
+
+mod assemble;
+mod evidence;
+mod joint;
+mod labels;
+mod match_evidence;
+mod motion_fit;
+mod parts;
+mod texture;
+
+pub use assemble::{LabelledState, NO_LABEL, part_tsdf};
+pub use evidence::{ColorField, ColorSample, LiftedMatch, SurfaceSamples};
+pub use joint::{JointEstimate, estimate_joint};
+pub use labels::label_grid;
+pub use match_evidence::match_evidence;
+pub use motion_fit::{FreeMotion, MatchEvidence, MotionEvidence, MotionModel, RefineConfig, Refined, refine};
+pub use parts::{JointConfig, ObservedState, part_joint, select};
+pub use texture::{TextureConfig, texture_matches};
+mod descriptor;
+mod features;
+mod labeling;
+mod lift;
+mod matcher;
+mod mesh_samples;
+mod ransac;
+mod refine;
+mod register;
+mod rigid_fit;
+mod sample_index;
+mod scale_space;
+#[cfg(test)]
+mod synthetic;
+
+pub use descriptor::{DESCRIPTOR_LENGTH, DESCRIPTOR_NORM, Descriptor, similarity};
+pub use features::{Feature, FeatureConfig, features};
+pub use labeling::FreeSpace;
+pub use lift::lift;
+pub use matcher::{MatchConfig, match_states};
+mod adam;
+mod articulation_config;
+mod collision;
+mod consistency;
+mod dense_kernel;
+mod feature_grid;
+mod label_fit;
+mod loss_term;
+mod matching_loss;
+mod motion_params;
+mod objective;
+mod occupancy;
+mod optimise;
+mod ray_batch;
+mod segmentation;
+mod state_model;
+mod trainer_input;
+mod uniform_batch;
+
+pub use articulation_config::{ArticulationConfig, ColorSpace, Compatibility, LossWeights, Reading, SdfResidual};
+pub use objective::ArticulationLosses;
+pub use optimise::{ArticulationCheckpoint, ArticulationProblem, ArticulationStart, ArticulationTrainer};
+pub use segmentation::{Dense, SegmentationField};
+pub use state_model::{StateModel, SurfaceRay};
+pub use trainer_input::{LabelledPoints, MAX_PARTS, TrainerError};
+
+#[cfg(test)]
+mod gradient_tests;
+#[cfg(test)]
+mod recovery_tests;
+#[cfg(test)]
+mod test_scene;
+pub use mesh_samples::mesh_samples;
+pub use ransac::{Proposal, RansacConfig, propose};
+pub use register::{MotionSupport, RegisterConfig, RegisterError, Registration, register};

@@ -1,0 +1,334 @@
+//! Parts and motions of an object in two states by registration: proposals from lifted matches, a choice among them by
+//! what they explain of the surfaces, then labels and motions in turn (method.md 4.6 and 10.4).
+
+use nalgebra::Point3;
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    LiftedMatch, SurfaceSamples,
+    labeling::{Evidence, FreeSpace},
+    ransac::{CellCounter, Gate, Proposal, RansacConfig, propose},
+    refine::refine,
+};
+use crate::geometry::Pose;
+
+/// How parts and motions are found. Lengths are shares of the object's longest side.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RegisterConfig {
+    /// Motions from matches.
+    pub ransac: RansacConfig,
+    /// Longest distance between a moved surface point and its partner in the first rounds.
+    pub first_reach: f64,
+    /// The same in the last rounds.
+    pub last_reach: f64,
+    /// Rounds of labels and motions in turn.
+    pub rounds: usize,
+    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches, and a sixth of
+    /// those of the surface that it explains.
+    pub least_score: f64,
+    /// The static part must explain this share of the surface.
+    pub least_static_share: f64,
+}
+
+impl Default for RegisterConfig {
+    fn default() -> Self {
+        Self {
+            ransac: RansacConfig::default(),
+            first_reach: 0.03,
+            last_reach: 0.015,
+            rounds: 8,
+            least_score: 8.0,
+            least_static_share: 0.02,
+        }
+    }
+}
+
+/// What supports a motion.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MotionSupport {
+    /// Surface samples of state 0 and of state 1 that follow the motion.
+    pub samples: [usize; 2],
+    /// Lifted matches that follow it.
+    pub matches: usize,
+    /// Root mean square distance of these matches after the motion, metres; 0 without matches.
+    pub match_rms_m: f64,
+    /// Share of all samples that only this motion explains.
+    pub share: f64,
+}
+
+/// Parts and motions.
+#[derive(Clone, Debug)]
+pub struct Registration {
+    /// Motion of every part from state 0 to state 1 in the world; the first is the static part's identity.
+    pub motions: Vec<Pose>,
+    /// Part of every surface sample of each state.
+    pub labels: [Vec<u8>; 2],
+    /// Part of every lifted match; `None` where it follows no motion.
+    pub match_labels: Vec<Option<u8>>,
+    /// Support of every motion.
+    pub support: Vec<MotionSupport>,
+    /// Motions proposed by the matches, strongest first.
+    pub proposals: Vec<Proposal>,
+    /// Sentences about evidence that the result leaves unexplained.
+    pub warnings: Vec<String>,
+}
+
+/// Why there is no registration.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum RegisterError {
+    /// The arguments make no sense.
+    #[error("{what}; {remedy}")]
+    Input {
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// Nothing moved.
+    #[error(
+        "no part moved between the two states ({static_percent:.0} % of the surface stands still); record the second state with the joints moved"
+    )]
+    NoMotion {
+        /// Share of the surface that stands still, percent.
+        static_percent: f64,
+    },
+    /// Nothing stands still.
+    #[error(
+        "the two states do not overlap: {static_percent:.1} % of the surface stands still; record both states in one world frame, with the same object and one part at rest"
+    )]
+    NoOverlap {
+        /// Share of the surface that stands still, percent.
+        static_percent: f64,
+    },
+    /// Fewer motions are supported than were asked for.
+    #[error(
+        "{asked} parts were asked for, but {found} are supported (the static part and {moving} that move: {support}); ask for {found} parts or record more views of the others"
+    )]
+    FewerParts {
+        /// Number of parts asked for.
+        asked: usize,
+        /// Number of parts supported, the static one included.
+        found: usize,
+        /// Number of moving parts supported.
+        moving: usize,
+        /// Support of each, in words.
+        support: String,
+    },
+}
+
+/// Finds `parts - 1` rigid motions and the part of every surface sample.
+///
+/// `free` tells for each state whether a world point was seen empty, where known. The result depends on the order of
+/// the inputs and on the random numbers only; swapping the states inverts the motions up to noise.
+///
+/// # Errors
+/// [`RegisterError`]: no motion, no overlap, or fewer motions than asked for.
+pub fn register(
+    matches: &[LiftedMatch],
+    surfaces: [&SurfaceSamples; 2],
+    free: [Option<FreeSpace<'_>>; 2],
+    parts: usize,
+    config: &RegisterConfig,
+    rng: &mut impl Rng,
+) -> Result<Registration, RegisterError> {
+    let extent_m = checked_extent_m(surfaces, parts)?;
+    let proposals = propose(matches, parts - 1, extent_m, &config.ransac, rng);
+    let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
+    let coarse = Evidence::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
+    let mut run = Run { matches, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence: coarse };
+    for _ in 0..2 {
+        run.round(&mut motions);
+    }
+    let mut warnings = Vec::new();
+    run.eliminate(&mut motions, parts, &mut warnings)?;
+    run.evidence = Evidence::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
+    for _ in 0..config.rounds {
+        run.round(&mut motions);
+    }
+    let (labels, costs) = run.labels(&motions);
+    let match_labels = run.match_labels(&motions);
+    let shares = shares(&costs, motions.len());
+    let support = (0..motions.len()).map(|k| run.support(&motions[k], k as u8, &labels, &match_labels, shares[k])).collect();
+    Ok(Registration { motions, labels, match_labels, support, proposals, warnings })
+}
+
+/// Longest side of the box around both surfaces.
+fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: usize) -> Result<f64, RegisterError> {
+    let input = |what: String, remedy| Err(RegisterError::Input { what, remedy });
+    if !(2..=32).contains(&parts) {
+        return input(format!("{parts} parts were asked for"), "ask for 2 to 32, the static part included");
+    }
+    for (state, s) in surfaces.iter().enumerate() {
+        if s.points.is_empty() {
+            return input(format!("state {state} has no surface"), "check its depth images and masks");
+        }
+        if s.normals.len() != s.points.len() || s.colors.len() != s.points.len() {
+            return input(format!("the surface samples of state {state} lack normals or colors"), "give one of each per point");
+        }
+        if s.points.iter().any(|p| !p.coords.iter().all(|x| x.is_finite())) {
+            return input(format!("a surface sample of state {state} is not finite"), "check camera poses and depth");
+        }
+    }
+    let first = surfaces[0].points[0];
+    let all = surfaces.iter().flat_map(|s| s.points.iter());
+    let (low, high): (Point3<f64>, Point3<f64>) = all.fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let extent_m = (high - low).max();
+    if extent_m > 0.0 { Ok(extent_m) } else { input("the surface has no extent".into(), "check depth images and masks") }
+}
+
+/// The wished reach, or more where the samples lie too far apart for it.
+fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
+    // Samples of a surface of area a lie about sqrt(a / n) apart; the area is that of the occupied cells.
+    let spacing_m = surfaces.map(|s| wished_m * (occupied_cells(&s.points, wished_m) as f64 / s.points.len() as f64).sqrt());
+    wished_m.max(1.5 * spacing_m[0].max(spacing_m[1]))
+}
+
+/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it. Only landing
+/// on a surface counts as an explanation.
+fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
+    let mut gains = vec![0.0; motions];
+    for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
+        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
+        for (k, &c) in sample.iter().enumerate() {
+            let c = if c >= 0.9 { 1.0 } else { c };
+            if c < best {
+                (second, best, winner) = (best, c, k);
+            } else {
+                second = second.min(c);
+            }
+        }
+        gains[winner] += f64::from(second - best);
+    }
+    let count = costs.iter().map(Vec::len).sum::<usize>() / motions.max(1);
+    gains.into_iter().map(|g| g / count.max(1) as f64).collect()
+}
+
+/// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
+/// three dimensions and its look, a wrong surface by its distance in one.
+const SURFACE_WEIGHT: f64 = 0.16;
+
+/// Most that surface counts for a motion without matches, cells.
+const SURFACE_ALONE: f64 = 10.0;
+
+/// Number of cells that hold a point.
+fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
+    let mut cells: Vec<[i64; 3]> = points.iter().map(|p| [0, 1, 2].map(|k| (p[k] / cell_m).floor() as i64)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    cells.len()
+}
+
+/// What the rounds share.
+struct Run<'a> {
+    matches: &'a [LiftedMatch],
+    extent_m: f64,
+    gate: Gate,
+    config: &'a RegisterConfig,
+    evidence: Evidence<'a>,
+}
+
+impl Run<'_> {
+    /// Labels and costs of both states.
+    fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
+        let costs = [0, 1].map(|s| self.evidence.costs(s, motions, None));
+        let alone = [0, 1].map(|s| self.evidence.labels(s, &costs[s], motions.len()));
+        // Once more with each state's labels known to the other: a surface belongs to one part only.
+        let costs = [0, 1].map(|s| self.evidence.costs(s, motions, Some(&alone[1 - s])));
+        ([0, 1].map(|s| self.evidence.labels(s, &costs[s], motions.len())), costs)
+    }
+
+    /// The motion that every match follows.
+    fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
+        let one = |m: &LiftedMatch| {
+            let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
+            let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+            (support > 0.0).then_some(k as u8)
+        };
+        self.matches.iter().map(one).collect()
+    }
+
+    /// One round: labels, then every moving part's motion.
+    fn round(&self, motions: &mut [Pose]) {
+        let (labels, _) = self.labels(motions);
+        let match_labels = self.match_labels(motions);
+        for (k, motion) in motions.iter_mut().enumerate().skip(1) {
+            let followers: Vec<LiftedMatch> = self
+                .matches
+                .iter()
+                .zip(&match_labels)
+                .filter(|(m, l)| **l == Some(k as u8) && self.gate.has_moved(m))
+                .map(|(m, _)| *m)
+                .collect();
+            *motion = refine(&self.evidence, [&labels[0], &labels[1]], &followers, motion, k as u8);
+        }
+    }
+
+    /// What speaks for each motion and no other, in cells: those of the matches that follow it, and the cells of surface
+    /// that it explains, which weigh less because a plane explains any other.
+    fn scores(&self, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
+        let labels = self.match_labels(motions);
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
+        let score = |k: usize| {
+            let follows = |(m, l): (&LiftedMatch, &Option<u8>)| (*l == Some(k as u8) && self.gate.has_moved(m)).then_some(*m);
+            let followers: Vec<LiftedMatch> = self.matches.iter().zip(&labels).filter_map(follows).collect();
+            let cells = CellCounter::new(&followers, self.gate, cell_m).support(&followers, &motions[k]);
+            cells + (SURFACE_WEIGHT * shares[k] * surface as f64).min(2.0 * cells + SURFACE_ALONE)
+        };
+        (0..motions.len()).map(score).collect()
+    }
+
+    /// Drops the motion that least speaks for until `parts` are left and enough speaks for all.
+    fn eliminate(&self, motions: &mut Vec<Pose>, parts: usize, warnings: &mut Vec<String>) -> Result<(), RegisterError> {
+        loop {
+            let shares = shares(&self.labels(motions).1, motions.len());
+            let scores = self.scores(motions, &shares);
+            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+            let short = weakest.is_none_or(|k| scores[k] < self.config.least_score);
+            if motions.len() <= parts && !short {
+                return if motions.len() == parts { self.check_static(&shares) } else { self.fewer(motions, parts, &shares) };
+            }
+            let Some(k) = weakest else { return self.fewer(motions, parts, &shares) };
+            if !short && scores[k] > 3.0 * self.config.least_score {
+                let percent = 100.0 * shares[k];
+                warnings.push(format!(
+                    "a further motion explains {percent:.1} % of the surface that no other explains; there may be more than {parts} parts"
+                ));
+            }
+            motions.remove(k);
+            self.round(motions);
+        }
+    }
+
+    /// Refuses states of which nothing coincides.
+    fn check_static(&self, shares: &[f64]) -> Result<(), RegisterError> {
+        if shares[0] < self.config.least_static_share {
+            return Err(RegisterError::NoOverlap { static_percent: 100.0 * shares[0] });
+        }
+        Ok(())
+    }
+
+    /// The error for too few motions.
+    fn fewer(&self, motions: &[Pose], parts: usize, shares: &[f64]) -> Result<(), RegisterError> {
+        self.check_static(shares)?;
+        if motions.len() == 1 {
+            return Err(RegisterError::NoMotion { static_percent: 100.0 * shares[0] });
+        }
+        let support: Vec<String> = shares.iter().skip(1).map(|s| format!("{:.1} % of the surface", 100.0 * s)).collect();
+        let (found, moving) = (motions.len(), motions.len() - 1);
+        Err(RegisterError::FewerParts { asked: parts, found, moving, support: support.join(", ") })
+    }
+
+    fn support(&self, motion: &Pose, label: u8, labels: &[Vec<u8>; 2], match_labels: &[Option<u8>], share: f64) -> MotionSupport {
+        let followers = self.matches.iter().zip(match_labels).filter(|(_, l)| **l == Some(label));
+        let (squares, matches) = followers.fold((0.0, 0), |(sum, n), (m, _)| (sum + (motion * m.point0 - m.point1).norm_squared(), n + 1));
+        MotionSupport {
+            samples: [0, 1].map(|s| labels[s].iter().filter(|&&l| l == label).count()),
+            matches,
+            match_rms_m: (squares / matches.max(1) as f64).sqrt(),
+            share,
+        }
+    }
+}

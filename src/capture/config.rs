@@ -1,0 +1,180 @@
+//! Settings of everything between a recording and its frames.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CaptureError, NoiseConfig};
+
+/// How recordings are read. `None` means: found from the recording, and told in [`super::Capture::notes`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CaptureConfig {
+    /// Topic names.
+    pub topics: TopicConfig,
+    /// Frame in which the twin stands; default: the root of the camera's transform chain.
+    pub world_frame: Option<String>,
+    /// Frame whose pose a PoseStamped topic gives; default: the optical frame of the color images.
+    pub pose_frame: Option<String>,
+    /// Largest difference of stamps between color and depth or mask, seconds.
+    pub sync_slop_secs: f64,
+    /// Transforms further apart than this are not interpolated, seconds.
+    pub tf_max_gap_secs: f64,
+    /// Frames kept per state, chosen by the spread of their views.
+    pub frames_per_state: usize,
+    /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out what lies between. Seconds from the bag's
+    /// start, or since the epoch where greater than 1e8; by the time messages were recorded.
+    pub split_secs: Vec<f64>,
+    /// Depth readings nearer than this are not used, meters.
+    pub depth_min_m: f64,
+    /// Depth readings further than this are not used, meters.
+    pub depth_max_m: f64,
+    /// How the object is told from its surroundings.
+    pub isolate: IsolateConfig,
+    /// Expected depth noise.
+    pub noise: NoiseConfig,
+    /// Whether the noise model is scaled to what the recording shows.
+    pub measure_noise: bool,
+    /// Seed of the random choices made here.
+    pub seed: u64,
+}
+
+/// Topic names that replace those found by type and name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TopicConfig {
+    /// Color images (Image or CompressedImage).
+    pub color: Option<String>,
+    /// Depth images aligned to color (Image or CompressedImage).
+    pub depth: Option<String>,
+    /// CameraInfo of the color images.
+    pub color_info: Option<String>,
+    /// CameraInfo of the depth images.
+    pub depth_info: Option<String>,
+    /// Object masks (Image or CompressedImage; nonzero = object).
+    pub mask: Option<String>,
+    /// Camera poses (PoseStamped or Odometry) in place of /tf.
+    pub pose: Option<String>,
+    /// A std_msgs topic whose messages separate the states of one bag.
+    pub marker: Option<String>,
+}
+
+/// How the object is told from its surroundings where there are no masks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct IsolateConfig {
+    /// Whether masks that came with the recording are used.
+    pub use_masks: bool,
+    /// Box around the object: lower and upper corner in the world frame, meters.
+    pub workspace: Option<[[f64; 3]; 2]>,
+    /// Whether the support plane is taken away inside a workspace too.
+    pub plane_in_workspace: bool,
+    /// Points closer to the support plane than this are part of it, meters.
+    pub plane_clearance_m: f64,
+    /// ... and those closer than this many standard deviations of the depth noise.
+    pub plane_sigmas: f64,
+    /// Parts of the object may be this far apart, meters; `None`: from the depth noise.
+    pub link_distance_m: Option<f64>,
+}
+
+impl Default for CaptureConfig {
+    fn default() -> Self {
+        Self {
+            topics: TopicConfig::default(),
+            world_frame: None,
+            pose_frame: None,
+            sync_slop_secs: 0.015,
+            tf_max_gap_secs: 0.5,
+            frames_per_state: 40,
+            split_secs: Vec::new(),
+            depth_min_m: 0.1,
+            depth_max_m: 6.0,
+            isolate: IsolateConfig::default(),
+            noise: NoiseConfig::default(),
+            measure_noise: true,
+            seed: 0,
+        }
+    }
+}
+
+impl Default for IsolateConfig {
+    fn default() -> Self {
+        Self {
+            use_masks: true,
+            workspace: None,
+            plane_in_workspace: true,
+            plane_clearance_m: 0.002,
+            plane_sigmas: 3.0,
+            link_distance_m: None,
+        }
+    }
+}
+
+impl CaptureConfig {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// [`CaptureError::Setting`] with the key.
+    pub fn check(&self) -> Result<(), CaptureError> {
+        let refuse = |key, reason: &str| Err(CaptureError::Setting { key, reason: reason.to_owned() });
+        let positive = |v: f64| v.is_finite() && v > 0.0;
+        if !(positive(self.depth_max_m) && self.depth_min_m >= 0.0 && self.depth_min_m < self.depth_max_m) {
+            return refuse("capture.depth_min_m", "the depth range must satisfy 0 <= depth_min_m < depth_max_m");
+        }
+        if self.frames_per_state == 0 {
+            return refuse("capture.frames_per_state", "at least one frame per state is needed");
+        }
+        if !(self.sync_slop_secs >= 0.0 && self.sync_slop_secs.is_finite()) {
+            return refuse("capture.sync_slop_secs", "must be zero or more");
+        }
+        if !positive(self.tf_max_gap_secs) {
+            return refuse("capture.tf_max_gap_secs", "must be positive");
+        }
+        let sorted = self.split_secs.windows(2).all(|w| w[0] < w[1]);
+        if self.split_secs.len() > 2 || !sorted || self.split_secs.iter().any(|t| !positive(*t)) {
+            return refuse("capture.split_secs", "give one time, or two rising times, in positive seconds");
+        }
+        if !self.split_secs.is_empty() && self.topics.marker.is_some() {
+            return refuse("capture.split_secs", "give either a split time or a marker topic, not both");
+        }
+        if let Some([lower, upper]) = self.isolate.workspace
+            && !(0..3).all(|k| lower[k].is_finite() && upper[k].is_finite() && lower[k] < upper[k])
+        {
+            return refuse("capture.isolate.workspace", "the lower corner must lie below the upper one along x, y and z");
+        }
+        if !(self.isolate.plane_clearance_m >= 0.0 && self.isolate.plane_sigmas >= 0.0) {
+            return refuse("capture.isolate.plane_clearance_m", "clearance and sigmas must be zero or more");
+        }
+        if self.isolate.link_distance_m.is_some_and(|v| !positive(v)) {
+            return refuse("capture.isolate.link_distance_m", "must be positive");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_usable_and_nonsense_is_refused_by_key() {
+        CaptureConfig::default().check().unwrap();
+        let key = |change: fn(&mut CaptureConfig)| {
+            let mut config = CaptureConfig::default();
+            change(&mut config);
+            match config.check() {
+                Err(CaptureError::Setting { key, .. }) => key,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(key(|c| c.depth_max_m = f64::NAN), "capture.depth_min_m");
+        assert_eq!(key(|c| c.frames_per_state = 0), "capture.frames_per_state");
+        assert_eq!(key(|c| c.split_secs = vec![2.0, 1.0]), "capture.split_secs");
+        assert_eq!(key(|c| c.isolate.workspace = Some([[0.0; 3], [1.0, 0.0, 1.0]])), "capture.isolate.workspace");
+    }
+
+    #[test]
+    fn unknown_keys_are_refused() {
+        assert!(serde_json::from_str::<CaptureConfig>(r#"{"sync_slop": 1}"#).is_err());
+        let c: CaptureConfig = serde_json::from_str(r#"{"topics": {"depth": "/d"}, "frames_per_state": 5}"#).unwrap();
+        assert_eq!((c.topics.depth.as_deref(), c.frames_per_state), (Some("/d"), 5));
+    }
+}

@@ -1,0 +1,289 @@
+//! Why a recording cannot be used.
+
+use std::path::PathBuf;
+
+/// What is wrong, where, and what to do about it.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// The file or folder cannot be read.
+    #[error("cannot read `{}`: {source}", path.display())]
+    Read {
+        /// What was to be read.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Neither a bag nor a dataset.
+    #[error(
+        "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds `state0` and \
+         `state1`, or a dataset folder", path.display()
+    )]
+    NotARecording {
+        /// What was given.
+        path: PathBuf,
+        /// What was found instead.
+        reason: String,
+    },
+    /// A bag in sqlite3 storage.
+    #[error(
+        "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {}_mcap --dst-storage mcap` \
+         (pip install rosbags), or `ros2 bag convert`", path.display(), path.display(), path.display()
+    )]
+    Sqlite {
+        /// The bag.
+        path: PathBuf,
+    },
+    /// The bag's metadata.yaml cannot be trusted.
+    #[error("`{}`: {reason}", path.display())]
+    Metadata {
+        /// The metadata file.
+        path: PathBuf,
+        /// What is wrong with it, and the remedy.
+        reason: String,
+    },
+    /// Nothing could be read from a file.
+    #[error("`{}` is damaged and nothing in it could be read: {reason}; record again or copy the file again", path.display())]
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// The first thing that was wrong.
+        reason: String,
+    },
+    /// A known format that is not supported.
+    #[error("{what} is not supported; {remedy}")]
+    Unsupported {
+        /// What, with its place.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A bag without any image topic.
+    #[error(
+        "`{}` is not an RGB-D recording: it has no image topics at all (it has {topics}); record color, aligned depth, \
+         camera_info and /tf", path.display()
+    )]
+    NotRgbd {
+        /// The bag.
+        path: PathBuf,
+        /// What it has instead.
+        topics: String,
+    },
+    /// A needed topic is missing.
+    #[error("no {role} topic in `{}` (candidates looked at: {candidates}); {remedy}", path.display())]
+    NoTopic {
+        /// `color`, `depth` or `camera_info`.
+        role: &'static str,
+        /// The bag.
+        path: PathBuf,
+        /// What there is.
+        candidates: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A topic that was asked for is not there or has the wrong type.
+    #[error("the {role} topic `{topic}` that was asked for {problem}; topics with messages: {available}")]
+    BadTopic {
+        /// Its role.
+        role: &'static str,
+        /// Its name.
+        topic: String,
+        /// `is not in the bag` or what is wrong with it.
+        problem: String,
+        /// What there is.
+        available: String,
+    },
+    /// No transform at a stamp.
+    #[error("no transform from `{source_frame}` to `{target}` at {stamp_secs:.6} s: {reason}")]
+    NoTransform {
+        /// Frame in which the pose was wanted.
+        target: String,
+        /// Frame whose pose was wanted.
+        source_frame: String,
+        /// When.
+        stamp_secs: f64,
+        /// What is missing.
+        reason: String,
+    },
+    /// Not one frame has a camera pose.
+    #[error(
+        "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and /tf_static from before \
+         the first to after the last image, or set `topics.pose`"
+    )]
+    NoPoses {
+        /// State 0 or 1.
+        state: usize,
+        /// Number of frames.
+        frames: usize,
+        /// Why the first one has none.
+        first: String,
+    },
+    /// Every pose is NaN or no rotation.
+    #[error("all {count} camera poses on `{topic}` are invalid (NaN, infinite or no unit quaternion); check the odometry or robot driver")]
+    InvalidPoses {
+        /// Where they came from.
+        topic: String,
+        /// How many there are.
+        count: usize,
+    },
+    /// The chain of frames holds no motion.
+    #[error(
+        "the pose of `{frame}` comes from static transforms alone (root `{root}`): the recording holds no camera motion; \
+         record odometry or the robot's /tf, set `topics.pose`, or set `world_frame: {root}` if the camera did stand still"
+    )]
+    StaticCamera {
+        /// The optical frame.
+        frame: String,
+        /// Where its chain ends.
+        root: String,
+    },
+    /// Only one state was given.
+    #[error(
+        "`{}` holds one recording, but two states are needed; give two bags, a folder with `state0` and `state1`, or say \
+         where the states part (`--split SECONDS` or a marker topic)", path.display()
+    )]
+    OneState {
+        /// What was given.
+        path: PathBuf,
+    },
+    /// The states cannot be told apart at the place given.
+    #[error("cannot split the recording into two states: {reason}")]
+    Split {
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
+    /// An image encoding that cannot be used.
+    #[error("{topic}: encoding `{encoding}` is not supported; {supported}")]
+    Encoding {
+        /// Where.
+        topic: String,
+        /// The encoding by its name.
+        encoding: String,
+        /// What is supported.
+        supported: &'static str,
+    },
+    /// Images change their size or differ from their camera_info.
+    #[error(
+        "{topic}: image of {width}x{height} at {stamp_secs:.6} s, but {expected} say {expected_width}x{expected_height}; all \
+         images of a recording must have one size: record again with a fixed profile"
+    )]
+    ImageSize {
+        /// Where.
+        topic: String,
+        /// What was found.
+        width: usize,
+        /// What was found.
+        height: usize,
+        /// When.
+        stamp_secs: f64,
+        /// Who disagrees: `earlier images`, `camera_info`.
+        expected: &'static str,
+        /// What was expected.
+        expected_width: usize,
+        /// What was expected.
+        expected_height: usize,
+    },
+    /// Depth is not aligned to color.
+    #[error(
+        "depth `{depth}` is not aligned to color `{color}`: {reason}; record the aligned depth (realsense2_camera: \
+         `align_depth.enable:=true`, topic aligned_depth_to_color/image_raw; others: depth_image_proc register)"
+    )]
+    NotAligned {
+        /// Depth topic.
+        depth: String,
+        /// Color topic.
+        color: String,
+        /// In what they differ.
+        reason: String,
+    },
+    /// Lens model that cannot be undistorted.
+    #[error(
+        "{topic}: distortion model `{model}` {problem}; supported: plumb_bob (4 or 5 values) and rational_polynomial (8), or rectify the images first"
+    )]
+    Distortion {
+        /// Where.
+        topic: String,
+        /// Its name.
+        model: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Camera parameters that are no pinhole camera.
+    #[error("{topic}: camera_info is unusable: {reason}; calibrate the camera or fix its driver")]
+    CameraInfo {
+        /// Where.
+        topic: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A state without frames.
+    #[error("state {state} has no usable frame: {reason}")]
+    NoFrames {
+        /// State 0 or 1.
+        state: usize,
+        /// What became of them.
+        reason: String,
+    },
+    /// No depth at all.
+    #[error(
+        "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); check the depth \
+         topic's unit (16UC1 is millimeters, 32FC1 meters) and the depth range"
+    )]
+    NoDepth {
+        /// State 0 or 1.
+        state: usize,
+        /// Number of frames.
+        frames: usize,
+        /// Depth range.
+        min_m: f64,
+        /// Depth range.
+        max_m: f64,
+    },
+    /// The states were recorded in different world frames.
+    #[error(
+        "state 0 is in world frame `{world0}` and state 1 in `{world1}`; both states need one fixed frame: set `world_frame` \
+         to a frame that both recordings hold"
+    )]
+    WorldFrames {
+        /// Root frame of state 0.
+        world0: String,
+        /// Root frame of state 1.
+        world1: String,
+    },
+    /// A dataset folder that breaks its format.
+    #[error("dataset file `{}`: {reason}", path.display())]
+    Dataset {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
+    /// The object cannot be told from its surroundings.
+    #[error("cannot isolate the object: {reason}; give masks, or a box around the object with `--workspace`")]
+    Isolation {
+        /// What is missing.
+        reason: String,
+    },
+    /// The states lie in different places.
+    #[error(
+        "the states have no place in common: only {share_percent:.1} % of the object's points in one state lie near those of \
+         the other; the static part must stand still in the world frame: check the camera poses of both recordings"
+    )]
+    NoOverlap {
+        /// Points in common.
+        share_percent: f64,
+    },
+    /// A setting that cannot be used.
+    #[error("setting `{key}`: {reason}")]
+    Setting {
+        /// Its key.
+        key: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// Header stamp in seconds, for messages.
+#[must_use]
+pub fn stamp_secs(stamp_nanos: i64) -> f64 {
+    stamp_nanos as f64 * 1e-9
+}

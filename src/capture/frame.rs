@@ -1,0 +1,77 @@
+//! One RGB-D view with its camera and pose.
+
+use nalgebra::Point3;
+
+use super::NoiseConfig;
+use crate::geometry::{Intrinsics, Pose};
+
+/// One view: colour and depth share one undistorted camera.
+#[derive(Clone, Debug)]
+pub struct RgbdFrame {
+    /// Name for reports and match files: `<state>_<index>`, four digits, e.g. `0_0007`.
+    pub id: String,
+    /// Header stamp, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Camera of both images; `width * height` pixels each.
+    pub intrinsics: Intrinsics,
+    /// Pose of the optical frame in the world frame.
+    pub world_from_camera: Pose,
+    /// Colour, row-major.
+    pub rgb: Vec<[u8; 3]>,
+    /// z-depth in metres, row-major; 0 = unknown; never NaN.
+    pub depth_m: Vec<f32>,
+    /// Object pixels, row-major; `None` until the object was isolated.
+    pub mask: Option<Vec<bool>>,
+}
+
+impl RgbdFrame {
+    /// Whether a pixel shows the object (every pixel, where there is no mask).
+    #[must_use]
+    pub fn is_object(&self, pixel: usize) -> bool {
+        self.mask.as_ref().is_none_or(|m| m[pixel])
+    }
+
+    /// World point seen at a pixel index; `None` where the depth is unknown.
+    #[must_use]
+    pub fn world_point(&self, pixel: usize) -> Option<Point3<f64>> {
+        let d = f64::from(self.depth_m[pixel]);
+        let (u, v) = ((pixel % self.intrinsics.width) as f64, (pixel / self.intrinsics.width) as f64);
+        (d > 0.0).then(|| self.world_from_camera * self.intrinsics.unproject(u, v, d))
+    }
+
+    /// A world point in the optical frame.
+    #[must_use]
+    pub fn in_camera(&self, point_in_world: &Point3<f64>) -> Point3<f64> {
+        self.world_from_camera.inverse_transform_point(point_in_world)
+    }
+}
+
+/// The recording: frames of state 0 and of state 1, and what was found or lost on the way.
+#[derive(Clone, Debug, Default)]
+pub struct Capture {
+    /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
+    pub name: String,
+    /// Frames per state, in time order.
+    pub states: [Vec<RgbdFrame>; 2],
+    /// Pixel matches that came with the data, if any.
+    pub matches: Vec<PixelMatch>,
+    /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say otherwise.
+    pub noise: NoiseConfig,
+    /// Sentences about what was degraded: damage, drops, frames not used.
+    pub warnings: Vec<String>,
+    /// Sentences about what was found and chosen: topics, counts, frames.
+    pub notes: Vec<String>,
+}
+
+/// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelMatch {
+    /// Index of the frame in `states[0]` and its pixel (u right, v down).
+    pub frame0: usize,
+    /// Pixel coordinates in frame 0.
+    pub pixel0: [f32; 2],
+    /// Index of the frame in `states[1]`.
+    pub frame1: usize,
+    /// Pixel coordinates in frame 1.
+    pub pixel1: [f32; 2],
+}

@@ -1,0 +1,57 @@
+//! Depth readings within a mask that belong to nothing: flying pixels far from the rest of the object.
+
+use std::{collections::HashSet, num::NonZeroUsize};
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+
+use super::voxels::{Cell, center};
+
+/// Neighbors whose mean distance is judged.
+const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
+/// Cells this much further from their neighbors than the mean are outliers, in standard deviations.
+const SIGMAS: f64 = 3.0;
+/// Nothing nearer to its neighbors than this many cells is an outlier: the 16 neighbors of a rod one cell wide are on
+/// average 4.5 cells away.
+const ALWAYS_KEPT_CELLS: f64 = 6.0;
+
+/// Cells of a sorted list that stand apart from the others (statistical outlier removal on cells, with a floor that
+/// keeps rods and wires).
+#[must_use]
+pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
+    if cells.len() <= NEIGHBORS.get() {
+        return HashSet::new();
+    }
+    let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
+    let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return HashSet::new() };
+    let mean_distance = |p: &[f64; 3]| {
+        // The cell itself is the nearest, at distance 0.
+        let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
+        near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64
+    };
+    let distances: Vec<f64> = points.iter().map(mean_distance).collect();
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    let deviation = (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();
+    let limit = (mean + SIGMAS * deviation).max(ALWAYS_KEPT_CELLS * size_m);
+    cells.iter().zip(distances).filter(|(_, d)| *d > limit).map(|(c, _)| *c).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lone_cells_go_and_a_thin_rod_stays() {
+        let mut cells: Vec<Cell> = (0..30).flat_map(|x| (0..30).map(move |y| [x, y, 0])).collect();
+        let rod: Vec<Cell> = (1..40).map(|z| [15, 15, z]).collect();
+        let lone = [[60, 0, 0], [0, 70, 5], [0, 0, -80]];
+        cells.extend(&rod);
+        cells.extend(lone);
+        cells.sort_unstable();
+        assert_eq!(outlier_cells(&cells, 0.005), lone.into_iter().collect());
+    }
+
+    #[test]
+    fn few_cells_are_left_alone() {
+        assert!(outlier_cells(&[[0, 0, 0], [90, 0, 0]], 0.01).is_empty());
+    }
+}

@@ -1,0 +1,249 @@
+//! Planes that the object stands on or before: found by RANSAC in the points of all frames and taken away.
+//!
+//! A plane counts as background only if the cameras are all on one side of it, next to nothing lies behind it, and it
+//! reaches the borders of the images. So a side of the object is not taken for a wall, and a floor goes before the
+//! table that stands on it.
+
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use rand_core::Rng;
+
+use crate::capture::{NoiseConfig, RgbdFrame};
+
+/// Points looked at.
+const SAMPLES: usize = 60_000;
+/// Points that score a hypothesis.
+const SCORED: usize = 6_000;
+/// Hypotheses per plane.
+const TRIALS: usize = 600;
+/// Most planes (a floor, a table, walls).
+const MAX_PLANES: usize = 5;
+/// Weight of the points behind a background plane against those in it, at most.
+const BEHIND_SHARE: f64 = 0.05;
+/// Share of the points at the image borders that a background plane holds, at least.
+const BORDER_SHARE: f64 = 0.15;
+/// Share of all points that a background plane holds, at least.
+const SUPPORT_SHARE: f64 = 0.05;
+/// Width of the image border against the image.
+const BORDER: f64 = 0.06;
+
+/// Points with `normal . p = offset_m`; the cameras are on the side the normal points to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit normal in the world frame.
+    pub normal: Unit<Vector3<f64>>,
+    /// Signed distance of the origin's opposite, meters.
+    pub offset_m: f64,
+}
+
+impl Plane {
+    /// Signed distance of a point, meters; positive on the cameras' side.
+    #[must_use]
+    pub fn height_m(&self, point: &Point3<f64>) -> f64 {
+        self.normal.dot(&point.coords) - self.offset_m
+    }
+
+    /// Standard deviation of the height of a point whose depth has deviation `sigma_m` along a ray of unit z.
+    #[must_use]
+    pub fn height_sigma_m(&self, ray_in_world: &Vector3<f64>, sigma_m: f64) -> f64 {
+        sigma_m * self.normal.dot(ray_in_world).abs()
+    }
+}
+
+/// A depth reading.
+#[derive(Clone, Debug)]
+struct Sample {
+    point: Point3<f64>,
+    /// World direction with unit depth.
+    ray: Vector3<f64>,
+    sigma_m: f64,
+    /// Area it stands for, up to a factor.
+    weight: f64,
+    at_border: bool,
+}
+
+/// The background planes of the frames, in the order in which they were taken away.
+#[must_use]
+pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut impl Rng) -> Vec<Plane> {
+    let mut samples = sample(frames, noise);
+    let cameras: Vec<_> = frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
+    let total: f64 = samples.iter().map(|s| s.weight).sum();
+    let borders = samples.iter().filter(|s| s.at_border).count();
+    let mut planes = Vec::new();
+    while planes.len() < MAX_PLANES {
+        let left = samples.iter().filter(|s| s.at_border).count();
+        if samples.len() < 100 || left * 50 < borders {
+            break;
+        }
+        let Some(plane) = best_plane(&samples, &cameras, SUPPORT_SHARE * total, rng) else { break };
+        samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
+        planes.push(plane);
+    }
+    planes
+}
+
+/// Depth readings on a regular grid in every frame.
+fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
+    let pixels: usize = frames.iter().map(|f| f.depth_m.len()).sum();
+    let stride = ((pixels as f64 / SAMPLES as f64).sqrt().ceil() as usize).max(1);
+    let mut samples = Vec::new();
+    for frame in frames {
+        let k = &frame.intrinsics;
+        let (w, h) = (k.width, k.height);
+        let (bw, bh) = ((w as f64 * BORDER) as usize, (h as f64 * BORDER) as usize);
+        for y in (stride / 2..h).step_by(stride) {
+            for x in (stride / 2..w).step_by(stride) {
+                let Some(point) = frame.world_point(y * w + x) else { continue };
+                let depth = f64::from(frame.depth_m[y * w + x]);
+                samples.push(Sample {
+                    point,
+                    ray: frame.world_from_camera.rotation * k.ray(x as f64, y as f64),
+                    sigma_m: noise.sigma_m(depth),
+                    weight: depth * depth,
+                    at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
+                });
+            }
+        }
+    }
+    samples
+}
+
+fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], support: f64, rng: &mut impl Rng) -> Option<Plane> {
+    let step = samples.len().div_ceil(SCORED);
+    let scored: Vec<&Sample> = samples.iter().step_by(step).collect();
+    let mut best: Option<(f64, Plane)> = None;
+    for _ in 0..TRIALS {
+        let [a, b, c] = [(); 3].map(|()| samples[(rng.next_u64() % samples.len() as u64) as usize].point);
+        let Some(plane) = through(&a, &b, &c, cameras) else { continue };
+        let Some(score) = judge(&plane, &scored) else { continue };
+        if best.is_none_or(|(s, _)| score > s) {
+            best = Some((score, plane));
+        }
+    }
+    let (_, mut plane) = best?;
+    for _ in 0..5 {
+        plane = refit(&plane, samples, cameras)?;
+    }
+    let all: Vec<&Sample> = samples.iter().collect();
+    judge(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
+}
+
+/// The plane through three points, its normal to the cameras; `None` where they are on a line or the cameras are on
+/// both sides.
+fn through(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, cameras: &[Point3<f64>]) -> Option<Plane> {
+    let normal = Unit::try_new((b - a).cross(&(c - a)), 1e-4)?;
+    oriented(Plane { normal, offset_m: normal.dot(&a.coords) }, cameras)
+}
+
+fn oriented(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
+    let above = cameras.iter().filter(|c| plane.height_m(c) > 0.0).count();
+    if above == cameras.len() {
+        Some(plane)
+    } else if above == 0 {
+        Some(Plane { normal: -plane.normal, offset_m: -plane.offset_m })
+    } else {
+        None
+    }
+}
+
+fn is_inlier(plane: &Plane, s: &Sample) -> bool {
+    plane.height_m(&s.point).abs() < 0.002 + 2.5 * plane.height_sigma_m(&s.ray, s.sigma_m)
+}
+
+/// Weight of a plane's points; `None` where it is no background.
+fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
+    let (mut inside, mut behind) = (0.0, 0.0);
+    let (mut borders, mut own_borders) = (0, 0);
+    for s in samples {
+        let inlier = is_inlier(plane, s);
+        borders += usize::from(s.at_border);
+        own_borders += usize::from(s.at_border && inlier);
+        if inlier {
+            inside += s.weight;
+        } else if plane.height_m(&s.point) < -0.01 - 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m) {
+            behind += s.weight;
+        }
+    }
+    let valid = behind <= BEHIND_SHARE * inside && own_borders as f64 >= BORDER_SHARE * borders as f64;
+    (valid && inside > 0.0).then_some(inside)
+}
+
+/// Least squares over the inliers, each weighted by its noise.
+fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
+    let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
+    let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
+    let total: f64 = inliers.iter().map(|s| weight(s)).sum();
+    let mean = inliers.iter().map(|s| s.point.coords * weight(s)).sum::<Vector3<f64>>() / total;
+    let spread = inliers.iter().map(|s| (s.point.coords - mean) * (s.point.coords - mean).transpose() * weight(s)).sum::<Matrix3<f64>>();
+    let eigen = spread.symmetric_eigen();
+    let normal = Unit::try_new(eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned(), 1e-9)?;
+    oriented(Plane { normal, offset_m: normal.dot(&mean) }, cameras)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::{Intrinsics, Pose},
+        run::stage_rng,
+    };
+
+    type Block = [[f64; 3]; 2];
+
+    fn hit(origin: &Point3<f64>, ray: &Vector3<f64>, [lower, upper]: &Block) -> Option<f64> {
+        let (mut near, mut far) = (0.0f64, f64::INFINITY);
+        for k in 0..3 {
+            let (a, b) = ((lower[k] - origin[k]) / ray[k], (upper[k] - origin[k]) / ray[k]);
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        (near <= far && near > 0.0).then_some(near)
+    }
+
+    /// Blocks seen with noise from an arc of cameras that look at the origin from this far.
+    fn frames(blocks: &[Block], distance: f64, height: f64) -> Vec<RgbdFrame> {
+        let intrinsics = Intrinsics { width: 96, height: 72, fx: 80.0, fy: 80.0, cx: 48.0, cy: 36.0 };
+        let (noise, mut rng) = (NoiseConfig::default(), stage_rng(3, "planes", 0));
+        let mut normal = || (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0;
+        let mut frame = |i: usize| {
+            let angle = -0.8 + 0.2 * i as f64;
+            let eye = Point3::new(distance * angle.cos(), distance * angle.sin(), height);
+            let world_from_camera = Pose::face_towards(&eye, &Point3::new(0.0, 0.0, 0.1), &-Vector3::z());
+            let mut depth = |p: usize| {
+                let ray = world_from_camera.rotation * intrinsics.ray((p % 96) as f64, (p / 96) as f64);
+                let d = blocks.iter().filter_map(|b| hit(&eye, &ray, b)).fold(f64::INFINITY, f64::min);
+                if d < 6.0 { (d + noise.sigma_m(d) * normal()) as f32 } else { 0.0 }
+            };
+            let depth_m = (0..96 * 72).map(&mut depth).collect();
+            RgbdFrame { id: String::new(), stamp_nanos: 0, intrinsics, world_from_camera, rgb: Vec::new(), depth_m, mask: None }
+        };
+        (0..9).map(&mut frame).collect()
+    }
+
+    fn planes(blocks: &[Block], distance: f64, height: f64) -> Vec<Plane> {
+        let frames = frames(blocks, distance, height);
+        background_planes(&frames.iter().collect::<Vec<_>>(), &NoiseConfig::default(), &mut stage_rng(0, "test", 0))
+    }
+
+    const FLOOR: Block = [[-9.0, -9.0, -1.1], [9.0, 9.0, -1.0]];
+
+    #[test]
+    fn the_floor_goes_and_the_sides_of_a_large_box_stay() {
+        let floor = [[-9.0, -9.0, -0.1], [9.0, 9.0, 0.0]];
+        let found = planes(&[floor, [[-0.3, -0.3, 0.0], [0.3, 0.3, 0.8]]], 2.0, 1.2);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].normal.z > 0.9999 && found[0].offset_m.abs() < 0.002, "{found:?}");
+    }
+
+    #[test]
+    fn the_floor_goes_before_the_table_that_stands_on_it() {
+        let table = [[-0.6, -0.9, -0.05], [0.6, 0.9, 0.0]];
+        let found = planes(&[FLOOR, table, [[-0.1, -0.1, 0.0], [0.1, 0.1, 0.2]]], 1.3, 0.9);
+        let offsets: Vec<f64> = found.iter().map(|p| p.offset_m).collect();
+        assert!(found.len() == 2 && (offsets[0] + 1.0).abs() < 0.01 && offsets[1].abs() < 0.003, "{found:?}");
+    }
+
+    #[test]
+    fn without_background_there_is_no_plane() {
+        assert!(planes(&[[[-0.2, -0.2, 0.0], [0.2, 0.2, 0.2]]], 1.5, 0.8).is_empty());
+    }
+}

@@ -1,0 +1,131 @@
+//! What stands out from the background for more than its noise.
+//!
+//! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns: lines along
+//! a plane's normal through squares of the plane. A cell counts only if it was read often enough against the background
+//! in its column. And a column in which hardly any reading lies below the plane shows no background: what was read
+//! there belongs to the object down to the plane, also where single readings are too noisy to tell.
+
+use std::collections::{HashMap, HashSet};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    Background, frames_needed, in_box,
+    voxels::{Cell, cell, center},
+};
+use crate::capture::RgbdFrame;
+
+/// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond three standard
+/// deviations, real sensors some more.
+const COLUMN_SHARE: f64 = 0.03;
+/// Share of the readings of a column below the plane, at most, if it shows no background (which has one half).
+const BELOW_SHARE: f64 = 0.05;
+/// Fewest readings of a column that tell.
+const MIN_READINGS: u32 = 20;
+/// Every so many pixels are counted in columns.
+const STRIDE: usize = 2;
+
+/// Place in a background plane: the plane's number and two coordinates.
+pub type Column = (usize, i32, i32);
+
+/// What stands out in one state.
+pub struct Support {
+    /// Sorted cells.
+    pub cells: Vec<Cell>,
+    /// Columns without background.
+    pub solid: HashSet<Column>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct ColumnReadings {
+    /// Too close to the plane to stand out.
+    background: u32,
+    /// Up to one cell above those.
+    low: u32,
+    /// Behind the plane.
+    below: u32,
+}
+
+#[derive(Default)]
+struct Readings {
+    cells: HashMap<Cell, u32>,
+    columns: HashMap<Column, ColumnReadings>,
+}
+
+/// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may fly between
+/// object and background.
+pub fn find_support(frames: &[RgbdFrame], weights: &[Vec<f32>], size_m: f64, background: &Background) -> Support {
+    let readings: Vec<Readings> = frames.par_iter().zip(weights).map(|(f, w)| read(f, w, size_m, background)).collect();
+    // Frames and readings of a cell.
+    let mut totals: HashMap<Cell, (usize, u32)> = HashMap::new();
+    let mut columns: HashMap<Column, ColumnReadings> = HashMap::new();
+    for r in &readings {
+        for (c, n) in &r.cells {
+            let total = totals.entry(*c).or_default();
+            *total = (total.0 + 1, total.1 + n);
+        }
+        for (c, n) in &r.columns {
+            let total = columns.entry(*c).or_default();
+            total.background += n.background;
+            total.low += n.low;
+            total.below += n.below;
+        }
+    }
+    let needed = frames_needed(frames);
+    let stands_out = |c: &Cell, (seen_by, count): (usize, u32)| {
+        let point = center(c, size_m);
+        let behind =
+            (0..background.planes.len()).filter_map(|p| columns.get(&column(p, &point, size_m, background))).map(|n| n.background).max();
+        let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
+        seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind
+    };
+    let mut cells: Vec<Cell> = totals.into_iter().filter(|(c, t)| stands_out(c, *t)).map(|(c, _)| c).collect();
+    cells.sort_unstable();
+    let is_solid = |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);
+    let solid = columns.into_iter().filter(|(_, n)| is_solid(n)).map(|(c, _)| c).collect();
+    Support { cells, solid }
+}
+
+impl Support {
+    /// Whether a point near a plane is in a column without background.
+    pub fn is_solid(&self, point: &Point3<f64>, size_m: f64, background: &Background) -> bool {
+        background
+            .nearest_plane(point)
+            .is_some_and(|p| background.planes[p].height_m(point) > 0.0 && self.solid.contains(&column(p, point, size_m, background)))
+    }
+}
+
+fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background) -> Readings {
+    let mut readings = Readings::default();
+    let width = frame.intrinsics.width;
+    for p in (0..weights.len()).filter(|p| weights[*p] > 0.0) {
+        let Some(point) = frame.world_point(p) else { continue };
+        let above = background.is_above(frame, p, &point);
+        if let Some(c) = cell(&point, size_m).filter(|_| above && in_box(background.config.isolate.workspace, &point)) {
+            *readings.cells.entry(c).or_default() += 1;
+        }
+        if !(p % width).is_multiple_of(STRIDE) || !(p / width).is_multiple_of(STRIDE) {
+            continue;
+        }
+        let Some(plane) = background.nearest_plane(&point) else { continue };
+        let lowered = point - background.planes[plane].normal.into_inner() * size_m;
+        if !above || !background.is_above(frame, p, &lowered) {
+            let entry = readings.columns.entry(column(plane, &point, size_m, background)).or_default();
+            entry.background += u32::from(!above);
+            entry.low += 1;
+            entry.below += u32::from(background.planes[plane].height_m(&point) < 0.0);
+        }
+    }
+    readings
+}
+
+fn column(plane: usize, point: &Point3<f64>, size_m: f64, background: &Background) -> Column {
+    let normal = background.planes[plane].normal;
+    // Any two directions in the plane will do, as long as they are always the same.
+    let helper = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let a = normal.cross(&helper).normalize();
+    let b = normal.cross(&a);
+    let place = |d: Vector3<f64>| (d.dot(&point.coords) / size_m).floor() as i32;
+    (plane, place(a), place(b))
+}

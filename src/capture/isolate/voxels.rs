@@ -1,0 +1,106 @@
+//! Occupied cells of space, how many frames saw them, and which hang together.
+
+use std::collections::{HashMap, HashSet};
+
+use nalgebra::Point3;
+
+/// Cell coordinates.
+pub type Cell = [i32; 3];
+
+/// Cell of a point; `None` far outside any scene.
+#[must_use]
+pub fn cell(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
+    let c = [point.x, point.y, point.z].map(|v| (v / size_m).floor());
+    c.iter().all(|v| v.abs() < 1e6).then(|| c.map(|v| v as i32))
+}
+
+/// Center of a cell, meters.
+#[must_use]
+pub fn center(cell: &Cell, size_m: f64) -> Point3<f64> {
+    Point3::from(cell.map(|v| (f64::from(v) + 0.5) * size_m))
+}
+
+/// Cells that at least `frames_needed` of the given frames saw, sorted.
+#[must_use]
+pub fn supported(frames: &[HashSet<Cell>], frames_needed: usize) -> Vec<Cell> {
+    let mut counts: HashMap<Cell, usize> = HashMap::new();
+    for c in frames.iter().flatten() {
+        *counts.entry(*c).or_default() += 1;
+    }
+    let mut cells: Vec<Cell> = counts.into_iter().filter(|(_, n)| *n >= frames_needed).map(|(c, _)| c).collect();
+    cells.sort_unstable();
+    cells
+}
+
+/// Groups of sorted cells in which each is within `reach` cells of another (in the largest coordinate); each group
+/// sorted, groups in the order of their first cell.
+#[must_use]
+pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
+    let index: HashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
+    let mut group = vec![usize::MAX; cells.len()];
+    let mut groups: Vec<Vec<Cell>> = Vec::new();
+    for start in 0..cells.len() {
+        if group[start] != usize::MAX {
+            continue;
+        }
+        let number = groups.len();
+        let mut members = vec![start];
+        group[start] = number;
+        let mut next = 0;
+        while next < members.len() {
+            for neighbor in around(&cells[members[next]], reach) {
+                if let Some(i) = index.get(&neighbor).filter(|i| group[**i] == usize::MAX) {
+                    group[*i] = number;
+                    members.push(*i);
+                }
+            }
+            next += 1;
+        }
+        members.sort_unstable();
+        groups.push(members.into_iter().map(|i| cells[i]).collect());
+    }
+    groups
+}
+
+/// The cells together with all within `reach` of them.
+#[must_use]
+pub fn dilated(cells: &[Cell], reach: i32) -> HashSet<Cell> {
+    cells.iter().flat_map(|c| around(c, reach)).collect()
+}
+
+/// All cells within `reach` of a cell, itself included.
+fn around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
+    let c = *c;
+    let range = move || -reach..=reach;
+    range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [c[0] + x, c[1] + y, c[2] + z])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_within_reach_hangs_together() {
+        let cells = [[0, 0, 0], [0, 0, 2], [0, 1, 5], [9, 9, 9]];
+        assert_eq!(clusters(&cells, 1).len(), 4);
+        assert_eq!(clusters(&cells, 2).len(), 3);
+        let three = clusters(&cells, 3);
+        assert_eq!(three, [vec![[0, 0, 0], [0, 0, 2], [0, 1, 5]], vec![[9, 9, 9]]]);
+    }
+
+    #[test]
+    fn support_counts_frames() {
+        let frame = |cells: &[Cell]| cells.iter().copied().collect::<HashSet<_>>();
+        let frames = [frame(&[[0, 0, 0], [1, 0, 0]]), frame(&[[1, 0, 0]]), frame(&[[-1, 0, 0], [1, 0, 0]])];
+        assert_eq!(supported(&frames, 2), [[1, 0, 0]]);
+        assert_eq!(supported(&frames, 1), [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]);
+    }
+
+    #[test]
+    fn cells_and_centers() {
+        assert_eq!(cell(&Point3::new(-0.001, 0.0, 0.019), 0.01), Some([-1, 0, 1]));
+        assert_eq!(cell(&Point3::new(f64::NAN, 0.0, 0.0), 0.01), None);
+        assert_eq!(cell(&center(&[3, -4, 0], 0.01), 0.01), Some([3, -4, 0]));
+        assert_eq!(dilated(&[[0, 0, 0]], 1).len(), 27);
+    }
+}

@@ -1,0 +1,27 @@
+//! RGB-D frames of one object in two states: pure data and selection; no file or network.
+
+mod config;
+mod error;
+mod frame;
+mod isolate;
+mod noise;
+mod noise_estimate;
+mod scene;
+mod select;
+mod state;
+mod sync;
+mod tf;
+mod undistort;
+
+pub use config::{CaptureConfig, IsolateConfig, TopicConfig};
+pub use error::{CaptureError, stamp_secs};
+pub use frame::{Capture, PixelMatch, RgbdFrame};
+pub use isolate::isolate;
+pub use noise::{NoiseConfig, pixel_weights};
+pub use noise_estimate::noise_factor;
+pub use scene::scene_box;
+pub use select::{common_focus, spread_views};
+pub use state::Split;
+pub use sync::{nearest, pair};
+pub use tf::{Chain, TfBuffer};
+pub use undistort::{Distortion, UndistortMap};

@@ -1,0 +1,86 @@
+//! Which state of the object a message belongs to, where one recording holds both.
+
+use super::CaptureError;
+
+/// Times above this are seconds since the epoch, below it seconds from the start of the recording.
+const ABSOLUTE_FROM_SECS: f64 = 1e8;
+
+/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs to
+/// neither (the object is being moved).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Split {
+    /// State 0 is recorded before this.
+    pub end0_nanos: i64,
+    /// State 1 is recorded from this on.
+    pub begin1_nanos: i64,
+}
+
+impl Split {
+    /// From one or two times in seconds: since the epoch, or from the start of the recording.
+    ///
+    /// # Errors
+    /// [`CaptureError::Split`] where a time lies outside the recording.
+    pub fn at(times_secs: &[f64], first_nanos: i64, last_nanos: i64) -> Result<Self, CaptureError> {
+        let nanos = |t: f64| {
+            let t = (t * 1e9).round() as i64;
+            if t as f64 > ABSOLUTE_FROM_SECS * 1e9 { t } else { first_nanos + t }
+        };
+        let (Some(first), Some(last)) = (times_secs.first(), times_secs.last()) else {
+            return Err(CaptureError::Split { reason: "no time was given".into() });
+        };
+        let split = Self { end0_nanos: nanos(*first), begin1_nanos: nanos(*last) };
+        if split.end0_nanos <= first_nanos || split.begin1_nanos > last_nanos {
+            let length = (last_nanos - first_nanos) as f64 * 1e-9;
+            return Err(CaptureError::Split { reason: format!("the time {times_secs:?} s lies outside the recording of {length:.3} s") });
+        }
+        Ok(split)
+    }
+
+    /// From the times of marker messages: state 0 ends at the first, state 1 begins at the last.
+    ///
+    /// # Errors
+    /// [`CaptureError::Split`] where there is none.
+    pub fn at_markers(topic: &str, marker_nanos: &[i64]) -> Result<Self, CaptureError> {
+        match (marker_nanos.iter().min(), marker_nanos.iter().max()) {
+            (Some(first), Some(last)) => Ok(Self { end0_nanos: *first, begin1_nanos: *last }),
+            _ => Err(CaptureError::Split { reason: format!("the marker topic `{topic}` has no message") }),
+        }
+    }
+
+    /// State of a message recorded at this time; `None` for one in between.
+    #[must_use]
+    pub fn state(&self, nanos: i64) -> Option<usize> {
+        if nanos < self.end0_nanos {
+            Some(0)
+        } else if nanos >= self.begin1_nanos {
+            Some(1)
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: i64 = 1_000_000_000;
+
+    #[test]
+    fn a_time_from_the_start_or_since_the_epoch() {
+        let begin = 1_760_000_000 * S;
+        let split = Split::at(&[5.0], begin, begin + 10 * S).unwrap();
+        assert_eq!(split, Split::at(&[1_760_000_005.0], begin, begin + 10 * S).unwrap());
+        assert_eq!([begin, begin + 5 * S - 1, begin + 5 * S].map(|t| split.state(t)), [Some(0), Some(0), Some(1)]);
+        assert!(Split::at(&[11.0], begin, begin + 10 * S).unwrap_err().to_string().contains("10.000 s"));
+        assert!(Split::at(&[], begin, begin + 10 * S).is_err());
+    }
+
+    #[test]
+    fn what_lies_between_belongs_to_neither() {
+        let split = Split::at(&[2.0, 4.0], 0, 10 * S).unwrap();
+        assert_eq!([S, 3 * S, 4 * S].map(|t| split.state(t)), [Some(0), None, Some(1)]);
+        assert_eq!(split, Split::at_markers("/m", &[4 * S, 2 * S, 3 * S]).unwrap());
+        assert!(Split::at_markers("/m", &[]).is_err());
+    }
+}

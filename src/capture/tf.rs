@@ -1,0 +1,255 @@
+//! Frame transforms over time: chains, interpolation, and refusal where something is missing.
+//!
+//! Every frame has at most one parent (REP-105). A transform that changes is known at its samples; between two samples
+//! that are close enough the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{CaptureError, error::stamp_secs};
+use crate::geometry::Pose;
+
+/// Longest chain of frames.
+const MAX_DEPTH: usize = 64;
+
+/// A connection between a frame and its parent: `parent_from_child`.
+#[derive(Clone, Debug)]
+enum Edge {
+    Static(Pose),
+    /// Samples by stamp, nanoseconds.
+    Moving(BTreeMap<i64, Pose>),
+}
+
+/// Transforms of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct TfBuffer {
+    /// By child: parent and transform.
+    edges: BTreeMap<String, (String, Edge)>,
+    /// Frames that were given different parents.
+    conflicts: BTreeMap<String, BTreeSet<String>>,
+    /// Transforms left out as they were no transforms.
+    pub invalid: usize,
+}
+
+/// Where a chain upwards from a frame ends.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Chain {
+    /// The frame without parent.
+    pub root: String,
+    /// Whether some transform in between changes with time.
+    pub moves: bool,
+}
+
+impl TfBuffer {
+    /// Adds a transform that holds at all times.
+    pub fn add_static(&mut self, parent: &str, child: &str, parent_from_child: Pose) {
+        if self.accept(parent, child) {
+            self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Static(parent_from_child)));
+        }
+    }
+
+    /// Adds a sample of a transform that changes.
+    pub fn add(&mut self, parent: &str, child: &str, stamp_nanos: i64, parent_from_child: Pose) {
+        if !self.accept(parent, child) {
+            return;
+        }
+        let (_, edge) = self.edges.entry(child.to_owned()).or_insert_with(|| (parent.to_owned(), Edge::Moving(BTreeMap::new())));
+        match edge {
+            Edge::Moving(samples) => _ = samples.insert(stamp_nanos, parent_from_child),
+            // A frame on both topics moves.
+            Edge::Static(_) => *edge = Edge::Moving(BTreeMap::from([(stamp_nanos, parent_from_child)])),
+        }
+    }
+
+    fn accept(&mut self, parent: &str, child: &str) -> bool {
+        if parent == child || parent.is_empty() || child.is_empty() {
+            self.invalid += 1;
+            return false;
+        }
+        match self.edges.get(child) {
+            Some((known, _)) if known != parent => {
+                self.conflicts.entry(child.to_owned()).or_default().extend([known.clone(), parent.to_owned()]);
+                false
+            }
+            _ => true,
+        }
+    }
+
+    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of what was known.
+    pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
+        self.conflicts.remove(child);
+        self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
+    }
+
+    /// Whether nothing is known.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.edges.is_empty()
+    }
+
+    /// The chain upwards from a frame; a frame without parent is its own root.
+    #[must_use]
+    pub fn chain(&self, frame: &str) -> Chain {
+        let mut chain = Chain { root: frame.to_owned(), moves: false };
+        for _ in 0..MAX_DEPTH {
+            let Some((parent, edge)) = self.edges.get(&chain.root) else { break };
+            chain.moves |= matches!(edge, Edge::Moving(_));
+            chain.root = parent.clone();
+        }
+        chain
+    }
+
+    /// One line per frame: `parent -> child (static)` or with the number of samples and their time span.
+    #[must_use]
+    pub fn describe(&self) -> Vec<String> {
+        let line = |(child, (parent, edge)): (&String, &(String, Edge))| match edge {
+            Edge::Static(_) => format!("{parent} -> {child} (static)"),
+            Edge::Moving(samples) => {
+                let span = samples.keys().next().zip(samples.keys().next_back());
+                let (first, last) = span.map_or((0.0, 0.0), |(a, b)| (stamp_secs(*a), stamp_secs(*b)));
+                format!("{parent} -> {child} ({} samples, {first:.3} to {last:.3} s)", samples.len())
+            }
+        };
+        self.edges.iter().map(line).collect()
+    }
+
+    /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
+    ///
+    /// # Errors
+    /// [`CaptureError::NoTransform`] that names target, source, stamp and what is missing: the chain, a sample on
+    /// either side of the stamp, or samples closer together than `max_gap_nanos`.
+    pub fn lookup(&self, target: &str, source: &str, stamp_nanos: i64, max_gap_nanos: i64) -> Result<Pose, CaptureError> {
+        let fail = |reason| CaptureError::NoTransform {
+            target: target.to_owned(),
+            source_frame: source.to_owned(),
+            stamp_secs: stamp_secs(stamp_nanos),
+            reason,
+        };
+        let (from_source, from_target) = (self.ancestors(source), self.ancestors(target));
+        let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
+            let root = |chain: &[&str]| chain.last().copied().unwrap_or_default().to_owned();
+            return Err(fail(format!(
+                "the frames are not connected (`{source}` ends at `{}`, `{target}` at `{}`)",
+                root(&from_source),
+                root(&from_target)
+            )));
+        };
+        let up = |chain: &[&str]| -> Result<Pose, CaptureError> {
+            chain
+                .iter()
+                .take_while(|f| *f != common)
+                .try_fold(Pose::identity(), |below, frame| Ok(self.step(frame, stamp_nanos, max_gap_nanos).map_err(fail)? * below))
+        };
+        Ok(up(&from_target)?.inverse() * up(&from_source)?)
+    }
+
+    /// The frame and those above it.
+    fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+        let next = |f: &&'a str| self.edges.get(*f).map(|(parent, _)| parent.as_str());
+        std::iter::successors(Some(frame), next).take(MAX_DEPTH).collect()
+    }
+
+    /// `parent_from_child` of one frame at a stamp.
+    fn step(&self, child: &str, stamp: i64, max_gap: i64) -> Result<Pose, String> {
+        if let Some(parents) = self.conflicts.get(child) {
+            let names: Vec<_> = parents.iter().map(String::as_str).collect();
+            return Err(format!("`{child}` has several parents ({}); let one node publish it", names.join(", ")));
+        }
+        let samples = match self.edges.get(child) {
+            None => return Err(format!("`{child}` has no parent")),
+            Some((_, Edge::Static(pose))) => return Ok(*pose),
+            Some((_, Edge::Moving(samples))) => samples,
+        };
+        let before = samples.range(..=stamp).next_back();
+        let after = samples.range(stamp..).next();
+        match (before, after) {
+            (Some((t0, a)), Some((t1, _))) if t0 == t1 => Ok(*a),
+            (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
+                let share = (stamp - t0) as f64 / (t1 - t0) as f64;
+                // Half a turn between samples has no unique path.
+                a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| format!("`{child}` turns by half a turn between two samples"))
+            }
+            (Some((t0, _)), Some((t1, _))) => Err(format!("a gap of {:.3} s in the transforms of `{child}`", stamp_secs(t1 - t0))),
+            (Some((last, _)), None) => Err(format!("the transforms of `{child}` end at {:.6} s", stamp_secs(*last))),
+            (None, Some((first, _))) => Err(format!("the transforms of `{child}` begin at {:.6} s", stamp_secs(*first))),
+            (None, None) => Err(format!("no transform of `{child}`")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+    use super::*;
+
+    const S: i64 = 1_000_000_000;
+
+    fn buffer() -> TfBuffer {
+        let mut tf = TfBuffer::default();
+        tf.add_static("link", "optical", Pose::new(Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.5)));
+        tf.add("world", "link", 10 * S, Pose::new(Vector3::zeros(), Vector3::zeros()));
+        tf.add("world", "link", 12 * S, Pose::new(Vector3::new(2.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)));
+        tf
+    }
+
+    #[test]
+    fn a_chain_is_interpolated_at_the_stamp() {
+        let pose = buffer().lookup("world", "optical", 10 * S + S / 2, 5 * S).unwrap();
+        let link = Pose::new(Vector3::new(0.5, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.25));
+        let expected = link * Pose::new(Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.5));
+        let p = Point3::new(0.3, -0.2, 1.0);
+        assert!((pose * p - expected * p).norm() < 1e-12);
+        assert!(pose.rotation.angle_to(&UnitQuaternion::from_scaled_axis(Vector3::z() * 0.75)) < 1e-9);
+        let back = buffer().lookup("optical", "world", 10 * S + S / 2, 5 * S).unwrap();
+        assert!((back * pose).translation.vector.norm() < 1e-12);
+    }
+
+    #[test]
+    fn two_branches_meet_at_their_common_ancestor() {
+        let mut tf = buffer();
+        tf.add_static("link", "other", Pose::translation(0.0, 1.0, 0.0));
+        // At a stamp far outside the samples: link does not move against itself.
+        let pose = tf.lookup("other", "optical", 99 * S, S).unwrap();
+        assert!((pose.translation.vector - Vector3::new(0.1, -1.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_is_extrapolated_and_the_error_names_everything() {
+        let tf = buffer();
+        for (stamp, words) in [(13 * S, "end at 12"), (9 * S, "begin at 10")] {
+            let text = tf.lookup("world", "optical", stamp, 5 * S).unwrap_err().to_string();
+            assert!(text.contains("optical") && text.contains("world") && text.contains(words), "{text}");
+            assert!(text.contains(&format!("{:.6}", stamp_secs(stamp))), "{text}");
+        }
+        assert!(tf.lookup("world", "optical", 11 * S, S).unwrap_err().to_string().contains("gap of 2.000 s"));
+        assert!(tf.lookup("map", "optical", 11 * S, S).unwrap_err().to_string().contains("not connected"));
+        // Exactly at a sample there is nothing to interpolate.
+        assert!(tf.lookup("world", "optical", 12 * S, S).is_ok());
+    }
+
+    #[test]
+    fn a_frame_has_one_parent() {
+        let mut tf = buffer();
+        tf.add("odom", "link", 11 * S, Pose::identity());
+        assert!(tf.lookup("world", "optical", 11 * S, 5 * S).unwrap_err().to_string().contains("several parents (odom, world)"));
+        tf.add_static("a", "a", Pose::identity());
+        assert_eq!(tf.invalid, 1);
+    }
+
+    #[test]
+    fn loops_end() {
+        let mut tf = TfBuffer::default();
+        tf.add_static("a", "b", Pose::identity());
+        tf.add_static("b", "a", Pose::identity());
+        assert!(tf.lookup("world", "a", 0, S).is_err());
+        assert!(!tf.chain("a").moves);
+    }
+
+    #[test]
+    fn a_pose_topic_takes_the_place_of_the_tree() {
+        let mut tf = buffer();
+        tf.replace("map", "optical", BTreeMap::from([(S, Pose::translation(1.0, 2.0, 3.0))]));
+        assert_eq!(tf.chain("optical"), Chain { root: "map".into(), moves: true });
+        assert_eq!(tf.lookup("map", "optical", S, S).unwrap().translation.z, 3.0);
+    }
+}

@@ -1,0 +1,202 @@
+//! What can be typed. What it means is decided in `settings.rs` and the verbs.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::evaluate::EvaluateOptions;
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, 130 stopped.";
+
+/// RGB-D recordings of an articulated object in two states in, a simulator-ready digital twin out.
+#[derive(Debug, Parser)]
+#[command(name = "artitwin", version, about, after_help = EXIT_CODES, propagate_version = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// One verb, one file.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Make the twin of a recorded object: part meshes, joints, URDF, report
+    Reconstruct(Box<ReconstructArgs>),
+    /// Tell what a recording holds and what it lacks
+    Inspect(InspectArgs),
+    /// Measure finished runs against the truth
+    Evaluate(EvaluateArgs),
+    /// Show the configuration that would be used
+    Config {
+        /// What to do.
+        #[command(subcommand)]
+        command: ConfigCommand,
+    },
+    /// Tell what this machine offers and what will be used
+    Doctor(SettingArgs),
+}
+
+/// Verbs of `config`.
+#[derive(Debug, Subcommand)]
+pub enum ConfigCommand {
+    /// Print every setting
+    Show {
+        /// Layers to merge.
+        #[command(flatten)]
+        settings: SettingArgs,
+        /// One line a setting, with the file and line or option it comes from
+        #[arg(long)]
+        origin: bool,
+    },
+}
+
+/// Layers of configuration, later wins.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Configuration, later wins")]
+pub struct SettingArgs {
+    /// Settings of a built-in preset: default, preview or paper
+    #[arg(long, value_name = "NAME")]
+    pub preset: Option<String>,
+    /// YAML file that holds the settings that differ
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One setting, e.g. train.steps=500; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Options of `inspect`.
+#[derive(Args, Clone, Debug)]
+pub struct InspectArgs {
+    /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0 and state1
+    #[arg(value_name = "BAG")]
+    pub bag: PathBuf,
+}
+
+/// Options of `evaluate`.
+#[derive(Args, Clone, Debug)]
+pub struct EvaluateArgs {
+    /// Run folders of one object; several count as trials
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder with truth.json and truth/state0, truth/state1
+    #[arg(long, value_name = "DIR")]
+    pub truth: PathBuf,
+    /// Drop small mesh components first, as the published evaluation does
+    #[arg(long)]
+    pub filter_components: bool,
+    /// Points drawn on every surface
+    #[arg(long, value_name = "N", default_value_t = EvaluateOptions::default().samples)]
+    pub samples: usize,
+    /// Seed of these points
+    #[arg(long, value_name = "N", default_value_t = EvaluateOptions::default().seed)]
+    pub seed: u64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `reconstruct`.
+#[derive(Args, Clone, Debug)]
+pub struct ReconstructArgs {
+    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0 and state1, or a dataset folder
+    #[arg(value_name = "BAG")]
+    pub bag: PathBuf,
+    /// Recording of state 1, where BAG holds only state 0
+    #[arg(value_name = "BAG1", conflicts_with_all = ["split", "marker_topic"])]
+    pub bag1: Option<PathBuf>,
+    /// Folder that gets the run folder
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Name of the twin and of its folder; a letter, then letters, digits and _
+    #[arg(long, value_parser = name)]
+    pub name: Option<String>,
+    /// Number of rigid parts, the static one included
+    #[arg(long, value_name = "N")]
+    pub parts: Option<usize>,
+    /// Seed of every random choice
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Where one recording changes state: T, or T0,T1 to leave out what lies between; seconds from its start
+    #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1, conflicts_with = "marker_topic")]
+    pub split: Vec<f64>,
+    /// Topic whose messages separate the states of one recording
+    #[arg(long, value_name = "TOPIC")]
+    pub marker_topic: Option<String>,
+    /// Box around the object in the world frame, meters: x0,y0,z0,x1,y1,z1
+    #[arg(long, value_name = "BOX", value_parser = workspace, allow_hyphen_values = true)]
+    pub workspace: Option<[[f64; 3]; 2]>,
+    /// Topic to read: color, depth, color_info, depth_info, mask or pose; may be repeated
+    #[arg(long, value_name = "KIND=TOPIC", value_parser = topic)]
+    pub topic: Vec<(String, String)>,
+    /// Where the part motions start from
+    #[arg(long, value_parser = ["registration", "identity"])]
+    pub init: Option<String>,
+    /// What trains the fields
+    #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
+    pub engine: Option<String>,
+    /// Continue the run that was stopped
+    #[arg(long)]
+    pub resume: bool,
+    /// Print events as JSON lines to stdout, and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Layers of configuration.
+    #[command(flatten)]
+    pub settings: SettingArgs,
+}
+
+fn name(text: &str) -> Result<String, String> {
+    let mut chars = text.chars();
+    let valid = chars.next().is_some_and(|c| c.is_ascii_alphabetic()) && chars.all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if valid && text.len() <= 64 { Ok(text.to_owned()) } else { Err("give a letter, then letters, digits and _, 64 at most".to_owned()) }
+}
+
+fn workspace(text: &str) -> Result<[[f64; 3]; 2], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x0, y0, z0, x1, y1, z1]) => Ok([[x0, y0, z0], [x1, y1, z1]]),
+        _ => Err("give six numbers x0,y0,z0,x1,y1,z1".to_owned()),
+    }
+}
+
+fn topic(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((kind, topic)) if !kind.is_empty() && !topic.is_empty() => Ok((kind.to_owned(), topic.to_owned())),
+        _ => Err("give KIND=TOPIC, e.g. color=/camera/color/image_raw".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn options_are_parsed() {
+        let parse = |line: &str| Cli::try_parse_from(line.split(' ')).map(|cli| cli.command);
+        let line = "artitwin reconstruct bag --out runs --workspace -1,-2,-3,1,2,3 --split 4.5,6 --topic color=/a=b";
+        let Ok(Command::Reconstruct(args)) = parse(line) else { panic!("{line}") };
+        assert_eq!(args.workspace, Some([[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0]]));
+        assert_eq!(args.split, [4.5, 6.0]);
+        assert_eq!(args.topic, [("color".to_owned(), "/a=b".to_owned())]);
+        for wrong in [
+            "artitwin",
+            "artitwin reconstruct bag",
+            "artitwin reconstruct --out runs",
+            "artitwin reconstruct a b --out runs --split 3",
+            "artitwin reconstruct a --out runs --split 3 --marker-topic /m",
+            "artitwin reconstruct a --out runs --name ../x",
+            "artitwin reconstruct a --out runs --workspace 1,2,3",
+            "artitwin reconstruct a --out runs --engine abacus",
+            "artitwin reconstruct a --out runs --topic color",
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! `artitwin doctor`.
+
+use std::fmt::Write as _;
+
+use super::{
+    args::SettingArgs,
+    exit::{CliError, Exit},
+    machine::Machine,
+};
+use crate::{
+    config::Engine,
+    field::{self, EngineError, InstructionSet},
+};
+
+/// Less available memory than this is worth a word, bytes.
+const MEMORY_WANTED: u64 = 4 << 30;
+/// Less free disk space than this is worth a word, bytes.
+const DISK_WANTED: u64 = 2 << 30;
+
+/// Prints what the machine offers and what a run with these settings would use.
+///
+/// # Errors
+/// If the configuration is wrong, or asks for an engine that cannot run here.
+pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
+    let engine = settings.resolve()?.config.run.engine;
+    let adapters = field::adapters();
+    super::print(&report(&Machine::detect(), &adapters))?;
+    let name = engine_name(engine, &adapters).map_err(CliError::Machine)?;
+    super::print(&format!("engine     {name}\n"))?;
+    Ok(Exit::Done)
+}
+
+fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> String {
+    let unknown = || "unknown".to_owned();
+    let threads = machine.threads.map_or_else(unknown, |n| n.to_string());
+    let vectors = if machine.vector_instructions.is_empty() { "none known".to_owned() } else { machine.vector_instructions.join(" ") };
+    let mut text = format!(
+        "artitwin   {} ({} {})\nprocessor  {}, {threads} threads, {vectors}\n",
+        env!("CARGO_PKG_VERSION"),
+        std::env::consts::OS,
+        std::env::consts::ARCH,
+        machine.processor.clone().unwrap_or_else(unknown),
+    );
+    let short = |have: Option<u64>, wanted| if have.is_some_and(|h| h < wanted) { "; this may be too little" } else { "" };
+    let size = |bytes: Option<u64>| bytes.map_or_else(unknown, |b| format!("{:.1} GiB", b as f64 / (1u64 << 30) as f64));
+    let lines = [
+        format!(
+            "memory     {} of {} available{}",
+            size(machine.memory_available),
+            size(machine.memory_total),
+            short(machine.memory_available, MEMORY_WANTED)
+        ),
+        format!("disk       {} free in this folder{}", size(machine.disk_free), short(machine.disk_free, DISK_WANTED)),
+        match adapters {
+            Ok(found) if found.is_empty() => "gpu        no adapter found".to_owned(),
+            Ok(found) => found.iter().map(|a| format!("gpu        {a}")).collect::<Vec<_>>().join("\n"),
+            Err(EngineError::NotBuilt) => "gpu        built without the gpu feature".to_owned(),
+            Err(error) => format!("gpu        {error}"),
+        },
+    ];
+    // Writing to a String cannot fail.
+    lines.iter().for_each(|line| writeln!(text, "{line}").unwrap_or_default());
+    text
+}
+
+/// What trains the fields, or why it cannot.
+fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> Result<String, String> {
+    match (engine, adapters) {
+        (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),
+        (Engine::Burn, _) => Ok("burn on the CPU".to_owned()),
+        (Engine::Gpu, Ok(found)) if found.is_empty() => {
+            Err("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu".to_owned())
+        }
+        (Engine::Gpu, Ok(_)) => Ok("burn on a GPU".to_owned()),
+        (Engine::Gpu, Err(error)) => Err(format!("run.engine is gpu: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_names_what_is_there_and_what_is_short() {
+        let machine = Machine {
+            processor: Some("Example CPU".to_owned()),
+            vector_instructions: vec!["avx2", "fma"],
+            threads: Some(2),
+            memory_total: Some(8 << 30),
+            memory_available: Some(3 << 30),
+            disk_free: None,
+        };
+        let text = report(&machine, &Ok(vec!["llvmpipe".to_owned()]));
+        for line in [
+            "processor  Example CPU, 2 threads, avx2 fma",
+            "memory     3.0 GiB of 8.0 GiB available; this may be too little",
+            "disk       unknown free in this folder",
+            "gpu        llvmpipe",
+        ] {
+            assert!(text.lines().any(|l| l == line), "{line} not in\n{text}");
+        }
+        assert!(report(&machine, &Err(EngineError::NotBuilt)).contains("built without the gpu feature"));
+    }
+
+    #[test]
+    fn an_engine_that_cannot_run_is_refused() {
+        assert!(engine_name(Engine::Gpu, &Err(EngineError::NotBuilt)).unwrap_err().contains("--features gpu"));
+        assert!(engine_name(Engine::Gpu, &Ok(Vec::new())).unwrap_err().contains("no adapter"));
+        assert!(engine_name(Engine::Cpu, &Err(EngineError::NotBuilt)).unwrap().starts_with("cpu, "));
+    }
+}

@@ -1,0 +1,20 @@
+//! `artitwin evaluate`.
+
+use super::{
+    args::EvaluateArgs,
+    exit::{CliError, Exit},
+};
+use crate::evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
+
+/// Prints the metrics of runs.
+///
+/// # Errors
+/// If a run or the truth cannot be read.
+pub fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
+    let min_component = args.filter_components.then_some(PUBLISHED_MIN_COMPONENT);
+    let options = EvaluateOptions { samples: args.samples, seed: args.seed, min_component };
+    let report = evaluate::run(&args.runs, &args.truth, &options)?;
+    let text = if args.json { report.to_json() + "\n" } else { report.to_text() };
+    super::print(&text)?;
+    Ok(Exit::Done)
+}

@@ -1,0 +1,84 @@
+//! Exit codes and the errors behind them.
+
+use std::process::ExitCode;
+
+use crate::{capture::CaptureError, config::ConfigError, evaluate::EvaluateError, run::RunError};
+
+/// How a command ended; the number is the exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Done.
+    Done = 0,
+    /// Failed; nothing stands under the final name.
+    Failed = 1,
+    /// The command line or the configuration is wrong.
+    Usage = 2,
+    /// Done, but data was lost or a result is uncertain.
+    Degraded = 3,
+    /// Stopped on request; 128 + SIGINT.
+    Cancelled = 130,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The run failed or was stopped.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    /// The runs cannot be measured.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// The signal handler could not be set.
+    #[error("cannot listen for Ctrl-C")]
+    Signal(#[from] ctrlc::Error),
+    /// The machine cannot do what the configuration asks.
+    #[error("{0}")]
+    Machine(String),
+    /// Standard output could not be written.
+    #[error("cannot write the result")]
+    Output(#[source] std::io::Error),
+}
+
+impl CliError {
+    /// The exit code of this error.
+    #[must_use]
+    pub fn exit(&self) -> Exit {
+        match self {
+            Self::Config(_) => Exit::Usage,
+            Self::Run(RunError::Cancelled(_)) => Exit::Cancelled,
+            _ => Exit::Failed,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::Cancelled;
+
+    #[test]
+    fn errors_have_their_codes() {
+        let code = |error: CliError| error.exit() as i32;
+        assert_eq!(code(RunError::Cancelled(Cancelled).into()), 130);
+        assert_eq!(code(RunError::stage("field/state0", "no memory").into()), 1);
+        assert_eq!(code(ConfigError::UnknownPreset { name: String::new(), known: String::new() }.into()), 2);
+    }
+
+    #[test]
+    fn messages_hold_the_whole_chain_once() {
+        let error: CliError = RunError::stage("field/state0", std::io::Error::other("disk full")).into();
+        assert_eq!(format!("{:#}", anyhow::Error::from(error)), "field/state0: disk full");
+    }
+}

@@ -1,0 +1,67 @@
+//! The terminal: arguments, progress, exit codes. Results go to stdout, everything else to stderr.
+
+mod args;
+mod config;
+mod doctor;
+mod evaluate;
+mod exit;
+mod inspect;
+mod machine;
+mod progress;
+mod reconstruct;
+mod render;
+mod settings;
+
+use std::{
+    io::{self, Write as _},
+    process::ExitCode,
+};
+
+use clap::Parser as _;
+
+use args::{Cli, Command};
+use exit::{CliError, Exit};
+
+/// Parses the arguments, runs the command, gives its exit code.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are results; only a broken pipe can stop them.
+            error.print().ok();
+            return if error.use_stderr() { Exit::Usage } else { Exit::Done }.into();
+        }
+    };
+    match run(cli.command) {
+        Ok(exit) => exit.into(),
+        Err(error) => {
+            let exit = error.exit();
+            tell(&format!("error: {:#}", anyhow::Error::from(error)));
+            exit.into()
+        }
+    }
+}
+
+fn run(command: Command) -> Result<Exit, CliError> {
+    match command {
+        Command::Reconstruct(args) => reconstruct::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Config { command } => config::run(&command),
+        Command::Doctor(settings) => doctor::run(&settings),
+    }
+}
+
+/// Writes a result. A reader that went away is not an error.
+fn print(text: &str) -> Result<(), CliError> {
+    match io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Writes a diagnostic line; there is nowhere to complain if that fails.
+fn tell(line: &str) {
+    writeln!(io::stderr(), "{line}").ok();
+}

@@ -1,0 +1,56 @@
+//! Text of results.
+
+use std::fmt::Write as _;
+
+use crate::{
+    model::JointKind,
+    run::{JointSummary, Outcome},
+};
+
+/// Where the result lies, its joints, whether it is degraded. Warnings were told while the run went on.
+pub fn outcome(outcome: &Outcome) -> String {
+    let mut text = format!("{}\n", outcome.folder.display());
+    // Writing to a String cannot fail.
+    outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint(j)).unwrap_or_default());
+    if outcome.degraded {
+        writeln!(text, "  degraded: {} warnings, see report.json", outcome.warnings.len()).unwrap_or_default();
+    }
+    text
+}
+
+fn joint(joint: &JointSummary) -> String {
+    let triple = |v: [f64; 3], digits: usize| v.map(|x| format!("{:.digits$}", x + 0.0)).join(", ");
+    let axis = triple(joint.axis_in_world, 4);
+    match joint.kind {
+        JointKind::Revolute => {
+            let point = triple(joint.point_in_world_m, 4);
+            format!("{}: revolute, {:.2} deg about ({axis}) through ({point}) m", joint.name, joint.motion.to_degrees())
+        }
+        JointKind::Prismatic => format!("{}: prismatic, {:.1} mm along ({axis})", joint.name, joint.motion * 1000.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joints_are_one_line_each() {
+        let joint = |kind, motion| JointSummary {
+            name: "lid".to_owned(),
+            kind,
+            axis_in_world: [0.0, -0.0, 1.0],
+            point_in_world_m: [0.25, 0.5, 0.0],
+            motion,
+        };
+        let outcome = Outcome {
+            folder: "runs/box".into(),
+            joints: vec![joint(JointKind::Revolute, -0.5), joint(JointKind::Prismatic, 0.1234)],
+            warnings: vec!["12 frames lost".to_owned()],
+            degraded: true,
+        };
+        let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through (0.2500, 0.5000, 0.0000) m\n  \
+                        lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warnings, see report.json\n";
+        assert_eq!(super::outcome(&outcome), expected);
+    }
+}

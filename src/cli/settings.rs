@@ -1,0 +1,57 @@
+//! From what was typed to a configuration: every option that stands for a setting is the last layer.
+
+use serde_norway::Value;
+
+use super::args::{ReconstructArgs, SettingArgs};
+use crate::config::{Config, ConfigError, Layers, Resolved};
+
+impl SettingArgs {
+    /// Merges preset, file and `--set`.
+    ///
+    /// # Errors
+    /// If a layer is wrong or the values cannot be used.
+    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+        finish(self.layers()?)
+    }
+
+    fn layers(&self) -> Result<Layers, ConfigError> {
+        let mut layers = Layers::new(&Config::default())?;
+        self.preset.iter().try_for_each(|name| layers.preset(name))?;
+        self.config.iter().try_for_each(|path| layers.file(path))?;
+        self.set.iter().try_for_each(|assignment| layers.set(assignment))?;
+        Ok(layers)
+    }
+}
+
+impl ReconstructArgs {
+    /// Merges preset, file, `--set` and the options that stand for settings.
+    ///
+    /// # Errors
+    /// If a layer is wrong or the values cannot be used.
+    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+        let mut layers = self.settings.layers()?;
+        let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
+        let options = [
+            ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
+            ("--seed", "run.seed", self.seed.map(Value::from)),
+            ("--init", "run.init", self.init.clone().map(Value::from)),
+            ("--engine", "run.engine", self.engine.clone().map(Value::from)),
+            ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
+            ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),
+            ("--workspace", "capture.isolate.workspace", self.workspace.map(|b| Value::Sequence(b.iter().map(|c| numbers(c)).collect()))),
+        ];
+        for (option, key, value) in options {
+            value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;
+        }
+        for (kind, topic) in &self.topic {
+            layers.assign("--topic", &format!("capture.topics.{kind}"), Value::from(topic.as_str()))?;
+        }
+        finish(layers)
+    }
+}
+
+fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
+    let resolved: Resolved<Config> = layers.resolve()?;
+    resolved.config.check()?;
+    Ok(resolved)
+}

@@ -1,0 +1,87 @@
+//! Why a configuration was refused.
+
+use std::path::PathBuf;
+
+/// Why a configuration was refused; every message says where and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// No preset has this name.
+    #[error("no preset {name:?}; there are: {known}")]
+    UnknownPreset {
+        /// What was asked for.
+        name: String,
+        /// Names of the presets.
+        known: String,
+    },
+    /// The file could not be read.
+    #[error("cannot read {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is larger than [`super::MAX_FILE_BYTES`].
+    #[error("{}: larger than {} bytes: not a configuration", path.display(), super::MAX_FILE_BYTES)]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Not YAML, or not a mapping of text keys.
+    #[error("{origin}: {reason}")]
+    Syntax {
+        /// File or option.
+        origin: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Not of the form `group.key=value`.
+    #[error("--set {text:?}: give group.key=value, for example --set run.seed=3")]
+    Assignment {
+        /// What was given.
+        text: String,
+    },
+    /// Nobody reads this key.
+    #[error("{origin}: unknown key {key}; {hint}")]
+    UnknownKey {
+        /// File and line, or option.
+        origin: String,
+        /// Path of the key.
+        key: String,
+        /// The nearest valid key.
+        hint: String,
+    },
+    /// A group of keys was given one value.
+    #[error("{origin}: {key} is a group of keys, not a value; it has: {keys}")]
+    Group {
+        /// File and line, or option.
+        origin: String,
+        /// Path of the group.
+        key: String,
+        /// Its keys.
+        keys: String,
+    },
+    /// The value does not fit its key.
+    #[error("{origin}: {key} = {value}: {reason}")]
+    Value {
+        /// File and line, or option.
+        origin: String,
+        /// Path of the key.
+        key: String,
+        /// What was given.
+        value: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The values do not fit together.
+    #[error("{key}: {reason}")]
+    Unusable {
+        /// Path of the key.
+        key: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A layer refuses its group.
+    #[error(transparent)]
+    Refused(Box<dyn std::error::Error + Send + Sync>),
+}

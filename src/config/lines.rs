@@ -1,0 +1,53 @@
+//! Where in a YAML file a key stands.
+
+use std::collections::BTreeMap;
+
+/// Line (from 1) of every key in block style, by its path. Keys inside braces are not found: they stand where the
+/// nearest key around them does.
+pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
+    let mut lines = BTreeMap::new();
+    let mut open: Vec<(usize, String)> = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        let content = line.trim_start();
+        let Some(key) = key(content) else { continue };
+        let indent = line.len() - content.len();
+        while open.last().is_some_and(|(i, _)| *i >= indent) {
+            open.pop();
+        }
+        let path = open.last().map_or_else(|| key.to_owned(), |(_, parent)| format!("{parent}.{key}"));
+        lines.insert(path.clone(), number + 1);
+        open.push((indent, path));
+    }
+    lines
+}
+
+/// The key at the start of a line.
+fn key(content: &str) -> Option<&str> {
+    if content.starts_with(['#', '-', '{', '[']) {
+        return None;
+    }
+    let (key, rest) = content.split_once(':')?;
+    (rest.is_empty() || rest.starts_with([' ', '\t'])).then(|| key.trim().trim_matches(['"', '\'']))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_found_at_any_depth() {
+        let text =
+            "# settings: none\nrun:\n  seed: 3\n\n'field':\n  levels: 4\n  noise:\n    - 1\n    edge: a:b\n  hidden:   8\ntop: {x: 1}\n";
+        let expected = [
+            ("run", 2),
+            ("run.seed", 3),
+            ("field", 5),
+            ("field.levels", 6),
+            ("field.noise", 7),
+            ("field.noise.edge", 9),
+            ("field.hidden", 10),
+            ("top", 11),
+        ];
+        assert_eq!(key_lines(text), expected.map(|(k, l)| (k.to_owned(), l)).into());
+    }
+}

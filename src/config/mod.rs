@@ -1,0 +1,66 @@
+//! Layered YAML configuration with the origin of every value.
+//!
+//! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every layer holds
+//! differences only. Values are merged as YAML and turned into a [`Config`] once, so a key that nobody reads is refused
+//! with its place and the nearest valid key. There are no environment variables.
+//!
+//! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is serialized
+//! (no `skip_serializing_if`): the serialized default is the list of valid keys.
+
+mod error;
+mod layers;
+mod lines;
+mod nearest;
+mod preset;
+mod run;
+
+use serde::{Deserialize, Serialize};
+
+pub use error::ConfigError;
+pub use layers::{Layers, MAX_FILE_BYTES, Origins, Resolved};
+pub use preset::PRESETS;
+pub use run::{Engine, Init, MAX_PARTS, RunConfig};
+
+use crate::{
+    articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
+    capture::CaptureConfig,
+    field::TrainConfig,
+    model::ModelConfig,
+    surface::SurfaceConfig,
+};
+
+/// What was asked of a run: one group per layer.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// The run as a whole: seed, parts, engine.
+    pub run: RunConfig,
+    /// How recordings are read.
+    pub capture: CaptureConfig,
+    /// Object fields: shape, samples, schedule.
+    pub train: TrainConfig,
+    /// Surfaces and distance fields.
+    pub surface: SurfaceConfig,
+    /// Pixel matches between the states.
+    pub matching: MatchConfig,
+    /// Registration of matches and surfaces.
+    pub register: RegisterConfig,
+    /// Consistency between the states.
+    pub articulation: ArticulationConfig,
+    /// Joints.
+    pub joint: JointConfig,
+    /// What no camera measures: density, thickness, effort.
+    pub model: ModelConfig,
+}
+
+impl Config {
+    /// Refuses values that no run can use.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unusable`] or [`ConfigError::Refused`] with the key.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let refused = |error| ConfigError::Refused(Box::new(error));
+        self.run.check()?;
+        self.capture.check().map_err(refused)
+    }
+}

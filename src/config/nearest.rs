@@ -1,0 +1,42 @@
+//! The valid key that a mistyped one was most likely meant to be.
+
+/// What to try instead of `key`: the nearest of `valid` by edit distance, or where to look.
+pub fn hint(key: &str, valid: &[String]) -> String {
+    let distance = |candidate: &str| {
+        // A right key in the wrong group, or without one, is nearer than its whole path tells.
+        let of_path = strsim::osa_distance(key, candidate);
+        of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))
+    };
+    match valid.iter().map(|v| (distance(v), v)).min() {
+        Some((d, nearest)) if d <= 2.max(key.len() / 3) => format!("did you mean {nearest}?"),
+        _ => "`artitwin config show` lists the valid ones".to_owned(),
+    }
+}
+
+fn last(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(key: &str, expected: &str) {
+        let valid = ["run.seed", "run.parts", "field.levels", "field.hidden", "capture.noise.edge_sigmas"].map(str::to_owned);
+        assert!(hint(key, &valid).contains(expected), "{key}: {}", hint(key, &valid));
+    }
+
+    #[test]
+    fn the_nearest_key_is_offered() {
+        check("field.level", "field.levels?");
+        check("filed.levels", "field.levels?");
+        check("seed", "run.seed?");
+        check("run.hidden", "field.hidden?");
+        check("edge_sigma", "capture.noise.edge_sigmas?");
+    }
+
+    #[test]
+    fn nothing_is_offered_for_nonsense() {
+        check("xyzzy.quux", "config show");
+    }
+}

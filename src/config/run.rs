@@ -1,0 +1,75 @@
+//! Settings of the run as a whole.
+
+use serde::{Deserialize, Serialize};
+
+use super::ConfigError;
+
+/// Most parts an object may be asked to have.
+pub const MAX_PARTS: usize = 16;
+
+/// Settings of the run as a whole.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RunConfig {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Number of rigid parts, the static one included; null: not given.
+    pub parts: Option<usize>,
+    /// What trains the fields.
+    pub engine: Engine,
+    /// Where the part motions start from.
+    pub init: Init,
+}
+
+/// What trains the fields.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Engine {
+    /// Kernels written for this program; the fastest without a GPU.
+    #[default]
+    Cpu,
+    /// burn on the CPU.
+    Burn,
+    /// burn on a GPU; needs the `gpu` feature.
+    Gpu,
+}
+
+/// Where the part motions start from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Init {
+    /// Robust registration of lifted matches and geometry.
+    #[default]
+    Registration,
+    /// No motion, as published.
+    Identity,
+}
+
+impl RunConfig {
+    pub(super) fn check(&self) -> Result<(), ConfigError> {
+        match self.parts {
+            Some(parts) if !(2..=MAX_PARTS).contains(&parts) => Err(ConfigError::Unusable {
+                key: "run.parts",
+                reason: format!("{parts} parts; give 2 to {MAX_PARTS}, the static part included"),
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_number_of_parts_is_bounded() {
+        let check = |parts| RunConfig { parts, ..RunConfig::default() }.check();
+        for usable in [None, Some(2), Some(MAX_PARTS)] {
+            check(usable).unwrap();
+        }
+        for unusable in [0, 1, MAX_PARTS + 1] {
+            let message = check(Some(unusable)).unwrap_err().to_string();
+            assert!(message.starts_with("run.parts: "), "{message}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! One run against the truth.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::{
+    EvaluateError, EvaluateOptions,
+    joint_metrics::{JointRow, displacement_m},
+    matching::{MAX_PARTS, cheapest_pairs},
+    run_files::RunFiles,
+    surface_metrics::{chamfer, mean_distance_mm, sample_surface},
+    truth::{TrueJoint, TruePart, Truth},
+};
+use crate::{run::stage_rng, surface::TriangleMesh};
+
+/// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square metre and 10,000 samples
+/// (method.md 6: `1000 * 2 A / (pi N)`).
+const FLOOR_PER_M2: f64 = 0.0637;
+/// Samples that the constant holds for.
+const FLOOR_SAMPLES: f64 = 10_000.0;
+/// Every so many of the seen points are measured.
+const SEEN_STRIDE: usize = 4;
+
+/// Everything measured on one run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluation {
+    /// Folder of the run.
+    pub run: String,
+    /// Parts of the true object, the one that stays included.
+    pub parts_true: usize,
+    /// Parts of the run.
+    pub parts_found: usize,
+    /// Every movable true part.
+    pub joints: Vec<JointRow>,
+    /// Surfaces by `state<k>/<part>`, where the part is `static`, a name or `whole`.
+    pub mesh: BTreeMap<String, MeshRow>,
+}
+
+/// One surface in one state; a number that could not be measured is left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MeshRow {
+    /// Published Chamfer distance, 1e-3 m^2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cd: Option<f64>,
+    /// The same between two samplings of the true surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cd_floor: Option<f64>,
+    /// What that floor is expected to be: `0.0637 A` for 10,000 samples.
+    pub cd_floor_expected: f64,
+    /// Area of the true surface, square metres.
+    pub area_m2: f64,
+    /// Accuracy: mean distance from the found surface to the true one, millimetres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy_mm: Option<f64>,
+    /// Completeness: mean distance from the true points that some camera saw to the found surface, millimetres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seen_mm: Option<f64>,
+}
+
+/// Measures one run.
+///
+/// # Errors
+/// More than [`MAX_PARTS`] movable parts.
+pub fn compare(name: &str, truth: &Truth, run: &RunFiles, options: &EvaluateOptions) -> Result<Evaluation, EvaluateError> {
+    let wanted: Vec<(&TruePart, &TrueJoint)> = truth.parts.iter().filter_map(|p| Some((p, p.joint.as_ref()?))).collect();
+    let movable = run.parts.len() - 1;
+    let cost: Vec<Vec<f64>> = wanted.iter().map(|(part, joint)| costs(part, joint, run)).collect();
+    let count = wanted.len().max(movable);
+    let pairs = cheapest_pairs(&cost, movable).ok_or(EvaluateError::TooManyParts { count, limit: MAX_PARTS })?;
+    let found: BTreeMap<usize, usize> = pairs.into_iter().collect();
+    let row = |(i, (part, joint)): (usize, &(&TruePart, &TrueJoint))| match found.get(&i) {
+        Some(&k) => JointRow::matched(&part.name, joint, run, k + 1, cost[i][k]),
+        None => JointRow::missing(&part.name, joint),
+    };
+    let joints = wanted.iter().enumerate().map(row).collect();
+
+    let mut surfaces: Vec<(String, Option<&TruePart>, Vec<usize>)> = Vec::new();
+    for part in truth.parts.iter().filter(|p| p.joint.is_none()) {
+        surfaces.push(("static".into(), Some(part), run.parts[0].clone()));
+    }
+    for (&i, &k) in &found {
+        surfaces.push((wanted[i].0.name.clone(), Some(wanted[i].0), run.parts[k + 1].clone()));
+    }
+    surfaces.push(("whole".into(), None, run.parts.concat()));
+    let mut mesh = BTreeMap::new();
+    for state in [0, 1] {
+        for (part_name, part, links) in &surfaces {
+            let key = format!("state{state}/{part_name}");
+            let row = mesh_row(&key, truth, *part, &run.surface(links, state), state, options);
+            mesh.insert(key, row);
+        }
+    }
+    let parts_found = run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
+    Ok(Evaluation { run: name.to_owned(), parts_true: truth.parts.len(), parts_found, joints, mesh })
+}
+
+/// Mean displacement of a true part under the motion of every found movable part, metres.
+fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
+    let points = &part.meshes[0].vertices;
+    (1..run.parts.len()).map(|k| displacement_m(points, &joint.state1_from_state0, &run.motion(k)).unwrap_or(f64::MAX)).collect()
+}
+
+fn mesh_row(key: &str, truth: &Truth, part: Option<&TruePart>, found: &TriangleMesh, state: usize, options: &EvaluateOptions) -> MeshRow {
+    let true_mesh = part.map_or(&truth.whole[state], |p| &p.meshes[state]);
+    let stage = format!("evaluate/{key}");
+    let draw = |mesh: &TriangleMesh, k| sample_surface(mesh, options.samples, &mut stage_rng(options.seed, &stage, k));
+    let samples = draw(found, 0);
+    let of_part = |p: &&super::truth::SeenPoint| part.is_none_or(|part| p.part == part.index);
+    // As in the reference tool: first every fourth point, then those of the part.
+    let seen: Vec<Point3<f64>> = truth.seen[state].iter().step_by(SEEN_STRIDE).filter(of_part).map(|p| p.point).collect();
+    let area_m2 = true_mesh.area_m2();
+    MeshRow {
+        cd: chamfer(&samples, &draw(true_mesh, 1)),
+        cd_floor: chamfer(&draw(true_mesh, 2), &draw(true_mesh, 3)),
+        cd_floor_expected: FLOOR_PER_M2 * area_m2 * FLOOR_SAMPLES / options.samples as f64,
+        area_m2,
+        accuracy_mm: mean_distance_mm(&samples, true_mesh),
+        seen_mm: mean_distance_mm(&seen, found),
+    }
+}

@@ -1,0 +1,61 @@
+//! Connected components of a mesh.
+
+use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
+
+/// The mesh without the components that have fewer than `share` times the triangles of the largest one. Triangles are
+/// connected by common vertices; vertices at the same position are one.
+#[must_use]
+pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+    let welded = weld(mesh, 0.0);
+    let mut parent: Vec<u32> = (0..welded.vertices.len() as u32).collect();
+    for &[a, b, c] in &welded.triangles {
+        let root = find(&mut parent, a);
+        for other in [b, c] {
+            let other = find(&mut parent, other);
+            parent[other as usize] = root;
+        }
+    }
+    let roots: Vec<u32> = welded.triangles.iter().map(|t| find(&mut parent, t[0])).collect();
+    let mut count = vec![0usize; welded.vertices.len()];
+    for &r in &roots {
+        count[r as usize] += 1;
+    }
+    let least = share * count.iter().copied().max().unwrap_or(0) as f64;
+    let kept = welded.triangles.iter().zip(&roots).filter(|(_, r)| count[**r as usize] as f64 >= least);
+    let triangles = kept.map(|(t, _)| *t).collect();
+    drop_unused_vertices(&TriangleMesh { triangles, ..welded })
+}
+
+/// Root of a set, halving the path on the way.
+fn find(parent: &mut [u32], mut x: u32) -> u32 {
+    while parent[x as usize] != x {
+        parent[x as usize] = parent[parent[x as usize] as usize];
+        x = parent[x as usize];
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{model::example::box_mesh, surface::merge};
+
+    #[test]
+    fn small_components_go_and_large_ones_stay() {
+        let (a, b) = (box_mesh([0.0; 3], [1.0; 3], [1; 3]), box_mesh([3.0; 3], [4.0; 3], [2; 3]));
+        let mut sliver = box_mesh([7.0; 3], [8.0; 3], [3; 3]);
+        sliver.triangles.truncate(1);
+        let all = merge(&[&a, &sliver, &b]);
+        assert_eq!(large_components(&all, 0.1).triangles.len(), 24, "1 of 12 is less than 10 %");
+        assert_eq!(large_components(&all, 0.05).triangles.len(), 25);
+        // The same box as a soup of triangles is still one component.
+        let mut soup = TriangleMesh::default();
+        for t in 0..a.triangles.len() {
+            let n = soup.vertices.len() as u32;
+            soup.vertices.extend(a.corners(t));
+            soup.triangles.push([n, n + 1, n + 2]);
+        }
+        assert_eq!(large_components(&soup, 0.9).triangles.len(), 12);
+        assert!(large_components(&TriangleMesh::default(), 0.1).is_empty());
+    }
+}

@@ -1,0 +1,83 @@
+//! How far a found joint is from the true one.
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
+use crate::geometry::{Pose, line_distance_m, rotation_angle_rad};
+
+/// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out, and all of
+/// them where the part was not found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct JointRow {
+    /// Name of the true part.
+    pub part: String,
+    /// True type: `revolute`, `prismatic` or `screw`.
+    pub type_true: String,
+    /// Set where no found part was left for this one.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub missing: bool,
+    /// Name of the joint that was matched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint: Option<String>,
+    /// Type in the file.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    /// Whether both types are the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub type_right: Option<bool>,
+    /// Angle between the axes, sign ignored, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis_deg: Option<f64>,
+    /// Mean displacement of the true part's vertices between the found and the true motion, millimetres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error_mm: Option<f64>,
+    /// Revolute and screw: distance of the two axes as lines, millimetres; parallel lines keep their gap.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis_mm: Option<f64>,
+    /// Revolute and screw: angle of the rotation between the found and the true motion, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion_deg: Option<f64>,
+    /// Prismatic: length of the difference of the translations, millimetres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion_mm: Option<f64>,
+}
+
+impl JointRow {
+    /// A part that was not found.
+    #[must_use]
+    pub fn missing(part: &str, truth: &TrueJoint) -> Self {
+        Self { part: part.to_owned(), type_true: truth.kind.clone(), missing: true, ..Self::default() }
+    }
+
+    /// The row of a matched part; `error_m` is its mean displacement.
+    #[must_use]
+    pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
+        let (kind, motion) = (run.kind(found), run.motion(found));
+        let axis = run.axis(found);
+        let turns = truth.kind != "prismatic";
+        let (t, m) = (truth.state1_from_state0, motion);
+        let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs());
+        let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| line_distance_m((&p, &d), (&truth.origin, &truth.axis));
+        Self {
+            part: part.to_owned(),
+            type_true: truth.kind.clone(),
+            missing: false,
+            joint: run.tree.joint_of(run.parts[found][0]).map(|j| j.name.clone()),
+            kind: Some(kind.to_owned()),
+            type_right: Some(kind == truth.kind),
+            axis_deg: axis.as_ref().map(angle).map(f64::to_degrees),
+            error_mm: Some(1000.0 * error_m),
+            axis_mm: axis.filter(|_| turns).map(gap).map(|m| 1000.0 * m),
+            motion_deg: turns.then(|| rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees()),
+            motion_mm: (!turns).then(|| 1000.0 * (m.translation.vector - t.translation.vector).norm()),
+        }
+    }
+}
+
+/// Mean displacement in metres between two motions of the same points; `None` without points.
+#[must_use]
+pub fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
+    let distances: Vec<f64> = points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
+    mean(&distances)
+}

@@ -1,0 +1,135 @@
+//! Metrics of a finished run against ground truth (method.md 6), from the files that a simulator gets.
+//!
+//! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong, lines keep their
+//! distance also where they are parallel, surfaces are measured in millimetres, and each Chamfer distance comes with the
+//! floor that sampling alone gives.
+
+mod compare;
+mod components;
+mod distance;
+mod joint_metrics;
+mod matching;
+mod published;
+mod report;
+mod run_files;
+mod surface_metrics;
+mod truth;
+
+use std::path::{Path, PathBuf};
+
+use crate::io::{MeshFileError, NpyError, UrdfError};
+
+pub use compare::{Evaluation, MeshRow, compare};
+pub use components::large_components;
+pub use joint_metrics::JointRow;
+pub use published::{Published, PublishedRow};
+pub use report::EvaluationReport;
+pub use run_files::RunFiles;
+pub use surface_metrics::{chamfer, mean_distance_mm, sample_surface};
+pub use truth::{SeenPoint, TrueJoint, TruePart, Truth};
+
+/// Share of the largest component below which the published evaluation drops components.
+pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
+
+/// Most samples per surface.
+pub const MAX_SAMPLES: usize = 1_000_000;
+
+/// How to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvaluateOptions {
+    /// Samples per surface; 10,000 are the published number.
+    pub samples: usize,
+    /// Seed of the samples.
+    pub seed: u64,
+    /// Drop components of the found meshes with fewer than this share of the largest one's triangles, e.g.
+    /// [`PUBLISHED_MIN_COMPONENT`].
+    pub min_component: Option<f64>,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        Self { samples: 10_000, seed: 0, min_component: None }
+    }
+}
+
+/// Why a run could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// No run was given.
+    #[error("there is no run to evaluate: name at least one output folder")]
+    NoRun,
+    /// The number of samples cannot be used.
+    #[error("{0} samples per surface cannot be drawn: choose 1 to {MAX_SAMPLES}")]
+    Samples(usize),
+    /// The disk refused.
+    #[error("cannot read {path}: {source}")]
+    Disk {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The folder is no run.
+    #[error("{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json in it")]
+    NotARun {
+        /// The folder.
+        path: PathBuf,
+        /// Number of `.urdf` files in it.
+        count: usize,
+    },
+    /// A JSON file is not what it should be.
+    #[error("{path}: {source}")]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What the parser said.
+        source: serde_json::Error,
+    },
+    /// A file of the truth or the run says something that cannot be.
+    #[error("{path}: {problem}")]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Matching parts would take too long.
+    #[error("{count} movable parts; {limit} are the limit")]
+    TooManyParts {
+        /// Parts on the larger side.
+        count: usize,
+        /// Most that are matched.
+        limit: usize,
+    },
+    /// The URDF of the run could not be read.
+    #[error(transparent)]
+    Urdf(#[from] UrdfError),
+    /// A mesh of the truth could not be read.
+    #[error(transparent)]
+    Mesh(#[from] MeshFileError),
+    /// The seen points could not be read.
+    #[error(transparent)]
+    Npy(#[from] NpyError),
+}
+
+/// Measures runs (trials) of one object against its truth: a folder with `truth.json` and `truth/state{0,1}`.
+///
+/// # Errors
+/// No run; a file that is missing, damaged or beyond a limit, named in the error.
+pub fn run(runs: &[PathBuf], truth: &Path, options: &EvaluateOptions) -> Result<EvaluationReport, EvaluateError> {
+    if runs.is_empty() {
+        return Err(EvaluateError::NoRun);
+    }
+    if !(1..=MAX_SAMPLES).contains(&options.samples) {
+        return Err(EvaluateError::Samples(options.samples));
+    }
+    let known = Truth::read(truth)?;
+    let mut trials = Vec::with_capacity(runs.len());
+    for folder in runs {
+        let files = RunFiles::read(folder, options.min_component)?;
+        trials.push(compare(&folder.display().to_string(), &known, &files, options)?);
+    }
+    let published = Published::of(&trials);
+    let &EvaluateOptions { samples, seed, min_component } = options;
+    Ok(EvaluationReport { truth: truth.display().to_string(), samples, seed, min_component, trials, published })
+}

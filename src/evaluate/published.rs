@@ -1,0 +1,124 @@
+//! The published metrics in their printed units, over trials (method.md 6 and 8.2).
+//!
+//! The definitions are those of the tables, with one exception: the axis position of parallel lines is their gap, where a
+//! released tool prints zero. As in the tables the true joint type decides which numbers a joint has; whether the type was
+//! found is told apart from them.
+
+use serde::Serialize;
+
+use super::{compare::Evaluation, surface_metrics::mean};
+
+/// One published metric over all trials.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PublishedRow {
+    /// Name as printed in the tables, with the part where there are several.
+    pub metric: String,
+    /// Unit of the printed numbers.
+    pub unit: &'static str,
+    /// Value of every trial; `None` where it failed.
+    pub trials: Vec<Option<f64>>,
+    /// Mean over the trials that did not fail.
+    pub mean: Option<f64>,
+    /// Standard deviation over them (population).
+    pub std: Option<f64>,
+    /// Value of the best trial.
+    pub best: Option<f64>,
+}
+
+/// The published metrics of all trials.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Published {
+    /// Index of the best trial: the one with the most smallest values (method.md 6).
+    pub best_trial: usize,
+    /// Trials in which a part is missing.
+    pub failed_trials: usize,
+    /// Rows in the order of the tables; Chamfer distances in the start state (0) and the end state (1).
+    pub rows: Vec<PublishedRow>,
+}
+
+impl Published {
+    /// The published metrics of some trials of the same object; `None` without trials.
+    #[must_use]
+    pub fn of(trials: &[Evaluation]) -> Option<Self> {
+        let names: Vec<(String, &'static str)> = numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
+        let table: Vec<Vec<Option<f64>>> = trials.iter().map(|t| numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
+        let column = |i: usize| table.iter().map(|t| t[i]).collect::<Vec<_>>();
+        let columns: Vec<Vec<Option<f64>>> = (0..names.len()).map(column).collect();
+        let best_trial = best_trial(&columns, trials.len());
+        let row = |((metric, unit), values): ((String, &'static str), Vec<Option<f64>>)| {
+            let (mean, std) = mean_std(&values);
+            PublishedRow { metric, unit, mean, std, best: values[best_trial], trials: values }
+        };
+        let failed_trials = trials.iter().filter(|t| t.joints.iter().any(|j| j.missing)).count();
+        Some(Self { best_trial, failed_trials, rows: names.into_iter().zip(columns).map(row).collect() })
+    }
+}
+
+/// Name, unit and printed value of every published metric of one trial. The list depends on the truth alone.
+fn numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f64>)> {
+    let mut out = Vec::new();
+    for joint in &trial.joints {
+        let turns = joint.type_true != "prismatic";
+        let name = |metric: &str| format!("{metric} ({})", joint.part);
+        out.push((name("Axis Ang"), "deg", joint.axis_deg));
+        if turns {
+            out.push((name("Axis Pos"), "0.1 m", joint.axis_mm.map(|mm| mm / 100.0)));
+            out.push((name("Part Motion"), "deg", joint.motion_deg));
+        } else {
+            out.push((name("Part Motion"), "m", joint.motion_mm.map(|mm| mm / 1000.0)));
+        }
+    }
+    for (state, label) in [(0, "start"), (1, "end")] {
+        let cd = |part: &str| trial.mesh.get(&format!("state{state}/{part}")).and_then(|row| row.cd);
+        out.push((format!("CD-s {label}"), "1e-3 m^2", cd("static")));
+        for joint in &trial.joints {
+            out.push((format!("CD-m {label} ({})", joint.part), "1e-3 m^2", cd(&joint.part)));
+        }
+        out.push((format!("CD-w {label}"), "1e-3 m^2", cd("whole")));
+    }
+    out
+}
+
+/// Mean and population standard deviation of the values that are there.
+fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
+    let values: Vec<f64> = values.iter().flatten().copied().collect();
+    let Some(m) = mean(&values) else { return (None, None) };
+    let squared: Vec<f64> = values.iter().map(|v| (v - m) * (v - m)).collect();
+    (Some(m), mean(&squared).map(f64::sqrt))
+}
+
+/// The trial that attains the smallest value of most metrics. Among equals the one that attains the smallest value of the
+/// metric with the largest variance decides, then the next; then the first trial.
+fn best_trial(columns: &[Vec<Option<f64>>], trials: usize) -> usize {
+    let least = |column: &Vec<Option<f64>>| column.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+    let mut order: Vec<usize> = (0..columns.len()).collect();
+    let variance: Vec<f64> = columns.iter().map(|c| mean_std(c).1.unwrap_or(0.0)).collect();
+    order.sort_by(|&a, &b| variance[b].total_cmp(&variance[a]));
+    let attains = |trial: usize| order.iter().map(|&m| columns[m][trial] == Some(least(&columns[m]))).collect::<Vec<bool>>();
+    let score = |trial: usize| {
+        let attains = attains(trial);
+        (attains.iter().filter(|a| **a).count(), attains)
+    };
+    (0..trials).fold(0, |best, t| if score(t) > score(best) { t } else { best })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn best_trial_has_most_minima_and_ties_go_by_variance() {
+        let columns = |rows: &[&[f64]]| rows.iter().map(|r| r.iter().map(|v| Some(*v)).collect()).collect::<Vec<Vec<_>>>();
+        assert_eq!(best_trial(&columns(&[&[3.0, 1.0, 2.0], &[3.0, 1.0, 2.0], &[0.0, 1.0, 2.0]]), 3), 1);
+        // One minimum each: the second metric varies most.
+        assert_eq!(best_trial(&columns(&[&[1.0, 1.1], &[9.0, 2.0]]), 2), 1);
+        assert_eq!(best_trial(&columns(&[&[1.0, 1.0]]), 2), 0);
+        assert_eq!(best_trial(&[vec![None, Some(5.0)]], 2), 1, "a failed trial attains nothing");
+    }
+
+    #[test]
+    fn spread_is_over_trials_that_did_not_fail() {
+        assert_eq!(mean_std(&[Some(1.0), None, Some(3.0)]), (Some(2.0), Some(1.0)));
+        assert_eq!(mean_std(&[None]), (None, None));
+    }
+}

@@ -1,0 +1,118 @@
+//! A finished reconstruction, read from its files alone.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Point3, Unit, Vector3};
+use serde::Deserialize;
+
+use super::{EvaluateError, components::large_components, truth::read_text};
+use crate::{
+    geometry::Pose,
+    io::read_urdf,
+    model::{JointType, Tree},
+    surface::{TriangleMesh, merge},
+};
+
+/// Largest `report.json`, bytes.
+const MAX_BYTES: u64 = 256 << 20;
+
+/// What a simulator gets from a run: a tree and the joint positions of the two observed states.
+pub struct RunFiles {
+    /// Links and joints; the root frame is the world.
+    pub tree: Tree,
+    /// Joint positions by name in state 0 and 1; a joint that is not named is at 0.
+    pub states: [BTreeMap<String, f64>; 2],
+    /// Links of each rigid part; the first holds the root.
+    pub parts: Vec<Vec<usize>>,
+}
+
+#[derive(Deserialize)]
+struct ReportFile {
+    states: Vec<StateEntry>,
+}
+
+#[derive(Deserialize)]
+struct StateEntry {
+    joints: BTreeMap<String, f64>,
+}
+
+impl RunFiles {
+    /// Reads the one `.urdf` of a folder (`.ros.urdf` aside) and `report.json` beside it. Components with fewer than
+    /// `min_component` times the triangles of the largest are dropped from each link's mesh.
+    ///
+    /// # Errors
+    /// A file that is missing or damaged, named in the error.
+    pub fn read(folder: &Path, min_component: Option<f64>) -> Result<Self, EvaluateError> {
+        let mut tree = read_urdf(&the_urdf(folder)?)?;
+        if let Some(share) = min_component {
+            for link in &mut tree.links {
+                link.visual = large_components(&link.visual, share);
+            }
+        }
+        let path = folder.join("report.json");
+        let text = read_text(&path, MAX_BYTES)?;
+        let report: ReportFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
+        let states: Result<[StateEntry; 2], _> = report.states.try_into();
+        let states =
+            states.map_err(|s| EvaluateError::Invalid { path, problem: format!("{} states; two are needed", s.len()) })?.map(|s| s.joints);
+        let parts = tree.rigid_parts();
+        Ok(Self { tree, states, parts })
+    }
+
+    /// The surface of some links in the world in a state.
+    #[must_use]
+    pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
+        let placed = |&l: &usize| self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]));
+        let placed: Vec<TriangleMesh> = links.iter().map(placed).collect();
+        merge(&placed.iter().collect::<Vec<_>>())
+    }
+
+    /// Motion of a part in the world from state 0 to state 1.
+    #[must_use]
+    pub fn motion(&self, part: usize) -> Pose {
+        let head = self.parts[part][0];
+        self.tree.world_from_link(head, &self.states[1]) * self.tree.world_from_link(head, &self.states[0]).inverse()
+    }
+
+    /// Axis of a part's joint in the world in state 0: direction and a point; `None` for the part of the root.
+    #[must_use]
+    pub fn axis(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
+        let joint = self.tree.joint_of(self.parts[part][0])?;
+        let world_from_joint = self.tree.world_from_joint(joint, &self.states[0]);
+        let direction = Unit::new_normalize(world_from_joint.rotation * joint.axis.into_inner());
+        Some((direction, world_from_joint.translation.vector.into()))
+    }
+
+    /// `revolute`, `prismatic` or `screw`, which is a turning link on a sliding one without a mesh or the reverse;
+    /// `fixed` for the part of the root.
+    #[must_use]
+    pub fn kind(&self, part: usize) -> &'static str {
+        let name = |kind| match kind {
+            JointType::Fixed => "fixed",
+            JointType::Revolute | JointType::Continuous => "revolute",
+            JointType::Prismatic => "prismatic",
+        };
+        let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
+        let kind = name(joint.kind);
+        let carrier = self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
+        match (kind, carrier.map(|c| name(c.kind))) {
+            ("revolute", Some("prismatic")) | ("prismatic", Some("revolute")) => "screw",
+            _ => kind,
+        }
+    }
+}
+
+fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
+    let entries = fs::read_dir(folder).map_err(|source| EvaluateError::Disk { path: folder.to_owned(), source })?;
+    let name = |p: &PathBuf| p.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let is_urdf = |p: &PathBuf| name(p).ends_with(".urdf") && !name(p).ends_with(".ros.urdf");
+    let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
+    match (found.pop(), found.len()) {
+        (Some(path), 0) => Ok(path),
+        (last, rest) => Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) }),
+    }
+}

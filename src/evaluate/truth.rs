@@ -1,0 +1,158 @@
+//! Ground truth of a recording.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::EvaluateError;
+use crate::{
+    geometry::Pose,
+    io::{read_mesh, read_npy},
+    surface::TriangleMesh,
+};
+
+/// Largest `truth.json`, bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// The joint between a part and what carries it, in the world as it stands in state 0.
+#[derive(Clone, Debug)]
+pub struct TrueJoint {
+    /// `revolute`, `prismatic` or `screw`.
+    pub kind: String,
+    /// Direction.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point on the axis, metres; of no meaning for a prismatic joint.
+    pub origin: Point3<f64>,
+    /// Motion of the part in the world.
+    pub state1_from_state0: Pose,
+}
+
+/// A rigid part.
+#[derive(Clone, Debug)]
+pub struct TruePart {
+    /// Number of the part in the files.
+    pub index: usize,
+    /// Name.
+    pub name: String,
+    /// `None` for the part that stays.
+    pub joint: Option<TrueJoint>,
+    /// Surface in the world in state 0 and 1.
+    pub meshes: [TriangleMesh; 2],
+}
+
+/// A true surface point that some camera saw.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenPoint {
+    /// World point, metres.
+    pub point: Point3<f64>,
+    /// Number of its part.
+    pub part: usize,
+}
+
+/// Everything that is known about an object.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Parts, in the order of the file.
+    pub parts: Vec<TruePart>,
+    /// Whole surface in the world in state 0 and 1.
+    pub whole: [TriangleMesh; 2],
+    /// Points that some camera saw, in state 0 and 1; empty where this was not recorded.
+    pub seen: [Vec<SeenPoint>; 2],
+}
+
+#[derive(Deserialize)]
+struct TruthFile {
+    parts: Vec<PartEntry>,
+}
+
+#[derive(Deserialize)]
+struct PartEntry {
+    index: usize,
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+    axis: Option<[f64; 3]>,
+    origin: Option<[f64; 3]>,
+    state1_from_state0: Option<[[f64; 4]; 4]>,
+}
+
+impl Truth {
+    /// Reads `truth.json` and `truth/state{0,1}/{part_<i>,whole}.ply` and, where it exists, `seen.npy` (rows x, y, z,
+    /// part).
+    ///
+    /// # Errors
+    /// A file that is missing or damaged, named in the error.
+    pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
+        let path = folder.join("truth.json");
+        let text = read_text(&path, MAX_BYTES)?;
+        let file: TruthFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
+        let state = |s: usize| folder.join(format!("truth/state{s}"));
+        let mesh = |s: usize, name: &str| read_mesh(&state(s).join(format!("{name}.ply")));
+        let mut parts = Vec::with_capacity(file.parts.len());
+        for entry in &file.parts {
+            let name = format!("part_{}", entry.index);
+            parts.push(TruePart {
+                index: entry.index,
+                name: entry.name.clone(),
+                joint: joint(entry).map_err(|problem| EvaluateError::Invalid { path: path.clone(), problem })?,
+                meshes: [mesh(0, &name)?, mesh(1, &name)?],
+            });
+        }
+        if parts.iter().filter(|p| p.joint.is_none()).count() != 1 {
+            return Err(EvaluateError::Invalid { path, problem: "exactly one part must be of type fixed".into() });
+        }
+        Ok(Self { parts, whole: [mesh(0, "whole")?, mesh(1, "whole")?], seen: [seen(&state(0))?, seen(&state(1))?] })
+    }
+}
+
+/// Text of a file of limited size.
+pub(super) fn read_text(path: &Path, max_bytes: u64) -> Result<String, EvaluateError> {
+    let disk = |source| EvaluateError::Disk { path: path.to_owned(), source };
+    let size = fs::metadata(path).map_err(disk)?.len();
+    if size > max_bytes {
+        return Err(EvaluateError::Invalid { path: path.to_owned(), problem: format!("{size} bytes; {max_bytes} are the limit") });
+    }
+    fs::read_to_string(path).map_err(disk)
+}
+
+fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, String> {
+    let name = &entry.name;
+    if entry.kind == "fixed" {
+        return Ok(None);
+    }
+    if !["revolute", "prismatic", "screw"].contains(&entry.kind.as_str()) {
+        return Err(format!("part '{name}' is of type '{}'; fixed, revolute, prismatic and screw are known", entry.kind));
+    }
+    let (Some(axis), Some(origin), Some(motion)) = (entry.axis, entry.origin, entry.state1_from_state0) else {
+        return Err(format!("part '{name}' needs axis, origin and state1_from_state0"));
+    };
+    let axis = Unit::try_new(Vector3::from(axis), 1e-9).ok_or_else(|| format!("part '{name}' has an axis of no length"))?;
+    let motion = rigid(&motion).ok_or_else(|| format!("state1_from_state0 of part '{name}' is not rigid"))?;
+    Ok(Some(TrueJoint { kind: entry.kind.clone(), axis, origin: Point3::from(origin), state1_from_state0: motion }))
+}
+
+/// A pose from a row-major 4x4 matrix; `None` where that is not rigid.
+fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
+    let m = Matrix4::from_fn(|r, c| rows[r][c]);
+    let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
+    let straight = (r.transpose() * r - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0;
+    let translation: Vector3<f64> = m.fixed_view::<3, 1>(0, 3).into();
+    straight.then(|| Pose::from_parts(translation.into(), UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r))))
+}
+
+fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
+    let path: PathBuf = folder.join("seen.npy");
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let array = read_npy(&path)?;
+    if array.columns != 4 {
+        return Err(EvaluateError::Invalid { path, problem: format!("{} columns; x, y, z and part are needed", array.columns) });
+    }
+    let rows = (0..array.rows).map(|i| array.row(i));
+    Ok(rows.map(|r| SeenPoint { point: Point3::new(r[0], r[1], r[2]), part: r[3].max(0.0) as usize }).collect())
+}

@@ -1,0 +1,353 @@
+//! The report as one page that needs nothing else: pictures inside, no script, nothing loaded.
+
+use std::fmt::Write as _;
+
+use super::{
+    number::{decimal, significant},
+    picture::{Picture, PictureError, part_color},
+    report_json::{JointReport, Quantity, Report},
+    urdf::escape,
+};
+
+const STYLE: &str = include_str!("report.css");
+
+/// The pictures of a report.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReportPictures {
+    /// A photo of every state and beside it the twin in the same pose from the same camera.
+    pub states: Vec<PhotoAndTwin>,
+    /// The parts in the colours of [`part_color`] with their axes.
+    pub parts: Vec<Picture>,
+    /// What was kept as the object.
+    pub kept: Vec<Picture>,
+}
+
+/// A photo and the twin as the same camera would see it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PhotoAndTwin {
+    /// What the camera saw.
+    pub photo: Picture,
+    /// The rendered model.
+    pub twin: Picture,
+}
+
+/// The page of a report.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
+    let name = escape(&report.name);
+    let mut out = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">\n\
+         <title>{name}: articulated twin</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n"
+    );
+    push_header(&mut out, report);
+    push_warnings(&mut out, report);
+    let pairs: Vec<&Picture> = pictures.states.iter().flat_map(|s| [&s.photo, &s.twin]).collect();
+    push_pictures(&mut out, "Photos and twin, same camera", &pairs, 4)?;
+    push_joints(&mut out, report);
+    let kept: Vec<&Picture> = pictures.kept.iter().collect();
+    let parts: Vec<&Picture> = pictures.parts.iter().collect();
+    out.push_str("<div class=\"side\">\n");
+    push_pictures(&mut out, "Parts and axes", &parts, 2)?;
+    push_pictures(&mut out, "Kept as the object", &kept, 2)?;
+    push_links(&mut out, report);
+    push_times(&mut out, report);
+    push_start(&mut out, report);
+    push_run(&mut out, report);
+    out.push_str("</div>\n</main>\n</body>\n</html>\n");
+    Ok(out)
+}
+
+// Writing to a string cannot fail: the results below are dropped.
+
+fn push_header(out: &mut String, report: &Report) {
+    let doubts = report.run.warnings.len() + report.joints.iter().map(|j| j.cautions.len()).sum::<usize>();
+    let (class, word) = match doubts {
+        0 => ("pill", "No warnings".to_owned()),
+        1 => ("pill check", "1 warning".to_owned()),
+        n => ("pill check", format!("{n} warnings")),
+    };
+    let motions: Vec<String> = report.joints.iter().map(sentence).collect();
+    let verdict = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };
+    writeln!(out, "<header>\n<h1>{}</h1>", escape(&report.name)).ok();
+    writeln!(out, "<p class=\"verdict\"><span class=\"{class}\">{word}</span>{}.</p>", escape(&verdict)).ok();
+    let mut facts = vec![count(report.links.len(), "part"), count(report.joints.len(), "joint")];
+    if !report.run.input.frames.is_empty() {
+        facts.push(format!("{} frames", report.run.input.frames.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ")));
+    }
+    facts.push(duration(report.total_seconds()));
+    facts.push(format!("seed {}", report.run.seed));
+    writeln!(out, "<p class=\"facts\">{}</p>\n</header>", escape(&facts.join(" \u{b7} "))).ok();
+}
+
+/// What a joint does, in words.
+fn sentence(joint: &JointReport) -> String {
+    let verb = if joint.motion.unit == "rad" { "turns" } else { "slides" };
+    format!("{} {verb} {}", joint.child, motion(&joint.motion, &joint.motion_std))
+}
+
+fn push_warnings(out: &mut String, report: &Report) {
+    let cautions = report.joints.iter().flat_map(|j| j.cautions.iter().map(|c| format!("{}: {c}", j.name)));
+    let all: Vec<String> = report.run.warnings.iter().cloned().chain(cautions).collect();
+    push_list(out, "warnings", "Warnings", &all);
+}
+
+fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
+    if sentences.is_empty() {
+        return;
+    }
+    let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", escape(s))).collect();
+    writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
+}
+
+fn push_pictures(out: &mut String, title: &str, pictures: &[&Picture], columns: usize) -> Result<(), PictureError> {
+    if pictures.is_empty() {
+        return Ok(());
+    }
+    let columns = columns.min(pictures.len());
+    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"pictures\" style=\"--columns: {columns}\">").ok();
+    for picture in pictures {
+        out.push_str(&picture.figure()?);
+        out.push('\n');
+    }
+    out.push_str("</div>\n</section>\n");
+    Ok(())
+}
+
+fn push_joints(out: &mut String, report: &Report) {
+    let head = ["Joint", "Type", "Motion", "Axis in the world", "Axis \u{b1}", "Place \u{b1}", "Support", "Residual"];
+    let mut rows = String::new();
+    for joint in &report.joints {
+        let child = report.links.iter().position(|l| l.name == joint.child).unwrap_or_default();
+        let place = if joint.motion.unit == "rad" { unit(&significant(joint.origin_std_mm, 2), "mm") } else { "\u{2013}".into() };
+        let through = if joint.motion.unit == "rad" {
+            format!("<br><span class=\"soft\">through {} m</span>", vector(joint.origin))
+        } else {
+            String::new()
+        };
+        let share = if joint.tried > 0 { 100.0 * joint.inliers as f64 / joint.tried as f64 } else { 0.0 };
+        let cells = [
+            format!(
+                "{}{}<br><span class=\"soft\">moves {} on {}</span>",
+                dot(child),
+                escape(&joint.name),
+                escape(&joint.child),
+                escape(&joint.parent)
+            ),
+            escape(&joint.kind),
+            escape(&motion(&joint.motion, &joint.motion_std)),
+            vector(joint.axis) + &through,
+            unit(&significant(joint.axis_std_deg, 2), "\u{b0}"),
+            place,
+            format!("{}<br><span class=\"soft\">{share:.0} % of {}</span>", joint.inliers, joint.tried),
+            unit(&decimal(joint.residual_rms_mm, 2), "mm"),
+        ];
+        rows.push_str("<tr>");
+        for (i, cell) in cells.iter().enumerate() {
+            let class = if i > 0 { " class=\"number\"" } else { "" };
+            write!(rows, "<td{class}>{cell}</td>").ok();
+        }
+        rows.push_str("</tr>\n");
+        for caution in &joint.cautions {
+            writeln!(rows, "<tr class=\"caution\"><td colspan=\"8\">{}</td></tr>", escape(caution)).ok();
+        }
+    }
+    push_table(out, "Joints", &head, &rows);
+}
+
+fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
+    if rows.is_empty() {
+        return;
+    }
+    let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
+    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>").ok();
+}
+
+fn push_links(out: &mut String, report: &Report) {
+    let mut rows = String::new();
+    for (i, link) in report.links.iter().enumerate() {
+        writeln!(
+            rows,
+            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{}<br><span class=\"soft\">{}</span></td></tr>",
+            dot(i),
+            escape(&link.name),
+            link.triangles,
+            unit(&decimal(link.area_m2, 3), "m\u{b2}"),
+            unit(&significant(link.mass_kg, 3), "kg"),
+            escape(&link.assumption)
+        )
+        .ok();
+    }
+    push_table(out, "Parts", &["Part", "Triangles", "Area", "Mass (assumed)"], &rows);
+}
+
+fn push_times(out: &mut String, report: &Report) {
+    let longest = report.run.stages.iter().map(|s| s.seconds).fold(0.0, f64::max);
+    if longest <= 0.0 {
+        return;
+    }
+    out.push_str("<section>\n<h2>Where the time went</h2>\n<div class=\"bars\">\n");
+    for stage in &report.run.stages {
+        let share = decimal(100.0 * stage.seconds / longest, 1);
+        let (name, time) = (escape(&stage.name), duration(stage.seconds));
+        writeln!(out, "<span>{name}</span><div class=\"bar\" style=\"width: {share}%\"></div><span class=\"number\">{time}</span>").ok();
+    }
+    out.push_str("</div>\n</section>\n");
+}
+
+fn push_start(out: &mut String, report: &Report) {
+    let mut rows = String::new();
+    for m in &report.run.initialization {
+        let cells =
+            [escape(&m.joint), escape(&m.source), unit(&decimal(m.rotation_deg, 3), "\u{b0}"), unit(&decimal(m.displacement_mm, 2), "mm")];
+        writeln!(rows, "<tr>{}</tr>", cells.map(|c| format!("<td>{c}</td>")).concat()).ok();
+    }
+    push_table(out, "From the start to the result", &["Joint", "Started from", "Rotation changed by", "Part moved by"], &rows);
+}
+
+fn push_run(out: &mut String, report: &Report) {
+    let run = &report.run;
+    let mut entries: Vec<(&str, String)> = Vec::new();
+    entries.extend(run.input.paths.iter().map(|p| ("Input", p.clone())));
+    entries.extend([("Device", run.device.clone()), ("Configuration", run.config_digest.clone())]);
+    entries.extend(run.versions.iter().map(|(name, version)| (name.as_str(), version.clone())));
+    entries.extend(run.notes.iter().map(|n| ("Note", n.clone())));
+    let items = entries.iter().filter(|(_, text)| !text.is_empty());
+    let items: String = items.map(|(name, text)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(name), escape(text))).collect();
+    writeln!(out, "<section>\n<h2>Run</h2>\n<dl>\n{items}</dl>\n</section>").ok();
+}
+
+/// A motion with its standard deviation in degrees or millimetres.
+fn motion(value: &Quantity, std: &Quantity) -> String {
+    let (factor, unit) = if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
+    let spread = decimal((factor * std.value).max(0.01), 2);
+    minus(&format!("{:+.2}{unit} \u{b1} {spread}{unit}", factor * value.value))
+}
+
+/// Three coordinates.
+fn vector(v: [f64; 3]) -> String {
+    minus(&format!("({})", v.map(|x| decimal(x, 3)).join(", ")))
+}
+
+/// Text with true minus signs.
+fn minus(text: &str) -> String {
+    text.replace('-', "\u{2212}")
+}
+
+fn unit(number: &str, unit: &str) -> String {
+    let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
+    format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
+}
+
+fn dot(part: usize) -> String {
+    let [r, g, b] = part_color(part);
+    format!("<span class=\"dot\" style=\"background: rgb({r} {g} {b})\"></span>")
+}
+
+fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 9.95 => format!("{s:.1} s"),
+        s if s < 119.5 => format!("{s:.0} s"),
+        s => format!("{:.0} min {:02.0} s", (s.round() / 60.0).floor(), s.round() % 60.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime},
+        model::example::cabinet,
+    };
+
+    fn picture(caption: &str) -> Picture {
+        Picture { width: 8, height: 6, rgb: vec![90; 144], caption: caption.into(), kind: PictureKind::Drawing, arrows: vec![] }
+    }
+
+    fn page(edit: impl FnOnce(&mut Report, &mut ReportPictures)) -> String {
+        let run = RunFacts {
+            input: InputFacts { paths: vec!["bags/cabinet".into()], frames: vec![30, 28] },
+            stages: vec![StageTime { name: "field/state0".into(), seconds: 124.0 }, StageTime { name: "export".into(), seconds: 1.5 }],
+            initialization: vec![InitialMotion {
+                joint: "door_hinge".into(),
+                source: "registration".into(),
+                rotation_deg: 0.25,
+                displacement_mm: 1.5,
+            }],
+            seed: 7,
+            ..RunFacts::default()
+        };
+        let mut report = Report::new(&cabinet(), run);
+        let mut pictures = ReportPictures {
+            states: vec![PhotoAndTwin { photo: picture("photo"), twin: picture("twin") }],
+            parts: vec![picture("parts")],
+            kept: vec![picture("kept")],
+        };
+        edit(&mut report, &mut pictures);
+        report_html(&report, &pictures).unwrap()
+    }
+
+    #[test]
+    fn the_page_says_what_was_found_and_loads_nothing() {
+        let html = page(|_, _| {});
+        for text in [
+            "No warnings",
+            "door turns +71.62\u{b0} \u{b1} 0.01\u{b0}; drawer slides \u{2212}180.00 mm \u{b1} 0.1 mm.",
+            "3 parts \u{b7} 2 joints \u{b7} 30 + 28 frames \u{b7} 2 min 06 s \u{b7} seed 7",
+            "90 % of 1000",
+            "style=\"width: 100%\"",
+            "0.25<span class=\"unit\">\u{b0}</span>",
+        ] {
+            assert!(html.contains(text), "'{text}' is not in {html}");
+        }
+        assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 4);
+        assert_eq!(html.matches("src=").count(), 4);
+        for loaded in ["http:", "https:", "<script", "<link", "@import", "url("] {
+            assert!(!html.contains(loaded), "{loaded}");
+        }
+    }
+
+    #[test]
+    fn warnings_and_cautions_come_first() {
+        let html = page(|report, _| {
+            report.run.warnings.push("2 frames had no pose".into());
+            report.joints[0].cautions.push("little support".into());
+        });
+        assert!(html.contains(">2 warnings<") && html.contains("<li>door_hinge: little support</li>"));
+        assert!(html.find("2 frames had no pose") < html.find("<img"));
+    }
+
+    #[test]
+    fn text_cannot_become_markup() {
+        let html = page(|report, pictures| {
+            report.name = "<script>alert(1)</script>".into();
+            report.run.notes.push("a < b & c".into());
+            pictures.kept[0].caption = "\"><script>".into();
+        });
+        assert!(!html.contains("<script") && html.contains("a &lt; b &amp; c"));
+    }
+
+    #[test]
+    fn every_element_is_closed() {
+        let html = page(|report, _| report.run.warnings.push("x".into()));
+        for tag in ["section", "div", "table", "tr", "td", "figure", "h2", "ul", "li", "dl", "dd", "span", "main", "header"] {
+            let open = html.matches(&format!("<{tag}>")).count() + html.matches(&format!("<{tag} ")).count();
+            assert_eq!(open, html.matches(&format!("</{tag}>")).count(), "{tag}");
+        }
+    }
+
+    #[test]
+    fn durations_are_readable() {
+        for (seconds, text) in
+            [(0.04, "0.0 s"), (9.94, "9.9 s"), (59.6, "60 s"), (119.4, "119 s"), (119.6, "2 min 00 s"), (3671.0, "61 min 11 s")]
+        {
+            assert_eq!(duration(seconds), text);
+        }
+    }
+}

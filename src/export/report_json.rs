@@ -1,0 +1,345 @@
+//! What a run found and what it rests on, as a machine-readable report.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{number::round_significant, start::InitialMotion};
+use crate::model::{ArticulatedModel, Joint, JointKind, LimitSource};
+
+/// Version of the layout of `report.json`.
+pub const REPORT_FORMAT: &str = "artitwin-report/1";
+/// Significant digits of numbers in the report.
+const DIGITS: usize = 10;
+
+/// The contents of `report.json`. Metres, radians, seconds and kilograms unless the key says otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// [`REPORT_FORMAT`].
+    pub format: String,
+    /// Name of the object.
+    pub name: String,
+    /// Joint positions of the two observed states.
+    pub states: Vec<StateReport>,
+    /// Joints, in the order of the URDF.
+    pub joints: Vec<JointReport>,
+    /// Links, in the order of the URDF.
+    pub links: Vec<LinkReport>,
+    /// What is known about the run itself.
+    #[serde(flatten)]
+    pub run: RunFacts,
+}
+
+/// One observed state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StateReport {
+    /// Position of every joint by name, radians or metres.
+    pub joints: BTreeMap<String, f64>,
+}
+
+/// A joint with its evidence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointReport {
+    /// Name.
+    pub name: String,
+    /// `revolute` or `prismatic`.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// Link that carries it.
+    pub parent: String,
+    /// Link that it moves.
+    pub child: String,
+    /// Direction of the axis in the world in state 0.
+    pub axis: [f64; 3],
+    /// A point on the axis in the world in state 0, metres.
+    pub origin: [f64; 3],
+    /// Position in state 1 minus position in state 0.
+    pub motion: Quantity,
+    /// Position interval.
+    pub limit: LimitReport,
+    /// Root mean square angle between estimated and true axis by the covariance, degrees.
+    pub axis_std_deg: f64,
+    /// Root mean square distance of the axis from the true one by the covariance, across the axis, millimetres; of no
+    /// meaning for a prismatic joint.
+    pub origin_std_mm: f64,
+    /// Standard deviation of the motion.
+    pub motion_std: Quantity,
+    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and metres, row by row.
+    pub covariance: Vec<[f64; 7]>,
+    /// Points and matches that support the motion.
+    pub inliers: usize,
+    /// Those that were tried.
+    pub tried: usize,
+    /// Root mean square distance of the supporting points after the motion, millimetres.
+    pub residual_rms_mm: f64,
+    /// Cost of every joint type (Bayesian information criterion); lower is better.
+    pub type_scores: BTreeMap<String, f64>,
+    /// What speaks against trusting this joint.
+    pub cautions: Vec<String>,
+}
+
+/// A number with its unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Quantity {
+    /// The number.
+    pub value: f64,
+    /// `rad` or `m`.
+    pub unit: String,
+}
+
+/// An interval of joint positions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LimitReport {
+    /// Lowest position, radians or metres.
+    pub lower: f64,
+    /// Highest position.
+    pub upper: f64,
+    /// Largest effort, N m or N.
+    pub effort: f64,
+    /// Largest speed, rad/s or m/s.
+    pub velocity: f64,
+    /// `observed`: the interval between the two states; the joint reaches at least this far.
+    pub source: String,
+}
+
+/// A link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinkReport {
+    /// Name.
+    pub name: String,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// How mass and inertia were computed.
+    pub assumption: String,
+    /// Area of the surface, square metres.
+    pub area_m2: f64,
+    /// Vertices of the mesh.
+    pub vertices: usize,
+    /// Triangles of the mesh.
+    pub triangles: usize,
+}
+
+/// What is known about a run beside its model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunFacts {
+    /// What was read.
+    pub input: InputFacts,
+    /// How the motions started and how far refinement took them.
+    pub initialization: Vec<InitialMotion>,
+    /// Stages in order with their wall times.
+    pub stages: Vec<StageTime>,
+    /// Versions of the program and what it was built with, by name.
+    pub versions: BTreeMap<String, String>,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// Digest of the effective configuration.
+    pub config_digest: String,
+    /// What computed: processor or graphics adapter, threads.
+    pub device: String,
+    /// Sentences about what was found and chosen.
+    pub notes: Vec<String>,
+    /// Sentences about what was degraded.
+    pub warnings: Vec<String>,
+}
+
+/// What was read.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InputFacts {
+    /// Files and folders, as they were named.
+    pub paths: Vec<String>,
+    /// Frames of each state that were used.
+    pub frames: Vec<usize>,
+}
+
+/// Wall time of a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// Name, e.g. `field/state0`.
+    pub name: String,
+    /// Seconds.
+    pub seconds: f64,
+}
+
+impl Report {
+    /// The report of a model and its run. The model must be without findings ([`crate::model::validate`]).
+    #[must_use]
+    pub fn new(model: &ArticulatedModel, run: RunFacts) -> Self {
+        let state = |positions: &Vec<f64>| StateReport {
+            joints: model.joints.iter().zip(positions).map(|(j, &q)| (j.name.clone(), round_significant(q, 12))).collect(),
+        };
+        let link = |l: &crate::model::Link| LinkReport {
+            name: l.name.clone(),
+            mass_kg: round_significant(l.inertial.mass_kg, DIGITS),
+            assumption: l.inertial.assumption.clone(),
+            area_m2: round_significant(l.visual.area_m2(), DIGITS),
+            vertices: l.visual.vertices.len(),
+            triangles: l.visual.triangles.len(),
+        };
+        Self {
+            format: REPORT_FORMAT.to_owned(),
+            name: model.name.clone(),
+            states: model.states.iter().map(state).collect(),
+            joints: model.joints.iter().enumerate().map(|(i, j)| joint_report(model, i, j)).collect(),
+            links: model.links.iter().map(link).collect(),
+            run,
+        }
+    }
+
+    /// The report as indented JSON with a line break at the end. Numbers that are not finite become `null`.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        // Maps with text keys always serialise.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+
+    /// Seconds of all stages together.
+    #[must_use]
+    pub fn total_seconds(&self) -> f64 {
+        self.run.stages.iter().map(|s| s.seconds).sum()
+    }
+}
+
+fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointReport {
+    let none = vec![0.0; model.joints.len()];
+    let first = model.states.first().unwrap_or(&none);
+    let last = model.states.last().unwrap_or(&none);
+    let world_from_joint = model.world_from_link(joint.parent, first) * joint.parent_from_joint;
+    let axis = world_from_joint.rotation * joint.axis.into_inner();
+    let unit = unit(joint.kind);
+    let quantity = |value: f64| Quantity { value: round_significant(value, DIGITS), unit: unit.to_owned() };
+    let e = &joint.evidence;
+    let deviation = deviations(joint, &axis);
+    let l = &joint.limit;
+    JointReport {
+        name: joint.name.clone(),
+        kind: match joint.kind {
+            JointKind::Revolute => "revolute".into(),
+            JointKind::Prismatic => "prismatic".into(),
+        },
+        parent: model.links[joint.parent].name.clone(),
+        child: model.links[joint.child].name.clone(),
+        axis: round3(axis.into()),
+        origin: round3(world_from_joint.translation.vector.into()),
+        motion: quantity(last[index] - first[index]),
+        limit: LimitReport {
+            lower: round_significant(l.lower, 12),
+            upper: round_significant(l.upper, 12),
+            effort: l.effort,
+            velocity: l.velocity,
+            source: match l.source {
+                LimitSource::Observed => "observed".into(),
+            },
+        },
+        axis_std_deg: round_significant(deviation.axis_rad.to_degrees(), 4),
+        origin_std_mm: round_significant(1000.0 * deviation.origin_m, 4),
+        motion_std: Quantity { value: round_significant(deviation.motion, 4), unit: unit.to_owned() },
+        covariance: e.covariance.row_iter().map(|r| std::array::from_fn(|k| round_significant(r[k], DIGITS))).collect(),
+        inliers: e.inliers,
+        tried: e.tried,
+        residual_rms_mm: round_significant(1000.0 * e.residual_rms_m, 4),
+        type_scores: e.type_scores.iter().map(|(k, v)| (k.clone(), round_significant(*v, DIGITS))).collect(),
+        cautions: e.cautions.clone(),
+    }
+}
+
+/// Root mean square deviations of a joint by its covariance.
+struct Deviations {
+    axis_rad: f64,
+    origin_m: f64,
+    motion: f64,
+}
+
+/// Of the direction and of the point only what lies across the axis counts: along it a direction has no freedom and a
+/// line no place.
+fn deviations(joint: &Joint, axis: &Vector3<f64>) -> Deviations {
+    let c = &joint.evidence.covariance;
+    let across = Matrix3::identity() - axis * axis.transpose();
+    let rms = |block: Matrix3<f64>| (across * block * across).trace().max(0.0).sqrt();
+    let block = |k: usize| -> Matrix3<f64> { c.fixed_view::<3, 3>(k, k).into() };
+    Deviations { axis_rad: rms(block(0)), origin_m: rms(block(3)), motion: c[(6, 6)].max(0.0).sqrt() }
+}
+
+/// Unit of a joint's positions.
+fn unit(kind: JointKind) -> &'static str {
+    match kind {
+        JointKind::Revolute => "rad",
+        JointKind::Prismatic => "m",
+    }
+}
+
+fn round3(v: [f64; 3]) -> [f64; 3] {
+    // Positions and directions: noise below a picometre says nothing.
+    v.map(|x| (x * 1e12).round() * 1e-12 + 0.0).map(|x| round_significant(x, DIGITS))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{export::start::compare_start, geometry::Pose, model::example::cabinet};
+
+    fn facts() -> RunFacts {
+        RunFacts {
+            input: InputFacts { paths: vec!["bags/cabinet".into()], frames: vec![30, 28] },
+            stages: vec![StageTime { name: "field/state0".into(), seconds: 12.5 }, StageTime { name: "articulate".into(), seconds: 7.5 }],
+            seed: 7,
+            warnings: vec!["2 frames had no pose".into()],
+            ..RunFacts::default()
+        }
+    }
+
+    #[test]
+    fn json_holds_what_an_evaluation_reads() {
+        let report = Report::new(&cabinet(), facts());
+        let json: serde_json::Value = serde_json::from_str(&report.to_json()).unwrap();
+        assert_eq!(json["states"][1]["joints"]["door_hinge"], 1.25);
+        assert_eq!(json["states"][0]["joints"]["drawer_slide"], 0.18);
+        assert_eq!((&json["seed"], &json["input"]["frames"][1]), (&7.into(), &28.into()));
+        assert_eq!(json["joints"][0]["covariance"].as_array().map(Vec::len), Some(7));
+        assert_eq!(serde_json::from_value::<Report>(json).unwrap(), report);
+        assert!((report.total_seconds() - 20.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn joints_are_told_in_the_world_with_units() {
+        let mut model = cabinet();
+        let hinge = &mut model.joints[0];
+        hinge.evidence.covariance.fill(0.0);
+        let axis = hinge.parent_from_joint.rotation * Vector3::z();
+        // Noise along the axis must not count.
+        let block = Matrix3::identity() * 1e-6 + axis * axis.transpose() * 1e-2;
+        hinge.evidence.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&block);
+        hinge.evidence.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&block);
+        hinge.evidence.covariance[(6, 6)] = 4e-6;
+        let report = Report::new(&model, facts());
+        let door = &report.joints[0];
+        assert!((door.axis_std_deg - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4, "{}", door.axis_std_deg);
+        assert!((door.origin_std_mm - 1.414).abs() < 1e-3);
+        assert_eq!((door.motion.value, door.motion.unit.as_str(), door.motion_std.value), (1.25, "rad", 0.002));
+        assert_eq!((report.joints[1].motion.value, report.joints[1].motion.unit.as_str()), (-0.18, "m"));
+        assert_eq!((door.parent.as_str(), door.child.as_str(), door.kind.as_str()), ("body", "door", "revolute"));
+        assert!((Vector3::from(door.axis) - axis).norm() < 1e-9 && door.origin == [0.2, -0.25, 0.3]);
+    }
+
+    #[test]
+    fn a_chain_has_its_axes_where_they_stand_in_state_0() {
+        let mut model = cabinet();
+        model.joints[1].parent = 1;
+        model.states[0][0] = 0.5;
+        let report = Report::new(&model, facts());
+        let world_from_door = model.world_from_link(1, &model.states[0]);
+        let expected = world_from_door * model.joints[1].parent_from_joint * nalgebra::Point3::origin();
+        assert!((Vector3::from(report.joints[1].origin) - expected.coords).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_start_is_compared_with_the_end() {
+        let model = cabinet();
+        let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
+        let same = compare_start(&model, "registration", &[end(1), end(2)]);
+        assert!(same.iter().all(|m| m.rotation_deg < 1e-6 && m.displacement_mm < 1e-6), "{same:?}");
+        let off = compare_start(&model, "identity", &[Pose::identity(), Pose::identity()]);
+        assert!((off[0].rotation_deg - 1.25f64.to_degrees()).abs() < 1e-9 && off[0].joint == "door_hinge");
+        assert!((off[1].displacement_mm - 180.0).abs() < 1e-9 && off[1].source == "identity");
+    }
+}

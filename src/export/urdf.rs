@@ -1,0 +1,229 @@
+//! URDF text of an articulated model.
+//!
+//! Written by hand because URDF libraries drop the `<mujoco>` element, without which MuJoCo drops the visual meshes,
+//! strips their folder and fuses the root link away.
+
+use std::fmt::Write as _;
+
+use nalgebra::UnitQuaternion;
+
+use super::{
+    number::{decimal, significant},
+    obj::mean_color,
+};
+use crate::{
+    geometry::Pose,
+    model::{ArticulatedModel, Joint, JointKind, Link},
+};
+
+/// Digits after the point of lengths, angles and axes.
+const PLACES: usize = 12;
+/// Significant digits of masses, inertias and limits.
+const DIGITS: usize = 9;
+/// Cosine of the pitch below which yaw is not defined.
+const GIMBAL_LOCK: f64 = 1e-10;
+/// Read by MuJoCo, ignored by every other importer.
+const MUJOCO: &str = r#"  <mujoco>
+    <compiler meshdir="." strippath="false" discardvisual="false" fusestatic="false" balanceinertia="true"/>
+  </mujoco>
+"#;
+
+/// URDF text of a model whose links have no collision meshes. Mesh paths are relative to the URDF's folder:
+/// `meshes/visual/<link>.obj`. The model must be without findings ([`crate::model::validate`]).
+#[must_use]
+pub fn urdf(model: &ArticulatedModel) -> String {
+    urdf_with_collision(model, &[])
+}
+
+/// URDF text of a model with the relative paths of each link's convex collision meshes, in the order of the links; a
+/// link beyond the end of `collision` has none.
+#[must_use]
+pub fn urdf_with_collision(model: &ArticulatedModel, collision: &[Vec<String>]) -> String {
+    let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\">\n", escape(&model.name));
+    for (i, link) in model.links.iter().enumerate() {
+        push_link(&mut text, link, collision.get(i).map_or(&[], Vec::as_slice));
+    }
+    for joint in &model.joints {
+        push_joint(&mut text, joint, &model.links);
+    }
+    text.push_str(MUJOCO);
+    text.push_str("</robot>\n");
+    text
+}
+
+/// Path of a link's visual mesh, relative to the URDF's folder.
+#[must_use]
+pub fn visual_path(link: &Link) -> String {
+    format!("meshes/visual/{}.obj", link.name)
+}
+
+/// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
+///
+/// The pitch comes from a tangent and the roll from what yaw leaves over, so that the angles give the rotation back to
+/// rounding also near a pitch of a right angle. At it only a sum of roll and yaw is defined: yaw is 0 there.
+#[must_use]
+pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
+    let r = rotation.to_rotation_matrix();
+    let level = r[(0, 0)].hypot(r[(1, 0)]);
+    let yaw = if level < GIMBAL_LOCK { 0.0 } else { r[(1, 0)].atan2(r[(0, 0)]) };
+    let pitch = (-r[(2, 0)]).atan2(level);
+    let (s, c) = yaw.sin_cos();
+    let roll = (s * r[(0, 2)] - c * r[(1, 2)]).atan2(c * r[(1, 1)] - s * r[(0, 1)]);
+    [roll, pitch, yaw]
+}
+
+fn push_link(text: &mut String, link: &Link, collision: &[String]) {
+    let name = escape(&link.name);
+    let mass = &link.inertial;
+    let i = &mass.inertia;
+    let com = triple(mass.center_of_mass.coords.as_ref());
+    // Writing to a string cannot fail, here and below.
+    writeln!(text, "  <link name=\"{name}\">").ok();
+    writeln!(text, "    <inertial>\n      <origin xyz=\"{com}\" rpy=\"0 0 0\"/>\n      <mass value=\"{}\"/>", short(mass.mass_kg)).ok();
+    writeln!(
+        text,
+        "      <inertia ixx=\"{}\" ixy=\"{}\" ixz=\"{}\" iyy=\"{}\" iyz=\"{}\" izz=\"{}\"/>\n    </inertial>",
+        short(i[(0, 0)]),
+        short(i[(0, 1)]),
+        short(i[(0, 2)]),
+        short(i[(1, 1)]),
+        short(i[(1, 2)]),
+        short(i[(2, 2)])
+    )
+    .ok();
+    if !link.visual.is_empty() {
+        writeln!(text, "    <visual name=\"{name}_visual\">").ok();
+        push_mesh(text, &visual_path(link));
+        if let Some([r, g, b]) = mean_color(&link.visual) {
+            let [r, g, b] = [r, g, b].map(|c| decimal(c, 4));
+            writeln!(text, "      <material name=\"{name}_color\">\n        <color rgba=\"{r} {g} {b} 1\"/>\n      </material>").ok();
+        }
+        text.push_str("    </visual>\n");
+    }
+    for (k, path) in collision.iter().enumerate() {
+        writeln!(text, "    <collision name=\"{name}_collision_{k}\">").ok();
+        push_mesh(text, path);
+        text.push_str("    </collision>\n");
+    }
+    text.push_str("  </link>\n");
+}
+
+fn push_mesh(text: &mut String, path: &str) {
+    let path = escape(path);
+    writeln!(text, "      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>\n      <geometry>\n        <mesh filename=\"{path}\"/>\n      </geometry>")
+        .ok();
+}
+
+fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
+    let kind = match joint.kind {
+        JointKind::Revolute => "revolute",
+        JointKind::Prismatic => "prismatic",
+    };
+    let (xyz, rpy) = origin(&joint.parent_from_joint);
+    writeln!(text, "  <joint name=\"{}\" type=\"{kind}\">", escape(&joint.name)).ok();
+    writeln!(text, "    <origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>").ok();
+    writeln!(text, "    <parent link=\"{}\"/>", escape(&links[joint.parent].name)).ok();
+    writeln!(text, "    <child link=\"{}\"/>", escape(&links[joint.child].name)).ok();
+    writeln!(text, "    <axis xyz=\"{}\"/>", triple(joint.axis.as_ref().as_ref())).ok();
+    let l = &joint.limit;
+    writeln!(
+        text,
+        "    <limit lower=\"{}\" upper=\"{}\" effort=\"{}\" velocity=\"{}\"/>\n  </joint>",
+        decimal(l.lower, PLACES),
+        decimal(l.upper, PLACES),
+        short(l.effort),
+        short(l.velocity)
+    )
+    .ok();
+}
+
+/// `xyz` and `rpy` of a pose.
+fn origin(target_from_source: &Pose) -> (String, String) {
+    (triple(target_from_source.translation.vector.as_ref()), triple(&roll_pitch_yaw(&target_from_source.rotation)))
+}
+
+fn triple(v: &[f64; 3]) -> String {
+    v.map(|x| decimal(x, PLACES)).join(" ")
+}
+
+fn short(x: f64) -> String {
+    significant(x, DIGITS)
+}
+
+/// Text safe inside an XML attribute or element.
+#[must_use]
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;").replace('\'', "&#39;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::cabinet;
+    use nalgebra::{Translation3, Unit, Vector3};
+    use proptest::prelude::*;
+
+    /// What a reader of the file gets back from roll, pitch, yaw and xyz.
+    fn read_back(pose: &urdf_rs::Pose) -> Pose {
+        Pose::from_parts(Translation3::from(pose.xyz.0), UnitQuaternion::from_euler_angles(pose.rpy[0], pose.rpy[1], pose.rpy[2]))
+    }
+
+    fn check(rotation: &UnitQuaternion<f64>) {
+        let [r, p, y] = roll_pitch_yaw(rotation).map(|x| decimal(x, PLACES).parse::<f64>().unwrap());
+        let back = UnitQuaternion::from_euler_angles(r, p, y);
+        let error = (back.to_rotation_matrix().matrix() - rotation.to_rotation_matrix().matrix()).norm();
+        assert!(error < 1e-9, "{r} {p} {y}: {error}");
+    }
+
+    proptest! {
+        #[test]
+        fn any_rotation_survives_the_text(v in prop::array::uniform3(-4.0..4.0f64)) {
+            check(&UnitQuaternion::from_scaled_axis(Vector3::from(v)));
+        }
+
+        #[test]
+        fn so_does_one_near_the_gimbal_lock(roll in -3.2..3.2f64, yaw in -3.2..3.2f64, power in 3.0..18.0f64, up: bool) {
+            let pitch = (std::f64::consts::FRAC_PI_2 - 10f64.powf(-power)) * if up { 1.0 } else { -1.0 };
+            check(&UnitQuaternion::from_euler_angles(roll, pitch, yaw));
+        }
+    }
+
+    #[test]
+    fn text_is_the_golden_one() {
+        let text = urdf(&cabinet());
+        assert_eq!(text, urdf(&cabinet()));
+        assert_eq!(text, include_str!("../../tests/golden/cabinet.urdf"), "{text}");
+    }
+
+    #[test]
+    fn reads_back_as_the_model() {
+        let model = cabinet();
+        let collision = vec![vec!["meshes/collision/body_0.obj".to_owned(), "meshes/collision/body_1.obj".to_owned()]];
+        let robot = urdf_rs::read_from_string(&urdf_with_collision(&model, &collision)).unwrap();
+        assert_eq!((robot.name.as_str(), robot.links.len(), robot.joints.len()), ("cabinet", 3, 2));
+        assert_eq!((robot.links[0].collision.len(), robot.links[1].collision.len()), (2, 0));
+        for (read, link) in robot.links.iter().zip(&model.links) {
+            assert_eq!(read.name, link.name);
+            assert!((read.inertial.mass.value - link.inertial.mass_kg).abs() < 1e-9);
+            assert!((read.inertial.inertia.izz / link.inertial.inertia[(2, 2)] - 1.0).abs() < 1e-8);
+            assert!(matches!(&read.visual[0].geometry, urdf_rs::Geometry::Mesh { filename, .. } if *filename == visual_path(link)));
+        }
+        for (read, joint) in robot.joints.iter().zip(&model.joints) {
+            let revolute = read.joint_type == urdf_rs::JointType::Revolute;
+            assert_eq!(revolute, joint.kind == JointKind::Revolute);
+            let off = read_back(&read.origin).inverse() * joint.parent_from_joint;
+            assert!(off.translation.vector.norm() < 1e-11 && off.rotation.angle() < 1e-9);
+            assert!((Unit::new_normalize(Vector3::from(read.axis.xyz.0)).into_inner() - joint.axis.into_inner()).norm() < 1e-11);
+            let l = &read.limit;
+            assert_eq!([l.lower, l.upper, l.effort, l.velocity], [joint.limit.lower, joint.limit.upper, 50.0, 2.0]);
+        }
+    }
+
+    #[test]
+    fn markup_in_a_name_is_escaped() {
+        let mut model = cabinet();
+        model.links[1].name = "a<b&\"c\"'>".into();
+        let robot = urdf_rs::read_from_string(&urdf(&model)).unwrap();
+        assert_eq!(robot.links[1].name, model.links[1].name);
+    }
+}

@@ -1,0 +1,280 @@
+//! The field engine on burn: any device, gradients by automatic differentiation.
+//!
+//! Slower than the engine of the CPU on a CPU; it exists for GPUs, and as a second opinion on gradients.
+
+use std::sync::Mutex;
+
+use burn::tensor::{Device, Tensor};
+
+use super::burn_batch::pieces;
+use super::burn_device::{EngineError, guarded};
+use super::burn_model::{FieldShape, losses, upload};
+use super::{ADAM_BETAS, ADAM_EPSILON, EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, GEOMETRY_OUTPUTS, SampleBatch};
+use super::{Layer, VIEW_COEFFICIENTS};
+
+/// Trains a field on a burn device.
+///
+/// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they do not.
+/// When the device fails in [`FieldEngine::step`] or [`FieldEngine::gradient`], the losses are NaN from then on,
+/// [`Self::failure`] says why, and [`FieldEngine::state`] is the last state that was read: another engine can go on
+/// from its `steps`.
+pub struct BurnEngine {
+    device: Device,
+    shape: FieldShape,
+    /// One tensor per level and two per layer, on the device without autodiff; as are the moments.
+    params: Vec<Tensor<1>>,
+    first: Vec<Tensor<1>>,
+    second: Vec<Tensor<1>>,
+    steps: u64,
+    failure: Option<EngineError>,
+    last_read: Mutex<EngineState>,
+}
+
+impl BurnEngine {
+    /// Fresh moments on a device.
+    ///
+    /// # Errors
+    /// [`EngineError::Shape`] if the parameters do not fit together, [`EngineError::Failed`] if the device fails.
+    pub fn new(params: FieldParams, device: Device) -> Result<Self, EngineError> {
+        let n = params.parameters();
+        Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, device)
+    }
+
+    /// Continues from a checkpoint, of this engine or another, on a device.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn resume(state: EngineState, device: Device) -> Result<Self, EngineError> {
+        check_shape(&state)?;
+        guarded("received the parameters", || {
+            let device = device.without_autodiff();
+            let shape = FieldShape::of(&state.params);
+            let params = upload(&shape, &state.params.flatten(), &device);
+            let first = upload(&shape, &state.first, &device);
+            let second = upload(&shape, &state.second, &device);
+            let steps = state.steps;
+            let engine = Self { device, shape, params, first, second, steps, failure: None, last_read: Mutex::new(state) };
+            engine.device.sync().map_err(|e| failed("received the parameters", e))?;
+            Ok(engine)
+        })
+    }
+
+    /// Continues from a checkpoint on burn's CPU device.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn flex(state: EngineState) -> Result<Self, EngineError> {
+        Self::resume(state, Device::flex())
+    }
+
+    /// Continues from a checkpoint on the best GPU, after a short trial of the device. Environment variable
+    /// `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) chooses another adapter.
+    ///
+    /// # Errors
+    /// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Unavailable`] without a usable adapter,
+    /// and those of [`Self::new`].
+    #[cfg(feature = "gpu")]
+    pub fn wgpu(state: EngineState) -> Result<Self, EngineError> {
+        let mut engine = Self::resume(state, super::burn_device::wgpu_device()?)?;
+        engine.try_gradient(&trial_batch()).map(|_| engine)
+    }
+
+    /// Continues from a checkpoint on the best GPU: this binary has no GPU support.
+    ///
+    /// # Errors
+    /// Always [`EngineError::NotBuilt`].
+    #[cfg(not(feature = "gpu"))]
+    pub fn wgpu(_state: EngineState) -> Result<Self, EngineError> {
+        Err(EngineError::NotBuilt)
+    }
+
+    /// Why the engine stopped working, if it did.
+    #[must_use]
+    pub fn failure(&self) -> Option<&EngineError> {
+        self.failure.as_ref()
+    }
+
+    /// As [`FieldEngine::step`].
+    ///
+    /// # Errors
+    /// [`EngineError::Failed`]; the engine is of no use afterwards.
+    pub fn try_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> Result<FieldLosses, EngineError> {
+        guarded("took a training step", || {
+            let (losses, gradients) = self.differentiate(batch)?;
+            self.steps += 1;
+            let update = AdamUpdate::new(self.steps, learning_rate);
+            for (k, gradient) in gradients.into_iter().enumerate() {
+                (self.params[k], self.first[k], self.second[k]) =
+                    update.apply(self.params[k].clone(), self.first[k].clone(), self.second[k].clone(), gradient);
+            }
+            Ok(losses)
+        })
+    }
+
+    /// As [`FieldEngine::gradient`].
+    ///
+    /// # Errors
+    /// [`EngineError::Failed`].
+    pub fn try_gradient(&mut self, batch: &SampleBatch) -> Result<(FieldLosses, Vec<f32>), EngineError> {
+        guarded("computed a gradient", || {
+            let (losses, gradients) = self.differentiate(batch)?;
+            Ok((losses, read(&gradients)?))
+        })
+    }
+
+    /// As [`FieldEngine::state`].
+    ///
+    /// # Errors
+    /// [`EngineError::Failed`].
+    pub fn try_state(&self) -> Result<EngineState, EngineError> {
+        guarded("returned the parameters", || {
+            let (first, second) = (read(&self.first)?, read(&self.second)?);
+            let flat = read(&self.params)?;
+            let mut last = self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            last.params.assign(&flat);
+            (last.first, last.second, last.steps) = (first, second, self.steps);
+            Ok(last.clone())
+        })
+    }
+
+    /// Losses and their gradient by every parameter tensor.
+    fn differentiate(&self, batch: &SampleBatch) -> Result<(FieldLosses, Vec<Tensor<1>>), EngineError> {
+        let mut sums = FieldLosses::default();
+        let mut gradients: Vec<Option<Tensor<1>>> = vec![None; self.params.len()];
+        for piece in pieces(batch) {
+            let params: Vec<Tensor<1>> = self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
+            let (sdf, color) = losses(&self.shape, &params, batch, &piece);
+            let mut backward = (sdf.clone() + color.clone()).backward();
+            let values =
+                Tensor::cat(vec![sdf, color], 0).without_autodiff().try_into_vec_as::<f32>().map_err(|e| failed("read the losses", e))?;
+            sums.sdf += f64::from(values[0]);
+            sums.color += f64::from(values[1]);
+            for (sum, param) in gradients.iter_mut().zip(&params) {
+                if let Some(g) = param.grad_remove(&mut backward) {
+                    *sum = Some(sum.take().map_or(g.clone(), |s| s + g));
+                }
+            }
+        }
+        let filled = gradients.into_iter().zip(&self.params).map(|(g, p)| g.unwrap_or_else(|| p.zeros_like()));
+        Ok((sums, filled.collect()))
+    }
+
+    /// Losses of a failed engine.
+    fn fail(&mut self, error: EngineError) -> FieldLosses {
+        self.failure.get_or_insert(error);
+        FieldLosses { sdf: f64::NAN, color: f64::NAN }
+    }
+}
+
+impl FieldEngine for BurnEngine {
+    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
+        match self.failure.clone().map_or_else(|| self.try_step(batch, learning_rate), Err) {
+            Ok(losses) => losses,
+            Err(error) => self.fail(error),
+        }
+    }
+
+    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
+        match self.failure.clone().map_or_else(|| self.try_gradient(batch), Err) {
+            Ok(result) => result,
+            Err(error) => (self.fail(error), vec![f32::NAN; self.params.iter().map(|p| p.dims()[0]).sum()]),
+        }
+    }
+
+    fn state(&self) -> EngineState {
+        let last = || self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
+        if self.failure.is_some() { last() } else { self.try_state().unwrap_or_else(|_| last()) }
+    }
+}
+
+/// One step of Adam (Kingma and Ba 2015, algorithm 1), with the constants of `engine.rs`.
+struct AdamUpdate {
+    /// `learning_rate / (1 - beta1^t)`.
+    rate: f32,
+    /// `1 / sqrt(1 - beta2^t)`.
+    root_scale: f32,
+}
+
+impl AdamUpdate {
+    /// For step `t`, counted from 1.
+    fn new(t: u64, learning_rate: f32) -> Self {
+        let unbiased = |beta: f32| 1.0 - f64::from(beta).powf(t as f64);
+        Self { rate: (f64::from(learning_rate) / unbiased(ADAM_BETAS.0)) as f32, root_scale: (1.0 / unbiased(ADAM_BETAS.1).sqrt()) as f32 }
+    }
+
+    /// The parameter and its moments after the step.
+    fn apply(&self, param: Tensor<1>, first: Tensor<1>, second: Tensor<1>, gradient: Tensor<1>) -> (Tensor<1>, Tensor<1>, Tensor<1>) {
+        let (b1, b2) = ADAM_BETAS;
+        let first = first * b1 + gradient.clone() * (1.0 - b1);
+        let second = second * b2 + gradient.square() * (1.0 - b2);
+        let root = second.clone().sqrt() * self.root_scale + ADAM_EPSILON;
+        (param - first.clone() * self.rate / root, first, second)
+    }
+}
+
+/// Values of tensors, one after another.
+fn read(tensors: &[Tensor<1>]) -> Result<Vec<f32>, EngineError> {
+    let mut all = Vec::new();
+    for t in tensors {
+        all.extend(t.try_to_vec_as::<f32>().map_err(|e| failed("was read", e))?);
+    }
+    Ok(all)
+}
+
+fn failed(doing: &'static str, error: impl std::fmt::Display) -> EngineError {
+    EngineError::Failed { doing, message: error.to_string() }
+}
+
+/// Checks what the tensors rely on: contiguous levels, hashed levels of 2^k entries, layers that fit each other, moments
+/// of the parameters' number.
+fn check_shape(state: &EngineState) -> Result<(), EngineError> {
+    let params = &state.params;
+    let err = |text: String| Err(EngineError::Shape(text));
+    let mut offset = 0;
+    for (k, l) in params.levels.iter().enumerate() {
+        let addressable = if l.hashed { l.entries.is_power_of_two() } else { l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries) };
+        if l.offset != offset || !addressable || l.entries > 1 << 29 {
+            return err(format!("level {k} is {l:?}"));
+        }
+        offset += l.entries * FEATURES;
+    }
+    if params.levels.is_empty() || params.table.len() != offset {
+        return err(format!("the table holds {} floats, its levels ask for {offset}", params.table.len()));
+    }
+    let inputs = [FEATURES * params.levels.len(), VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS - 1];
+    for ((name, layers), (inputs, outputs)) in
+        [("geometry", &params.geometry), ("color", &params.color)].into_iter().zip(inputs.into_iter().zip([GEOMETRY_OUTPUTS, 3]))
+    {
+        let mut width = inputs;
+        for Layer { inputs, outputs, weights, biases } in layers {
+            if *inputs != width || weights.len() != inputs * outputs || biases.len() != *outputs {
+                return err(format!("a {name} layer is {inputs} to {outputs} with {} weights, {width} inputs expected", weights.len()));
+            }
+            width = *outputs;
+        }
+        if layers.is_empty() || width != outputs {
+            return err(format!("the {name} network ends with {width} outputs instead of {outputs}"));
+        }
+    }
+    let n = params.parameters();
+    if state.first.len() != n || state.second.len() != n {
+        return err(format!("{n} parameters with {} and {} moments", state.first.len(), state.second.len()));
+    }
+    Ok(())
+}
+
+/// One ray with every kind of loss, to try a device with.
+#[cfg(feature = "gpu")]
+fn trial_batch() -> SampleBatch {
+    use super::SdfTarget;
+    SampleBatch {
+        rays: 1,
+        samples_per_ray: 2,
+        points: vec![[0.25, 0.5, 0.75]; 2],
+        targets: vec![SdfTarget::Empty { weight: 1.0 }, SdfTarget::Surface { value: 0.1, weight: 1.0 }],
+        color_weights: vec![0.5; 2],
+        directions: vec![[0.0, 0.0, 1.0]],
+        colors: vec![[0.5; 3]],
+        ray_weights: vec![1.0],
+    }
+}

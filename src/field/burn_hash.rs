@@ -1,0 +1,69 @@
+//! Multi-resolution hash encoding in tensor operations (method.md 2.1).
+//!
+//! The table is read by `gather`, whose backward pass is an atomic `scatter`. `select` would be shorter, but its
+//! backward pass runs one thread per table column, which is slow on a GPU and wrong on drivers that cap loops.
+
+use burn::tensor::{Device, Int, Tensor, TensorData};
+
+use super::{FEATURES, LevelLayout};
+
+/// Multipliers of the spatial hash as 32-bit integers: 1, 2654435761 and 805459861. Only the low 32 bits of a product
+/// count, so signed arithmetic of 32 bits (GPUs) or 64 bits (the CPU backend) gives the same index.
+const HASH_PRIMES: [i32; 3] = [1, 2_654_435_761_u32 as i32, 805_459_861];
+
+/// Features `[points, 2 levels]` (column `2 level + feature`) at `points` `[points, 3]` of the unit cube.
+///
+/// `tables` holds one tensor `[2 entries]` per level. Differentiable by the tables, not by the points.
+pub(super) fn hash_encode(points: &Tensor<2>, tables: &[Tensor<1>], levels: &[LevelLayout]) -> Tensor<2> {
+    let upper = Corners::new(&points.device());
+    let features = tables.iter().zip(levels).map(|(table, level)| upper.features(points, table, level));
+    Tensor::cat(features.collect(), 1)
+}
+
+/// The constants 0 and 1 along the axes of the 8 corners of a cell, `[1, z 2, y 2, x 2]`.
+struct Corners {
+    offset: Tensor<1, Int>,
+    feature: Tensor<3, Int>,
+}
+
+impl Corners {
+    fn new(device: &Device) -> Self {
+        let offset = Tensor::<1, Int>::from_data(TensorData::from([0, 1]), device);
+        Self { feature: offset.clone().reshape([1, 1, FEATURES]), offset }
+    }
+
+    /// Interpolated features `[points, 2]` of one level.
+    fn features(&self, points: &Tensor<2>, table: &Tensor<1>, level: &LevelLayout) -> Tensor<2> {
+        let n = points.dims()[0];
+        let position = points.clone() * level.scale + 0.5;
+        let cell = position.clone().floor();
+        let fraction = position - cell.clone();
+        let cell = cell.int();
+
+        // The weight 1 - f of a lower corner and f of an upper one, and the node, along one axis.
+        let weight = |axis: usize, shape: [usize; 4]| {
+            let f = fraction.clone().narrow(1, axis, 1);
+            Tensor::cat(vec![f.clone().neg() + 1.0, f], 1).reshape(shape)
+        };
+        let node = |axis: usize, shape: [usize; 4]| (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape);
+        let (along_x, along_y, along_z) = ([n, 1, 1, 2], [n, 1, 2, 1], [n, 2, 1, 1]);
+        let weights = weight(0, along_x) * weight(1, along_y) * weight(2, along_z);
+        let (x, y, z) = (node(0, along_x), node(1, along_y), node(2, along_z));
+        let entry = if level.hashed {
+            let (y, z) = (y * HASH_PRIMES[1], z * HASH_PRIMES[2]);
+            // A hashed level has 2^k entries: the remainder is the low k bits.
+            broadcast_xor(broadcast_xor(x, y, [n, 1, 2, 2]), z, [n, 2, 2, 2]).bitwise_and_scalar(level.entries as i32 - 1)
+        } else {
+            let side = level.resolution as i32;
+            (z * side + y) * side + x
+        };
+        let floats = entry.reshape([n, 8, 1]) * FEATURES as i32 + self.feature.clone();
+        let corners = table.clone().gather(0, floats.reshape([n * 8 * FEATURES])).reshape([n, 8, FEATURES]);
+        (corners * weights.reshape([n, 8, 1])).sum_dim(1).reshape([n, FEATURES])
+    }
+}
+
+/// `a ^ b` after expansion of both to one shape.
+fn broadcast_xor(a: Tensor<4, Int>, b: Tensor<4, Int>, shape: [usize; 4]) -> Tensor<4, Int> {
+    a.expand(shape).bitwise_xor(b.expand(shape))
+}

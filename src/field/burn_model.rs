@@ -1,0 +1,107 @@
+//! The field as tensors: forward pass and losses of `SampleBatch`, differentiated by burn.
+
+use burn::tensor::{
+    Device, Tensor, TensorData,
+    activation::{relu, sigmoid},
+};
+
+use super::burn_batch::{BACKGROUND_TSDF, Piece};
+use super::burn_hash::hash_encode;
+use super::{FieldParams, GEOMETRY_OUTPUTS, LevelLayout, SampleBatch, VIEW_COEFFICIENTS, view_coefficients};
+
+/// What the parameter tensors mean.
+#[derive(Clone, Debug)]
+pub(super) struct FieldShape {
+    pub levels: Vec<LevelLayout>,
+    /// `[outputs, inputs]` of every layer, geometry then colour.
+    pub layers: Vec<[usize; 2]>,
+    pub geometry_layers: usize,
+}
+
+impl FieldShape {
+    pub fn of(params: &FieldParams) -> Self {
+        let layers = params.geometry.iter().chain(&params.color).map(|l| [l.outputs, l.inputs]);
+        Self { levels: params.levels.clone(), layers: layers.collect(), geometry_layers: params.geometry.len() }
+    }
+}
+
+/// Uploads one tensor per hash level, then weights and biases of every layer: their concatenation is the order of
+/// [`FieldParams::flatten`].
+pub(super) fn upload(shape: &FieldShape, flat: &[f32], device: &Device) -> Vec<Tensor<1>> {
+    let tables = shape.levels.iter().map(|l| l.entries * super::FEATURES);
+    let layers = shape.layers.iter().flat_map(|[outputs, inputs]| [outputs * inputs, *outputs]);
+    let mut rest = flat;
+    let tensors = tables.chain(layers).map(|len| {
+        let (head, tail) = rest.split_at(len);
+        rest = tail;
+        floats(head.to_vec(), [len], device)
+    });
+    tensors.collect()
+}
+
+/// Uploads floats.
+fn floats<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+/// Both loss terms `[1]` of one piece of a batch, divided by the counts of the whole batch.
+pub(super) fn losses(shape: &FieldShape, params: &[Tensor<1>], batch: &SampleBatch, piece: &Piece) -> (Tensor<1>, Tensor<1>) {
+    let device = params[0].device();
+    let n = piece.samples;
+    let (tables, layers) = params.split_at(shape.levels.len());
+    let (geometry, color) = layers.split_at(2 * shape.geometry_layers);
+    let (geometry_shape, color_shape) = shape.layers.split_at(shape.geometry_layers);
+
+    let points = floats(piece.points.clone(), [n, 3], &device);
+    let features = hash_encode(&points, tables, &shape.levels);
+    let outputs = network(features, geometry, geometry_shape);
+    let tsdf = outputs.clone().narrow(1, 0, 1);
+    let sdf = sdf_loss(&tsdf, &floats(piece.targets.clone(), [n, 4], &device)) / (batch.rays * batch.samples_per_ray) as f32;
+    let lit = piece.lit_rays.len() * piece.per_ray;
+    if lit == 0 {
+        return (sdf, Tensor::zeros([1], &device));
+    }
+    let appearance = outputs.narrow(0, 0, lit).narrow(1, 1, GEOMETRY_OUTPUTS - 1);
+    let inputs = Tensor::cat(vec![views(batch, piece, &device), appearance], 1);
+    let colors = sigmoid(network(inputs, color, color_shape));
+    (sdf, color_loss(colors, batch, piece) / (3 * batch.rays) as f32)
+}
+
+/// Layers with ReLU between them: `[points, inputs]` to `[points, outputs]`.
+fn network(mut x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
+    for (k, (pair, &[outputs, inputs])) in params.chunks_exact(2).zip(shapes).enumerate() {
+        if k > 0 {
+            x = relu(x);
+        }
+        x = x.matmul(pair[0].clone().reshape([outputs, inputs]).transpose()) + pair[1].clone().reshape([1, outputs]);
+    }
+    x
+}
+
+/// Sum of the weighted terms of `SdfTarget` over the samples: `tsdf` `[samples, 1]`, `targets` as in `Piece::targets`.
+fn sdf_loss(tsdf: &Tensor<2>, targets: &Tensor<2>) -> Tensor<1> {
+    let column = |k: usize| targets.clone().narrow(1, k, 1);
+    let empty = column(0) * relu(tsdf.clone().neg() + 1.0);
+    let surface = column(1) * (tsdf.clone() - column(2)).square();
+    let background = column(3) * relu(tsdf.clone().neg() + BACKGROUND_TSDF).square();
+    (empty + surface + background).sum()
+}
+
+/// Harmonics `[lit samples, 16]` of the rays' directions.
+fn views(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
+    let rays = piece.lit_rays.len();
+    let coefficients = piece.lit_rays.iter().flat_map(|&r| view_coefficients(batch.directions[r])).collect();
+    let per_ray = floats(coefficients, [rays, 1, VIEW_COEFFICIENTS], device);
+    per_ray.expand([rays, piece.per_ray, VIEW_COEFFICIENTS]).reshape([rays * piece.per_ray, VIEW_COEFFICIENTS])
+}
+
+/// Sum over the lit rays and channels of `ray_weight * (sum_i color_weight_i * color_i - observed)^2`.
+fn color_loss(colors: Tensor<2>, batch: &SampleBatch, piece: &Piece) -> Tensor<1> {
+    let device = colors.device();
+    let (rays, per_ray) = (piece.lit_rays.len(), piece.per_ray);
+    let weights = floats(piece.color_weights.clone(), [rays, per_ray, 1], &device);
+    let rendered = (colors.reshape([rays, per_ray, 3]) * weights).sum_dim(1).reshape([rays, 3]);
+    let observed = floats(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);
+    let ray_weights = floats(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);
+    ((rendered - observed).square() * ray_weights).sum()
+}

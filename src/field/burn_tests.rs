@@ -1,0 +1,306 @@
+//! The burn engine against the equations in double precision, against Adam as published, and across devices.
+
+use burn::tensor::Device;
+
+use super::reference::{Reference, batch, field, losses};
+use super::{
+    ADAM_BETAS, ADAM_EPSILON, BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldParams, SampleBatch,
+    SdfTarget,
+};
+
+/// One dense level and two hashed ones, 16 hidden units.
+fn small_field(seed: u64) -> FieldParams {
+    field(&FieldConfig { levels: 3, base_resolution: 3, finest_resolution: 12, log2_table_size: 8, hidden: 16 }, seed)
+}
+
+fn fresh(params: &FieldParams) -> EngineState {
+    let n = params.flatten().len();
+    EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
+}
+
+fn flex(state: EngineState) -> BurnEngine {
+    BurnEngine::flex(state).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// The batch with one kind of loss only.
+fn only(mut batch: SampleBatch, keep: fn(&SdfTarget) -> bool, color: bool) -> SampleBatch {
+    for (target, weight) in batch.targets.iter_mut().zip(&mut batch.color_weights) {
+        if !keep(target) {
+            *target = SdfTarget::Ignore;
+        }
+        if !color {
+            *weight = 0.0;
+        }
+    }
+    batch
+}
+
+/// The loss terms one by one and together; the number says how many of the 13 tensors (3 levels, 5 layers of
+/// weights and biases) have a gradient.
+fn cases() -> Vec<(&'static str, SampleBatch, usize)> {
+    let all = || batch(24, 10, 2);
+    vec![
+        ("empty", only(all(), |t| matches!(t, SdfTarget::Empty { .. }), false), 7),
+        ("surface", only(all(), |t| matches!(t, SdfTarget::Surface { .. }), false), 7),
+        ("background", only(all(), |t| matches!(t, SdfTarget::Background { .. }), false), 7),
+        ("color", only(all(), |_| false, true), 13),
+        ("all", all(), 13),
+    ]
+}
+
+/// Central difference of the total loss; `None` at a kink, where the one-sided differences disagree.
+fn numeric(reference: &mut Reference<'_>, batch: &SampleBatch, index: usize) -> Option<f64> {
+    let value = reference.flat[index];
+    let mut total = |delta: f64| {
+        reference.flat[index] = value + delta;
+        let (sdf, color) = losses(reference, batch);
+        sdf + color
+    };
+    let h = 1e-6;
+    let (up, down, zero) = (total(h), total(-h), total(0.0));
+    let (right, left) = ((up - zero) / h, (zero - down) / h);
+    ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
+}
+
+/// Compares losses and gradients of all cases with the reference.
+fn check_gradients(make: impl Fn(EngineState) -> BurnEngine) {
+    let params = small_field(1);
+    let mut engine = make(fresh(&params));
+    let mut sizes: Vec<usize> = params.levels.iter().map(|l| l.entries * 2).collect();
+    for l in params.geometry.iter().chain(&params.color) {
+        sizes.extend([l.weights.len(), l.biases.len()]);
+    }
+    for (name, batch, expected_tensors) in cases() {
+        let (loss, gradient) = engine.gradient(&batch);
+        let mut reference = Reference::new(&params);
+        let (sdf, color) = losses(&reference, &batch);
+        assert!(
+            (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
+            "{name}: {loss:?} {sdf} {color}"
+        );
+        assert_eq!(gradient.len(), reference.flat.len());
+        let (mut offset, mut moved) = (0, 0);
+        for (tensor, &size) in sizes.iter().enumerate() {
+            let largest = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
+            let mut compared = 0;
+            for k in 0..size.min(24) {
+                let index = offset + (k * 7919 + 13) % size;
+                let Some(expected) = numeric(&mut reference, &batch, index) else { continue };
+                let error = (f64::from(gradient[index]) - expected).abs();
+                let tolerance = 1e-4 * expected.abs() + 2e-5 * f64::from(largest) + 1e-9;
+                assert!(error < tolerance, "{name}: tensor {tensor} entry {}: {} but {expected}", index - offset, gradient[index]);
+                compared += usize::from(expected != 0.0);
+            }
+            assert!((largest > 0.0) == (compared > 0), "{name}: tensor {tensor}: {compared} compared, largest {largest}");
+            moved += usize::from(largest > 0.0);
+            offset += size;
+        }
+        assert_eq!(moved, expected_tensors, "{name}");
+    }
+}
+
+/// Adam as published, in double precision (Kingma and Ba 2015, algorithm 1).
+struct PlainAdam {
+    x: Vec<f64>,
+    m: Vec<f64>,
+    v: Vec<f64>,
+    t: i32,
+}
+
+impl PlainAdam {
+    fn step(&mut self, gradient: &[f32], rate: f64) {
+        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
+        self.t += 1;
+        for (i, &g) in gradient.iter().enumerate() {
+            let g = f64::from(g);
+            self.m[i] = b1 * self.m[i] + (1.0 - b1) * g;
+            self.v[i] = b2 * self.v[i] + (1.0 - b2) * g * g;
+            let (m, v) = (self.m[i] / (1.0 - b1.powi(self.t)), self.v[i] / (1.0 - b2.powi(self.t)));
+            self.x[i] -= rate * m / (v.sqrt() + f64::from(ADAM_EPSILON));
+        }
+    }
+}
+
+fn check_adam(make: impl Fn(EngineState) -> BurnEngine) {
+    let params = small_field(2);
+    let batch = batch(16, 8, 3);
+    let mut engine = make(fresh(&params));
+    let flat: Vec<f64> = params.flatten().into_iter().map(f64::from).collect();
+    let mut plain = PlainAdam { m: vec![0.0; flat.len()], v: vec![0.0; flat.len()], x: flat, t: 0 };
+    let mut previous = f64::INFINITY;
+    for k in 0..5u8 {
+        let rate = 0.01 / f32::from(k + 1);
+        let (before, gradient) = engine.gradient(&batch);
+        assert!(before.sdf + before.color < previous, "step {k}: the loss rises");
+        previous = before.sdf + before.color;
+        let losses = engine.step(&batch, rate);
+        assert!((losses.sdf - before.sdf).abs() < 1e-6 * before.sdf && (losses.color - before.color).abs() < 1e-6 * before.color);
+        plain.step(&gradient, f64::from(rate));
+    }
+    let state = engine.state();
+    assert_eq!(state.steps, 5);
+    let close = |name: &str, ours: &[f32], expected: &[f64], tolerance: f64| {
+        let worst = ours.iter().zip(expected).map(|(a, e)| (f64::from(*a) - e).abs()).fold(0.0, f64::max);
+        assert!(worst < tolerance, "{name}: {worst}");
+    };
+    let scale = plain.m.iter().fold(0.0f64, |a, m| a.max(m.abs()));
+    close("first moments", &state.first, &plain.m, 1e-5 * scale);
+    close("second moments", &state.second, &plain.v, 1e-5 * scale * scale);
+    close("parameters", &state.params.flatten(), &plain.x, 2e-5);
+    assert!(state.params != params);
+}
+
+#[test]
+fn gradients_agree_with_differences() {
+    check_gradients(flex);
+}
+
+#[test]
+fn steps_are_those_of_adam() {
+    check_adam(flex);
+}
+
+#[test]
+fn a_resumed_engine_goes_on_as_if_it_had_not_stopped() {
+    let params = small_field(4);
+    let batches: Vec<SampleBatch> = (0..6).map(|k| batch(12, 6, k)).collect();
+    let mut whole = BurnEngine::new(params.clone(), Device::flex()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(whole.state(), fresh(&params));
+    let mut parts = flex(fresh(&params));
+    for (k, b) in batches.iter().enumerate() {
+        if k == 3 {
+            parts = flex(parts.state());
+        }
+        assert_eq!(whole.step(b, 0.01), parts.step(b, 0.01));
+    }
+    assert_eq!(whole.state(), parts.state());
+}
+
+#[test]
+fn gradients_of_the_pieces_of_a_batch_add_up() {
+    let params = small_field(5);
+    let (rays, per_ray) = (3, 1 << 16);
+    let big = batch(rays, per_ray, 6);
+    let mut engine = flex(fresh(&params));
+    let (loss, gradient) = engine.gradient(&big);
+    let mut sum = vec![0.0f64; gradient.len()];
+    let (mut sdf, mut color) = (0.0, 0.0);
+    for ray in 0..rays {
+        let range = ray * per_ray..(ray + 1) * per_ray;
+        let one = SampleBatch {
+            rays: 1,
+            samples_per_ray: per_ray,
+            points: big.points[range.clone()].to_vec(),
+            targets: big.targets[range.clone()].to_vec(),
+            color_weights: big.color_weights[range].to_vec(),
+            directions: vec![big.directions[ray]],
+            colors: vec![big.colors[ray]],
+            ray_weights: vec![big.ray_weights[ray]],
+        };
+        let (l, g) = engine.gradient(&one);
+        (sdf, color) = (sdf + l.sdf / 3.0, color + l.color / 3.0);
+        sum.iter_mut().zip(g).for_each(|(s, g)| *s += f64::from(g) / 3.0);
+    }
+    assert!((loss.sdf - sdf).abs() < 1e-5 * sdf && (loss.color - color).abs() < 1e-5 * color, "{loss:?} {sdf} {color}");
+    let largest = sum.iter().fold(0.0f64, |a, g| a.max(g.abs()));
+    let worst = sum.iter().zip(&gradient).map(|(s, g)| (s - f64::from(*g)).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-4 * largest, "{worst} of {largest}");
+}
+
+#[test]
+fn a_batch_without_losses_moves_nothing() {
+    let params = small_field(6);
+    let mut engine = flex(fresh(&params));
+    let idle = only(batch(4, 4, 7), |_| false, false);
+    for b in [idle, SampleBatch::default()] {
+        let losses = engine.step(&b, 0.01);
+        assert_eq!((losses.sdf, losses.color), (0.0, 0.0));
+    }
+    assert_eq!(engine.state().params, params);
+}
+
+#[test]
+fn damaged_states_are_refused() {
+    let refused = |damage: fn(&mut EngineState)| {
+        let mut state = fresh(&small_field(7));
+        damage(&mut state);
+        match BurnEngine::flex(state) {
+            Err(EngineError::Shape(text)) => text,
+            Err(other) => panic!("{other}"),
+            Ok(_) => panic!("accepted"),
+        }
+    };
+    assert!(refused(|s| s.first.truncate(5)).contains("5 and"));
+    assert!(refused(|s| s.params.table.truncate(5)).contains("the table holds 5"));
+    assert!(refused(|s| s.params.levels[2].entries = 200).contains("level 2"));
+    assert!(refused(|s| s.params.levels[1].offset += 2).contains("level 1"));
+    assert!(refused(|s| s.params.levels[0].resolution += 1).contains("level 0"));
+    assert!(refused(|s| s.params.color[1].inputs = 3).contains("color layer"));
+    assert!(refused(|s| drop(s.params.color.pop())).contains("color network"));
+}
+
+#[test]
+fn a_failing_engine_keeps_its_last_state() {
+    let params = small_field(8);
+    let good = batch(4, 4, 7);
+    let mut engine = flex(fresh(&params));
+    engine.step(&good, 0.01);
+    let before = engine.state();
+    engine.step(&good, 0.01);
+    let mut broken = good.clone();
+    broken.directions.clear();
+    assert!(engine.step(&broken, 0.01).sdf.is_nan());
+    assert!(matches!(engine.failure(), Some(EngineError::Failed { doing: "took a training step", .. })));
+    assert!(engine.step(&good, 0.01).color.is_nan() && engine.gradient(&good).1[0].is_nan());
+    assert_eq!(engine.state(), before);
+}
+
+/// A checkpoint moves between the engines: they take the same steps up to rounding.
+#[test]
+fn the_engines_agree() {
+    let params = small_field(10);
+    let n = params.parameters();
+    let mut ours = flex(fresh(&params));
+    let mut cpu = CpuEngine::new(params);
+    for k in 0..8 {
+        let b = batch(20, 8, 20 + k);
+        if k == 4 {
+            let swapped = flex(cpu.state());
+            cpu = CpuEngine::resume(ours.state());
+            ours = swapped;
+        }
+        let ((la, ga), (lb, gb)) = (ours.gradient(&b), cpu.gradient(&b));
+        assert!((la.sdf - lb.sdf).abs() < 1e-3 * lb.sdf && (la.color - lb.color).abs() < 1e-3 * lb.color, "step {k}: {la:?} {lb:?}");
+        let largest = gb.iter().fold(0.0f32, |a, g| a.max(g.abs()));
+        let apart = ga.iter().zip(&gb).filter(|(a, b)| (*a - *b).abs() > 1e-3 * largest).count();
+        assert!(apart * 1000 < n, "step {k}: {apart} of {n} gradients differ");
+        ours.step(&b, 0.01);
+        cpu.step(&b, 0.01);
+    }
+    assert_eq!((ours.state().steps, cpu.state().steps), (8, 8));
+}
+
+#[cfg(not(feature = "gpu"))]
+#[test]
+fn a_build_without_gpu_says_so() {
+    assert_eq!(BurnEngine::wgpu(fresh(&small_field(9))).err(), Some(EngineError::NotBuilt));
+    assert_eq!(super::adapters(), Err(EngineError::NotBuilt));
+}
+
+/// The checks above on the default adapter; without one, the engine must say so and the rest is skipped.
+#[cfg(feature = "gpu")]
+#[test]
+fn the_gpu_agrees_with_the_equations() {
+    let wgpu = |s| BurnEngine::wgpu(s).unwrap_or_else(|e| panic!("{e}"));
+    eprintln!("adapters: {:?}", super::adapters());
+    match BurnEngine::wgpu(fresh(&small_field(9))) {
+        Err(error) => {
+            assert!(matches!(error, EngineError::Unavailable { .. } | EngineError::Failed { .. }), "{error}");
+            eprintln!("skipped: {error}");
+        }
+        Ok(_) => {
+            check_gradients(wgpu);
+            check_adam(wgpu);
+        }
+    }
+}

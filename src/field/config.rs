@@ -1,0 +1,202 @@
+//! How a field is trained, and what can be wrong with it.
+
+use serde::{Deserialize, Serialize};
+
+use super::FieldConfig;
+use crate::capture::NoiseConfig;
+use crate::geometry::SceneBox;
+
+/// Schedule, samples and loss weights of a field (method.md 2.3 to 2.6).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Shape of hash grid and networks.
+    pub field: FieldConfig,
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Rays a step.
+    pub rays: usize,
+    /// Samples of a ray that are spread over the occupied cells in front of the surface.
+    pub free_samples: usize,
+    /// Samples of a ray within the truncation of its surface.
+    pub band_samples: usize,
+    /// Share of the rays that pass the object by, where there are such rays.
+    pub background_share: f64,
+    /// How far off the object's mask such rays are taken, pixels.
+    pub background_ring_px: usize,
+    /// What rays that pass the object by ask of the TSDF.
+    pub background: BackgroundLoss,
+    /// Learning rate of the first step.
+    pub learning_rate: f64,
+    /// Factor that the learning rate has reached at the last step.
+    pub learning_rate_decay: f64,
+    /// Weight of the empty-space term.
+    pub empty_weight: f64,
+    /// Weight of the surface term, per squared length in the normalised cube (whose half side is 1).
+    pub surface_weight: f64,
+    /// Weight of the colour term.
+    pub color_weight: f64,
+    /// Share of the rays on the object that have a colour term.
+    pub color_share: f64,
+    /// Sharpness of the bell of colour weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
+    pub color_sharpness: f64,
+    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`].
+    pub truncation_m: Option<f64>,
+    /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where nothing was
+    /// observed, the field stays near it.
+    pub initial_tsdf: f64,
+    /// Which distance the surface term asks for.
+    pub distance: SurfaceDistance,
+    /// Whether surface terms lose weight with depth behind the surface, so that both sides of a thin wall survive.
+    pub behind_falloff: bool,
+    /// Whether surface terms are weighted by the expected noise and the pixel's weight.
+    pub noise_weights: bool,
+    /// Residuals beyond this many standard deviations lose their weight in the last part of the training; 0 = never.
+    pub outlier_sigmas: f64,
+    /// Share of the steps after which outliers are looked for.
+    pub outlier_from: f64,
+    /// Depth noise.
+    pub noise: NoiseConfig,
+}
+
+/// What rays that pass the object by ask of the TSDF.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BackgroundLoss {
+    /// Nothing: such rays are not sampled.
+    Off,
+    /// The empty-space term: 1 everywhere (the paper, read with an infinite depth).
+    Empty,
+    /// Not negative: weight 100, as the released code has it. Other than `Empty` it does not contradict surfaces that
+    /// the ray passes closely.
+    NonNegative,
+}
+
+/// Which distance the surface term asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceDistance {
+    /// Along the optical axis (the released code).
+    Depth,
+    /// Along the ray (the paper).
+    Ray,
+    /// To the plane of the observed surface, which is nearer to the true distance on surfaces seen at an angle.
+    Plane,
+}
+
+/// Weight of the released code's term on rays that hit nothing.
+pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            field: FieldConfig::default(),
+            steps: 500,
+            rays: 2048,
+            free_samples: 8,
+            band_samples: 8,
+            background_share: 0.2,
+            background_ring_px: 30,
+            background: BackgroundLoss::NonNegative,
+            learning_rate: 0.01,
+            learning_rate_decay: 0.1,
+            empty_weight: 1.0,
+            surface_weight: 6000.0,
+            color_weight: 10.0,
+            color_share: 1.0,
+            color_sharpness: 5.0,
+            truncation_m: None,
+            initial_tsdf: -1.0,
+            distance: SurfaceDistance::Ray,
+            behind_falloff: true,
+            noise_weights: true,
+            outlier_sigmas: 4.0,
+            outlier_from: 0.5,
+            noise: NoiseConfig::default(),
+        }
+    }
+}
+
+impl TrainConfig {
+    /// The truncation in metres: the configured one, else the larger of 2 % of the object's longest side and four
+    /// times the expected noise at the median depth. (The published 3 cm suit objects of 1 to 2 m.)
+    #[must_use]
+    pub fn derived_truncation_m(&self, scene: &SceneBox, median_depth_m: f64) -> f64 {
+        self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * self.noise.sigma_m(median_depth_m)))
+    }
+
+    /// Refuses values that cannot be trained with.
+    ///
+    /// # Errors
+    /// [`FieldError::Config`] with the key and its range.
+    pub fn validate(&self) -> Result<(), FieldError> {
+        let f = &self.field;
+        let within = |key, value: f64, low: f64, high: f64| {
+            if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
+        };
+        within("field.levels", f.levels as f64, 1.0, 32.0)?;
+        within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
+        within("field.finest_resolution", f.finest_resolution as f64, f.base_resolution as f64, 65536.0)?;
+        within("field.log2_table_size", f64::from(f.log2_table_size), 8.0, 24.0)?;
+        within("field.hidden", f.hidden as f64, 4.0, 256.0)?;
+        within("steps", self.steps as f64, 1.0, 1e7)?;
+        within("rays", self.rays as f64, 1.0, 1e6)?;
+        within("free_samples", self.free_samples as f64, 0.0, 1024.0)?;
+        within("band_samples", self.band_samples as f64, 1.0, 1024.0)?;
+        within("background_share", self.background_share, 0.0, 0.9)?;
+        within("background_ring_px", self.background_ring_px as f64, 0.0, 10_000.0)?;
+        within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
+        within("learning_rate_decay", self.learning_rate_decay, 1e-6, 1.0)?;
+        within("empty_weight", self.empty_weight, 0.0, 1e6)?;
+        within("surface_weight", self.surface_weight, 0.0, 1e9)?;
+        within("color_weight", self.color_weight, 0.0, 1e6)?;
+        within("color_share", self.color_share, 0.0, 1.0)?;
+        within("color_sharpness", self.color_sharpness, 0.1, 100.0)?;
+        within("initial_tsdf", self.initial_tsdf, -10.0, 10.0)?;
+        within("outlier_sigmas", self.outlier_sigmas, 0.0, 1e3)?;
+        within("outlier_from", self.outlier_from, 0.0, 1.0)?;
+        self.truncation_m.map_or(Ok(()), |t| within("truncation_m", t, 1e-5, 1e3))
+    }
+}
+
+/// Why a field cannot be trained.
+#[derive(Debug, thiserror::Error)]
+pub enum FieldError {
+    /// A configured value is out of range.
+    #[error("field: {key} is {value}; it must be between {low} and {high}")]
+    Config {
+        /// Key in the configuration.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Smallest allowed.
+        low: f64,
+        /// Largest allowed.
+        high: f64,
+    },
+    /// No depth reading can be used.
+    #[error(
+        "field: none of the {frames} frames has a usable depth reading on the object; check the mask, the depth's unit and \
+         the scene cube (edge and grazing pixels are not used)"
+    )]
+    NoRays {
+        /// Frames given.
+        frames: usize,
+    },
+    /// More frames than a ray can name.
+    #[error("field: {frames} frames are too many, at most 65535; select fewer")]
+    TooManyFrames {
+        /// Frames given.
+        frames: usize,
+    },
+    /// A checkpoint belongs to other data or another configuration.
+    #[error("field: the checkpoint has {found} {what}, this run {expected}; start again without it")]
+    Checkpoint {
+        /// What was compared.
+        what: &'static str,
+        /// In the checkpoint.
+        found: usize,
+        /// In this run.
+        expected: usize,
+    },
+}

@@ -1,0 +1,124 @@
+//! The interface that every engine of the field networks implements: same parameters, same samples, same losses.
+
+use serde::{Deserialize, Serialize};
+
+use super::FieldParams;
+
+/// What the TSDF at one sample is asked to be; `s` is the network's TSDF in truncation distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SdfTarget {
+    /// No supervision.
+    Ignore,
+    /// Empty space in front of a surface: `weight * |s - 1|` where `s < 1` (method.md 2.5 "empty").
+    Empty {
+        /// Loss weight.
+        weight: f32,
+    },
+    /// Near an observed surface: `weight * (s - value)^2` ("surface SDF"; `value = (depth - z) / truncation`).
+    Surface {
+        /// Signed projective distance in truncation distances.
+        value: f32,
+        /// Loss weight.
+        weight: f32,
+    },
+    /// On a ray that hits no object: `weight * (s - 0.001)^2` where `s < 0.001` ("background free space").
+    Background {
+        /// Loss weight.
+        weight: f32,
+    },
+}
+
+/// The samples of one optimiser step: `rays` rays of `samples_per_ray` samples each, ray-major.
+#[derive(Clone, Debug, Default)]
+pub struct SampleBatch {
+    /// Number of rays.
+    pub rays: usize,
+    /// Samples on every ray.
+    pub samples_per_ray: usize,
+    /// Sample positions in the unit cube `[0, 1]^3` (normalised cube mapped by `(x + 1) / 2`).
+    pub points: Vec<[f32; 3]>,
+    /// TSDF supervision of every sample.
+    pub targets: Vec<SdfTarget>,
+    /// Colour weight of every sample, normalised along its ray; all 0 on a ray without colour loss.
+    pub color_weights: Vec<f32>,
+    /// Unit view direction of every ray, world axes.
+    pub directions: Vec<[f32; 3]>,
+    /// Observed colour of every ray in `[0, 1]`.
+    pub colors: Vec<[f32; 3]>,
+    /// Loss weight of every ray's colour.
+    pub ray_weights: Vec<f32>,
+}
+
+/// Loss terms of a step. `total = sdf + color`.
+///
+/// `sdf` is the mean over all samples (ignored ones count as zeros) of the weighted terms of [`SdfTarget`].
+/// `color` is the mean over rays and channels of `ray_weight * (sum_i color_weight_i * sigmoid(c_i) - color)^2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FieldLosses {
+    /// TSDF terms.
+    pub sdf: f64,
+    /// Colour term.
+    pub color: f64,
+}
+
+/// Parameters and Adam moments: what a checkpoint holds. Moments are in the order of [`FieldParams::flatten`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EngineState {
+    /// Parameters.
+    pub params: FieldParams,
+    /// First moments.
+    pub first: Vec<f32>,
+    /// Second moments.
+    pub second: Vec<f32>,
+    /// Optimiser steps taken.
+    pub steps: u64,
+}
+
+/// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (method.md 2.6).
+pub const ADAM_BETAS: (f32, f32) = (0.9, 0.999);
+/// Adam's epsilon.
+pub const ADAM_EPSILON: f32 = 1e-15;
+
+/// Trains the parameters of one field.
+pub trait FieldEngine: Send {
+    /// One optimiser step: forward, backward, Adam.
+    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses;
+
+    /// Losses and their gradient in the order of [`FieldParams::flatten`]; changes nothing.
+    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>);
+
+    /// Everything a checkpoint needs.
+    fn state(&self) -> EngineState;
+}
+
+impl FieldParams {
+    /// All parameters in one vector: table, then per layer of geometry and colour its weights and biases.
+    #[must_use]
+    pub fn flatten(&self) -> Vec<f32> {
+        let mut all = self.table.clone();
+        for layer in self.geometry.iter().chain(&self.color) {
+            all.extend_from_slice(&layer.weights);
+            all.extend_from_slice(&layer.biases);
+        }
+        all
+    }
+
+    /// Sets all parameters from the order of [`Self::flatten`].
+    ///
+    /// # Panics
+    /// If `values` has another length than [`Self::flatten`] gives.
+    pub fn assign(&mut self, values: &[f32]) {
+        let mut rest = values;
+        let mut take = |target: &mut Vec<f32>| {
+            let (head, tail) = rest.split_at(target.len());
+            target.copy_from_slice(head);
+            rest = tail;
+        };
+        take(&mut self.table);
+        for layer in self.geometry.iter_mut().chain(&mut self.color) {
+            take(&mut layer.weights);
+            take(&mut layer.biases);
+        }
+        assert!(rest.is_empty(), "{} values too many", rest.len());
+    }
+}

@@ -1,0 +1,39 @@
+//! Neural object fields: a hash grid and two small networks give TSDF and colour at every point (method.md 2).
+
+mod block;
+mod burn_batch;
+mod burn_device;
+mod burn_engine;
+mod burn_hash;
+mod burn_model;
+#[cfg(test)]
+mod burn_tests;
+mod config;
+mod cpu;
+#[cfg(test)]
+mod cpu_tests;
+mod engine;
+mod harmonics;
+mod matrix;
+mod object;
+mod occupancy;
+mod params;
+mod plan;
+mod pool;
+#[cfg(test)]
+mod reference;
+mod sample;
+mod simd;
+mod trainer;
+
+pub use burn_device::{EngineError, adapters};
+pub use burn_engine::BurnEngine;
+pub use config::{BackgroundLoss, FieldError, SurfaceDistance, TrainConfig};
+pub use cpu::CpuEngine;
+pub use engine::{ADAM_BETAS, ADAM_EPSILON, EngineState, FieldEngine, FieldLosses, SampleBatch, SdfTarget};
+pub use harmonics::view_coefficients;
+pub use object::ObjectField;
+pub use occupancy::Occupancy;
+pub use params::{FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS};
+pub use simd::InstructionSet;
+pub use trainer::{EngineFactory, FieldTrainer, TrainInput, TrainerCheckpoint};

@@ -1,0 +1,323 @@
+//! A trained field as other stages ask it: signed distances and colours at world points.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::harmonics::view_coefficients;
+use super::matrix::{COLOR_INPUTS, Matrix, Network};
+use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet, LevelGeometry, LevelJacobian, PointColumns};
+use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
+use crate::articulate::{ColorField, ColorSample};
+use crate::geometry::{Grid3, SceneBox};
+
+/// Points that one task evaluates at a time.
+const CHUNK: usize = 512;
+/// Features of the geometry network that the colour network sees.
+const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
+
+/// A frozen field of one state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectField {
+    /// Parameters of the hash grid and the networks.
+    pub params: FieldParams,
+    /// The cube that the hash grid spans.
+    pub scene: SceneBox,
+    /// Distance that the network's TSDF counts in, metres.
+    pub truncation_m: f64,
+}
+
+impl ObjectField {
+    /// Projective signed distance in metres, negative inside, at world points. Beyond the truncation the value only
+    /// tells the sign; it is not cut.
+    #[must_use]
+    pub fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
+        let query = Query::new(self);
+        let truncation_m = self.truncation_m as f32;
+        let chunk = |points: &[Point3<f64>]| {
+            let mut b = Buffers::new(&query, points);
+            query.geometry(&mut b);
+            b.outputs[..points.len()].iter().map(|s| s * truncation_m).collect::<Vec<_>>()
+        };
+        points.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat()
+    }
+
+    /// Colours in `[0, 1]` at world points seen along unit world directions.
+    ///
+    /// # Panics
+    /// If there is not one direction a point.
+    #[must_use]
+    pub fn rgb(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+        assert_eq!(points.len(), directions.len(), "one direction a point");
+        let query = Query::new(self);
+        let chunk = |(points, directions): (&[Point3<f64>], &[Vector3<f64>])| {
+            let mut b = Buffers::new(&query, points);
+            query.geometry(&mut b);
+            query.color(&mut b, directions);
+            (0..points.len()).map(|i| std::array::from_fn(|c| b.rgb[c * b.cols + i])).collect::<Vec<_>>()
+        };
+        points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
+    }
+
+    /// Signed distances in metres, cut to `+-truncation_m`, at those nodes of a grid shaped like `template` that
+    /// `inside` selects by world position; `+truncation_m` at all other nodes.
+    #[must_use]
+    pub fn tsdf_grid<T>(&self, template: &Grid3<T>, inside: &(dyn Fn(&Point3<f64>) -> bool + Sync)) -> Grid3<f32>
+    where
+        T: Sync,
+    {
+        let limit = self.truncation_m as f32;
+        let [nx, ny, nz] = template.dims;
+        let mut values = vec![limit; nx * ny * nz];
+        // A slab at a time bounds the memory of the positions.
+        for (z, out) in values.chunks_mut(nx * ny).enumerate() {
+            let selected = |i: usize| Some((i, template.node(i % nx, i / nx, z))).filter(|(_, p)| inside(p));
+            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny).into_par_iter().filter_map(selected).unzip();
+            for (node, d) in nodes.into_iter().zip(self.tsdf(&points)) {
+                out[node] = d.clamp(-limit, limit);
+            }
+        }
+        Grid3 { origin: template.origin, spacing_m: template.spacing_m, dims: template.dims, values }
+    }
+}
+
+impl ColorField for ObjectField {
+    fn colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<ColorSample> {
+        assert_eq!(points.len(), directions.len(), "one direction a point");
+        let query = Query::new(self);
+        // Unit coordinates per metre.
+        let scale = (0.5 * self.scene.scale) as f32;
+        let chunk = |(points, directions): (&[Point3<f64>], &[Vector3<f64>])| {
+            let mut b = Buffers::new(&query, points);
+            let mut tangents = query.geometry_with_tangents(&mut b);
+            query.color(&mut b, directions);
+            let slopes = tangents.each_mut().map(|t| query.color_tangent(&b, t));
+            let sample = |i: usize| {
+                let rgb = Vector3::from_fn(|c, _| b.rgb[c * b.cols + i]);
+                let jacobian = Matrix3::from_fn(|c, k| scale * slopes[k][c * b.cols + i] * rgb[c] * (1.0 - rgb[c]));
+                ColorSample { rgb, jacobian }
+            };
+            (0..points.len()).map(sample).collect::<Vec<_>>()
+        };
+        points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
+    }
+}
+
+/// A field packed for the kernels.
+struct Query<'a> {
+    isa: InstructionSet,
+    field: &'a ObjectField,
+    network: Network,
+    /// The first colour layer's weights for the features.
+    features: Matrix,
+}
+
+/// Activations of one chunk of points; `cols` columns a row.
+struct Buffers {
+    cols: usize,
+    axes: [Vec<f32>; 3],
+    encoded: Vec<f32>,
+    hidden: Vec<f32>,
+    outputs: Vec<f32>,
+    first: Vec<f32>,
+    second: Vec<f32>,
+    rgb: Vec<f32>,
+}
+
+impl Buffers {
+    fn new(query: &Query<'_>, points: &[Point3<f64>]) -> Self {
+        let cols = points.len().next_multiple_of(COLUMN_ALIGN);
+        let hidden = query.network.hidden();
+        let mut axes = [(); 3].map(|()| vec![0.5; cols]);
+        for (i, p) in points.iter().enumerate() {
+            let n = query.field.scene.normalise(p);
+            for k in 0..3 {
+                axes[k][i] = (0.5 * (n[k] + 1.0)) as f32;
+            }
+        }
+        let rows = |n: usize| vec![0.0; n * cols];
+        let (first, second) = (Vec::new(), Vec::new());
+        let encoded = rows(FEATURES * query.field.params.levels.len());
+        Self { cols, axes, encoded, hidden: rows(hidden), outputs: rows(GEOMETRY_OUTPUTS), first, second, rgb: Vec::new() }
+    }
+
+    fn points(&self) -> PointColumns<'_> {
+        PointColumns { x: &self.axes[0], y: &self.axes[1], z: &self.axes[2] }
+    }
+}
+
+/// All rows of a dense matrix.
+fn dense(data: &[f32], cols: usize) -> Columns<'_> {
+    Columns { data, stride: cols, rows: data.len() / cols }
+}
+
+impl<'a> Query<'a> {
+    fn new(field: &'a ObjectField) -> Self {
+        let network = Network::pack(&field.params);
+        let features = network.color[0].columns(VIEW_COEFFICIENTS..VIEW_COEFFICIENTS + COLOR_FEATURES);
+        Self { isa: InstructionSet::detect(), field, network, features }
+    }
+
+    /// Table of a level.
+    fn table(&self, level: usize) -> (LevelGeometry, &[f32]) {
+        let layout = &self.field.params.levels[level];
+        (LevelGeometry::new(layout), &self.field.params.table[layout.offset..layout.offset + layout.entries * FEATURES])
+    }
+
+    /// Fills `encoded`, `hidden` and `outputs`.
+    fn geometry(&self, b: &mut Buffers) {
+        let mut encoded = std::mem::take(&mut b.encoded);
+        for (l, rows) in encoded.chunks_exact_mut(FEATURES * b.cols).enumerate() {
+            let (first, second) = rows.split_at_mut(b.cols);
+            let (level, table) = self.table(l);
+            self.isa.encode(level, table, b.points(), first, second);
+        }
+        b.encoded = encoded;
+        self.networks(b);
+    }
+
+    /// As [`Self::geometry`]; also the outputs' derivatives by the three unit coordinates.
+    fn geometry_with_tangents(&self, b: &mut Buffers) -> [Vec<f32>; 3] {
+        let cols = b.cols;
+        let mut encoded = std::mem::take(&mut b.encoded);
+        let mut slopes = [(); 3].map(|()| vec![0.0; encoded.len()]);
+        {
+            let [dx, dy, dz] = &mut slopes;
+            let pair = FEATURES * cols;
+            let rows = encoded.chunks_exact_mut(pair).zip(dx.chunks_exact_mut(pair)).zip(dy.chunks_exact_mut(pair));
+            for (l, (((v, x), y), z)) in rows.zip(dz.chunks_exact_mut(pair)).enumerate() {
+                let (level, table) = self.table(l);
+                let [(v0, v1), (x0, x1), (y0, y1), (z0, z1)] = [v, x, y, z].map(|r| r.split_at_mut(cols));
+                let out = LevelJacobian { first: [v0, x0, y0, z0], second: [v1, x1, y1, z1] };
+                self.isa.encode_jacobian(level, table, b.points(), out);
+            }
+        }
+        b.encoded = encoded;
+        self.networks(b);
+        slopes.map(|slope| {
+            let mut hidden = vec![0.0; b.hidden.len()];
+            self.network.geometry[0].apply_linear(self.isa, dense(&slope, cols), &mut hidden, cols, Epilogue::Mask(&b.hidden));
+            let mut out = vec![0.0; b.outputs.len()];
+            self.network.geometry[1].apply_linear(self.isa, dense(&hidden, cols), &mut out, cols, Epilogue::Linear);
+            out
+        })
+    }
+
+    /// The geometry network.
+    fn networks(&self, b: &mut Buffers) {
+        let cols = b.cols;
+        self.network.geometry[0].apply(self.isa, dense(&b.encoded, cols), &mut b.hidden, cols, Epilogue::Relu);
+        self.network.geometry[1].apply(self.isa, dense(&b.hidden, cols), &mut b.outputs, cols, Epilogue::Linear);
+    }
+
+    /// Fills `first`, `second` and `rgb`.
+    fn color(&self, b: &mut Buffers, directions: &[Vector3<f64>]) {
+        let cols = b.cols;
+        let mut inputs = vec![0.0; COLOR_INPUTS * cols];
+        for (i, d) in directions.iter().enumerate() {
+            let view = view_coefficients([d.x as f32, d.y as f32, d.z as f32]);
+            for (row, value) in view.into_iter().enumerate() {
+                inputs[row * cols + i] = value;
+            }
+        }
+        inputs[VIEW_COEFFICIENTS * cols..][..COLOR_FEATURES * cols].copy_from_slice(&b.outputs[cols..]);
+        let hidden = self.network.hidden();
+        b.first.resize(hidden * cols, 0.0);
+        b.second.resize(hidden * cols, 0.0);
+        b.rgb.resize(self.network.color[2].outputs * cols, 0.0);
+        self.network.color[0].apply(self.isa, dense(&inputs, cols), &mut b.first, cols, Epilogue::Relu);
+        self.network.color[1].apply(self.isa, dense(&b.first, cols), &mut b.second, cols, Epilogue::Relu);
+        self.network.color[2].apply(self.isa, dense(&b.second, cols), &mut b.rgb, cols, Epilogue::Linear);
+        self.isa.sigmoid(&mut b.rgb);
+    }
+
+    /// Derivatives of the three channels before the logistic function, given those of the geometry's outputs.
+    fn color_tangent(&self, b: &Buffers, outputs: &[f32]) -> Vec<f32> {
+        let cols = b.cols;
+        let (mut first, mut second, mut rgb) = (vec![0.0; b.first.len()], vec![0.0; b.second.len()], vec![0.0; b.rgb.len()]);
+        self.features.apply_linear(self.isa, dense(&outputs[cols..], cols), &mut first, cols, Epilogue::Mask(&b.first));
+        self.network.color[1].apply_linear(self.isa, dense(&first, cols), &mut second, cols, Epilogue::Mask(&b.second));
+        self.network.color[2].apply_linear(self.isa, dense(&second, cols), &mut rgb, cols, Epilogue::Linear);
+        rgb
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::FieldConfig;
+    use super::super::reference::{Reference, field, uniform};
+    use super::*;
+    use crate::run::stage_rng;
+
+    fn object() -> ObjectField {
+        let config = FieldConfig { levels: 6, base_resolution: 4, finest_resolution: 40, log2_table_size: 12, hidden: 64 };
+        let scene = SceneBox::around(&Point3::new(-0.3, 0.1, 0.0), &Point3::new(0.4, 0.5, 1.1));
+        ObjectField { params: field(&config, 21), scene, truncation_m: 0.025 }
+    }
+
+    fn queries(n: usize) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
+        let mut rng = stage_rng(22, "test/queries", 0);
+        let mut next = move || f64::from(uniform(&mut rng)) - 0.5;
+        let points = (0..n).map(|_| Point3::new(0.05 + 0.9 * next(), 0.3 + 0.9 * next(), 0.55 + 0.9 * next())).collect();
+        let directions = (0..n).map(|_| Vector3::new(next(), next(), next()).normalize()).collect();
+        (points, directions)
+    }
+
+    #[test]
+    fn distances_and_colors_are_those_of_the_equations() {
+        let object = object();
+        let (points, directions) = queries(700);
+        let reference = Reference::new(&object.params);
+        let (tsdf, rgb, samples) = (object.tsdf(&points), object.rgb(&points, &directions), object.colors(&points, &directions));
+        for (i, p) in points.iter().enumerate() {
+            let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
+            let view = directions[i].map(|x| x as f32).into();
+            assert!((f64::from(tsdf[i]) - 0.025 * reference.geometry(unit)[0]).abs() < 1e-6);
+            for (c, expected) in reference.color(unit, view).into_iter().enumerate() {
+                assert!((f64::from(rgb[i][c]) - expected).abs() < 1e-5);
+                assert!((rgb[i][c] - samples[i].rgb[c]).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_color_jacobian_is_the_derivative_by_world_position() {
+        let object = object();
+        let (points, directions) = queries(200);
+        let reference = Reference::new(&object.params);
+        let samples = object.colors(&points, &directions);
+        let color = |p: &Point3<f64>, d: &Vector3<f64>| {
+            let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
+            reference.color(unit, d.map(|x| x as f32).into())
+        };
+        let (h, mut compared) = (1e-7, 0);
+        for (i, p) in points.iter().enumerate() {
+            for k in 0..3 {
+                let step = Vector3::ith(k, h);
+                let (up, zero, down) = (color(&(p + step), &directions[i]), color(p, &directions[i]), color(&(p - step), &directions[i]));
+                for c in 0..3 {
+                    let (right, left) = ((up[c] - zero[c]) / h, (zero[c] - down[c]) / h);
+                    let exact = f64::from(samples[i].jacobian[(c, k)]);
+                    if (right - left).abs() < 1e-3 * (0.1 + right.abs()) {
+                        assert!((right - exact).abs() < 2e-3 * (0.1 + right.abs()), "{exact} but {right}");
+                        compared += 1;
+                    }
+                }
+            }
+        }
+        assert!(compared > 1500, "{compared} of 1800 away from kinks");
+    }
+
+    #[test]
+    fn a_grid_holds_the_distances_where_asked() {
+        let object = object();
+        let template = Grid3::over(&object.scene, 21, false);
+        let inside = |p: &Point3<f64>| p.z > 0.4;
+        let grid = object.tsdf_grid(&template, &inside);
+        for i in (0..grid.values.len()).step_by(37) {
+            let p = grid.position(i);
+            let expected = if inside(&p) { object.tsdf(&[p])[0].clamp(-0.025, 0.025) } else { 0.025 };
+            assert!((grid.values[i] - expected).abs() < 1e-7);
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Shape and parameters of an object field: one flat layout that every engine shares.
+
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+/// Shape of the hash grid and the networks (method.md 2.1).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FieldConfig {
+    /// Number of hash grid levels, each with two features an entry.
+    pub levels: usize,
+    /// Nodes along one side at the coarsest level.
+    pub base_resolution: usize,
+    /// Nodes along one side at the finest level.
+    pub finest_resolution: usize,
+    /// Base-2 logarithm of the largest number of entries of one level.
+    pub log2_table_size: u32,
+    /// Width of every hidden layer.
+    pub hidden: usize,
+}
+
+impl Default for FieldConfig {
+    fn default() -> Self {
+        Self { levels: 12, base_resolution: 16, finest_resolution: 256, log2_table_size: 19, hidden: 64 }
+    }
+}
+
+/// Number of features an entry of the hash grid holds.
+pub const FEATURES: usize = 2;
+/// Geometry outputs: one TSDF value (in truncation distances, positive outside) and 15 features.
+pub const GEOMETRY_OUTPUTS: usize = 16;
+/// Real spherical harmonics coefficients of the view direction (bands 0 to 3).
+pub const VIEW_COEFFICIENTS: usize = 16;
+
+/// One level of the hash grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LevelLayout {
+    /// `position = unit * scale + 0.5`, with unit coordinates in `[0, 1]`.
+    pub scale: f32,
+    /// Nodes along one side (`ceil(scale) + 2`, so that the cell of every position has its upper nodes).
+    pub resolution: usize,
+    /// Entries of the level's table; a dense level strides by `resolution`, a hashed one by the spatial hash.
+    pub entries: usize,
+    /// Whether entries are addressed by hash.
+    pub hashed: bool,
+    /// Offset of the level's first float in [`FieldParams::table`].
+    pub offset: usize,
+}
+
+/// A dense layer `y = W x + b`, weights row-major `[outputs][inputs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Layer {
+    /// Input width.
+    pub inputs: usize,
+    /// Output width.
+    pub outputs: usize,
+    /// `outputs * inputs` weights.
+    pub weights: Vec<f32>,
+    /// `outputs` biases.
+    pub biases: Vec<f32>,
+}
+
+/// All parameters of one field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FieldParams {
+    /// Levels, coarse to fine.
+    pub levels: Vec<LevelLayout>,
+    /// Hash grid features: per level, per entry, [`FEATURES`] floats.
+    pub table: Vec<f32>,
+    /// `2 levels -> hidden (ReLU) -> 16`: TSDF and 15 features.
+    pub geometry: Vec<Layer>,
+    /// `[view coefficients 16, features 15] -> hidden (ReLU) -> hidden (ReLU) -> 3`, sigmoid outside.
+    pub color: Vec<Layer>,
+}
+
+impl FieldParams {
+    /// Fresh parameters: table uniform in `+-1e-4`, layers uniform in `+-1/sqrt(inputs)`.
+    #[must_use]
+    pub fn init(config: &FieldConfig, rng: &mut impl Rng) -> Self {
+        let levels = level_layouts(config);
+        let floats = levels.last().map_or(0, |l| l.offset + l.entries * FEATURES);
+        let table = (0..floats).map(|_| uniform(rng, 1e-4)).collect();
+        let h = config.hidden;
+        let mut layer = |inputs: usize, outputs: usize| {
+            let bound = 1.0 / (inputs as f32).sqrt();
+            let weights = (0..inputs * outputs).map(|_| uniform(rng, bound)).collect();
+            Layer { inputs, outputs, weights, biases: (0..outputs).map(|_| uniform(rng, bound)).collect() }
+        };
+        let geometry = vec![layer(FEATURES * levels.len(), h), layer(h, GEOMETRY_OUTPUTS)];
+        let color = vec![layer(VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS - 1, h), layer(h, h), layer(h, 3)];
+        Self { levels, table, geometry, color }
+    }
+}
+
+impl FieldParams {
+    /// Number of parameters: the length of [`Self::flatten`].
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        self.table.len() + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()
+    }
+}
+
+/// Uniform in `[-bound, bound)`.
+fn uniform(rng: &mut impl Rng, bound: f32) -> f32 {
+    ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound
+}
+
+/// Level resolutions grow geometrically from base to finest; a level whose nodes fit the table is dense.
+fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
+    let growth = (config.finest_resolution as f64 / config.base_resolution as f64).powf(1.0 / (config.levels.max(2) - 1) as f64);
+    let cap = 1usize << config.log2_table_size;
+    let mut offset = 0;
+    (0..config.levels)
+        .map(|l| {
+            let scale = config.base_resolution as f64 * growth.powi(l as i32) - 1.0;
+            let resolution = scale.ceil() as usize + 2;
+            let nodes = resolution.pow(3);
+            let entries = nodes.min(cap);
+            let layout = LevelLayout { scale: scale as f32, resolution, entries, hashed: nodes > cap, offset };
+            offset += entries * FEATURES;
+            layout
+        })
+        .collect()
+}

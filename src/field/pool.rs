@@ -1,0 +1,169 @@
+//! All rays of one state that can teach a field something (method.md 2.3).
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{FieldError, Occupancy, TrainConfig};
+use crate::capture::{RgbdFrame, pixel_weights};
+use crate::geometry::{Intrinsics, Pose};
+
+/// Smallest and largest z-depth at which rays are sampled, metres (method.md 1.4).
+pub(super) const NEAR_M: f64 = 0.1;
+pub(super) const FAR_M: f64 = 10.0;
+/// Pixels next to the mask's border are of neither side.
+const GUARD_PX: usize = 2;
+
+/// A pixel with a usable depth on the object.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SurfaceRay {
+    pub frame: u16,
+    pub pixel: u32,
+    pub depth_m: f32,
+    /// Cosine between ray and surface normal.
+    pub cosine: f32,
+    pub rgb: [u8; 3],
+}
+
+/// A pixel beside the object.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BackgroundRay {
+    pub frame: u16,
+    pub pixel: u32,
+    /// Depth of what the pixel shows instead; 0 = unknown, infinitely far.
+    pub depth_m: f32,
+}
+
+/// Camera of a frame.
+#[derive(Clone, Debug)]
+pub(super) struct View {
+    pub intrinsics: Intrinsics,
+    pub world_from_camera: Pose,
+}
+
+impl View {
+    /// World origin and direction of a pixel's ray; the parameter is z-depth.
+    pub fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
+        let (u, v) = (pixel as usize % self.intrinsics.width, pixel as usize / self.intrinsics.width);
+        let direction = self.world_from_camera * self.intrinsics.ray(u as f64, v as f64);
+        (Point3::from(self.world_from_camera.translation.vector), direction)
+    }
+}
+
+/// The rays of one state, in the order of frames and pixels.
+#[derive(Clone, Debug)]
+pub(super) struct RayPool {
+    pub views: Vec<View>,
+    pub surface: Vec<SurfaceRay>,
+    pub background: Vec<BackgroundRay>,
+    pub median_depth_m: f64,
+}
+
+impl RayPool {
+    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask that cross
+    /// occupied cells. Object pixels without a usable depth say nothing and are dropped.
+    ///
+    /// # Errors
+    /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
+    pub fn new(frames: &[RgbdFrame], occupancy: &Occupancy, config: &TrainConfig) -> Result<Self, FieldError> {
+        if frames.len() > usize::from(u16::MAX) {
+            return Err(FieldError::TooManyFrames { frames: frames.len() });
+        }
+        let views: Vec<View> = frames.iter().map(|f| View { intrinsics: f.intrinsics, world_from_camera: f.world_from_camera }).collect();
+        let rays: Vec<_> =
+            frames.par_iter().zip(&views).enumerate().map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config)).collect();
+        let (mut surface, mut background) = (Vec::new(), Vec::new());
+        for (s, b) in rays {
+            surface.extend(s);
+            background.extend(b);
+        }
+        if surface.is_empty() {
+            return Err(FieldError::NoRays { frames: frames.len() });
+        }
+        let mut depths: Vec<f32> = surface.iter().map(|r| r.depth_m).collect();
+        let middle = depths.len() / 2;
+        let median_depth_m = f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1);
+        Ok(Self { views, surface, background, median_depth_m })
+    }
+}
+
+/// Rays of one frame.
+fn frame_rays(
+    index: u16,
+    frame: &RgbdFrame,
+    view: &View,
+    occupancy: &Occupancy,
+    config: &TrainConfig,
+) -> (Vec<SurfaceRay>, Vec<BackgroundRay>) {
+    let weights = pixel_weights(frame, &config.noise);
+    let mut surface = Vec::new();
+    for (pixel, &cosine) in weights.iter().enumerate() {
+        let depth_m = frame.depth_m[pixel];
+        if cosine > 0.0 && f64::from(depth_m) >= NEAR_M && f64::from(depth_m) <= FAR_M && frame.is_object(pixel) {
+            let (origin, direction) = view.ray(pixel as u32);
+            if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
+                surface.push(SurfaceRay { frame: index, pixel: pixel as u32, depth_m, cosine, rgb: frame.rgb[pixel] });
+            }
+        }
+    }
+    let mut background = Vec::new();
+    if let Some(mask) = &frame.mask {
+        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let near = dilated(mask, w, h, GUARD_PX);
+        let ring = dilated(mask, w, h, config.background_ring_px + GUARD_PX);
+        let mut intervals = Vec::new();
+        for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
+            let (origin, direction) = view.ray(pixel as u32);
+            let depth_m = frame.depth_m[pixel];
+            let to = if depth_m > 0.0 { f64::from(depth_m) } else { FAR_M };
+            occupancy.intervals(&origin, &direction, NEAR_M, to, &mut intervals);
+            if !intervals.is_empty() {
+                background.push(BackgroundRay { frame: index, pixel: pixel as u32, depth_m });
+            }
+        }
+    }
+    (surface, background)
+}
+
+/// A mask spread by `reach` pixels in rows and in columns.
+fn dilated(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
+    let rows = spread(mask, width, height, 1, width, reach);
+    spread(&rows, height, width, width, 1, reach)
+}
+
+/// Spreads along lines of `length` pixels that are `step` apart; lines are `next` apart, `lines` of them.
+fn spread(mask: &[bool], length: usize, lines: usize, step: usize, next: usize, reach: usize) -> Vec<bool> {
+    let mut out = vec![false; mask.len()];
+    for line in 0..lines {
+        let mut filled = 0;
+        for i in 0..length {
+            if mask[line * next + i * step] {
+                for k in filled.max(i.saturating_sub(reach))..(i + reach + 1).min(length) {
+                    out[line * next + k * step] = true;
+                }
+                filled = (i + reach + 1).min(length);
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_spreads_as_a_square() {
+        let (w, h) = (13, 9);
+        let mut mask = vec![false; w * h];
+        for p in [0, 5 * w + 6, 5 * w + 7, 8 * w + 12] {
+            mask[p] = true;
+        }
+        let out = dilated(&mask, w, h, 2);
+        for y in 0..h {
+            for x in 0..w {
+                let near = (0..w * h).any(|p| mask[p] && (p % w).abs_diff(x) <= 2 && (p / w).abs_diff(y) <= 2);
+                assert_eq!(out[y * w + x], near, "{x} {y}");
+            }
+        }
+    }
+}

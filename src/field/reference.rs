@@ -1,0 +1,169 @@
+//! The field and its losses once more in double precision, point by point, as the equations read; for tests.
+
+use super::block::sdf_loss;
+use super::{FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget, view_coefficients};
+use crate::run::stage_rng;
+use rand_core::Rng;
+
+/// A field whose table is large enough to matter.
+pub(super) fn field(config: &FieldConfig, seed: u64) -> FieldParams {
+    let mut params = FieldParams::init(config, &mut stage_rng(seed, "test/field", 0));
+    let mut rng = stage_rng(seed, "test/table", 0);
+    for t in &mut params.table {
+        *t = uniform(&mut rng) - 0.5;
+    }
+    params
+}
+
+/// Uniform in `[0, 1)`.
+pub(super) fn uniform(rng: &mut impl Rng) -> f32 {
+    (rng.next_u32() >> 8) as f32 / (1u32 << 24) as f32
+}
+
+/// A small field: two dense and two hashed levels.
+pub(super) fn small_config() -> FieldConfig {
+    FieldConfig { levels: 4, base_resolution: 4, finest_resolution: 24, log2_table_size: 10, hidden: 64 }
+}
+
+/// A batch with every kind of target, zero and non-zero colour weights, and samples without any loss.
+pub(super) fn batch(rays: usize, samples_per_ray: usize, seed: u64) -> SampleBatch {
+    let mut rng = stage_rng(seed, "test/batch", 0);
+    let n = rays * samples_per_ray;
+    let mut b = SampleBatch { rays, samples_per_ray, ..SampleBatch::default() };
+    for i in 0..n {
+        b.points.push(std::array::from_fn(|_| uniform(&mut rng)));
+        let weight = 0.5 + uniform(&mut rng);
+        b.targets.push(match i % 5 {
+            0 => SdfTarget::Ignore,
+            1 => SdfTarget::Empty { weight },
+            2 => SdfTarget::Background { weight: 100.0 * weight },
+            _ => SdfTarget::Surface { value: uniform(&mut rng) * 2.0 - 1.0, weight: 6.0 * weight },
+        });
+        let with_color = i / samples_per_ray % 3 != 0 && i % 2 == 0;
+        b.color_weights.push(if with_color { 2.0 * uniform(&mut rng) / samples_per_ray as f32 } else { 0.0 });
+    }
+    for _ in 0..rays {
+        let v: nalgebra::Vector3<f32> = nalgebra::Vector3::from_fn(|_, _| uniform(&mut rng) - 0.5).normalize();
+        b.directions.push([v.x, v.y, v.z]);
+        b.colors.push(std::array::from_fn(|_| uniform(&mut rng)));
+        b.ray_weights.push(10.0 * uniform(&mut rng));
+    }
+    b
+}
+
+/// A field in double precision.
+pub(super) struct Reference<'a> {
+    params: &'a FieldParams,
+    /// All parameters in the order of [`FieldParams::flatten`].
+    pub flat: Vec<f64>,
+}
+
+impl<'a> Reference<'a> {
+    pub fn new(params: &'a FieldParams) -> Self {
+        Self { params, flat: params.flatten().into_iter().map(f64::from).collect() }
+    }
+
+    /// Features of all levels at a point of the unit cube.
+    pub fn encode(&self, unit: [f64; 3]) -> Vec<f64> {
+        let mut out = Vec::new();
+        for level in &self.params.levels {
+            let position = unit.map(|u| u * f64::from(level.scale) + 0.5);
+            let base = position.map(|p| p.floor() as usize);
+            for feature in 0..2 {
+                let mut sum = 0.0;
+                for corner in 0..8usize {
+                    let (mut weight, mut node) = (1.0, base);
+                    for k in 0..3 {
+                        let frac = position[k] - base[k] as f64;
+                        let upper = corner >> k & 1 == 1;
+                        weight *= if upper { frac } else { 1.0 - frac };
+                        node[k] += usize::from(upper);
+                    }
+                    sum += weight * self.flat[level.offset + 2 * entry(level, node) + feature];
+                }
+                out.push(sum);
+            }
+        }
+        out
+    }
+
+    /// Layer `index`: geometry 0 and 1, colour 2 to 4.
+    fn layer(&self, index: usize, x: &[f64], relu: bool) -> Vec<f64> {
+        let layers: Vec<&Layer> = self.params.geometry.iter().chain(&self.params.color).collect();
+        let before: usize = layers[..index].iter().map(|l| l.weights.len() + l.biases.len()).sum();
+        let (w, b) = self.flat[self.params.table.len() + before..].split_at(layers[index].weights.len());
+        let rows = w.chunks_exact(layers[index].inputs).zip(b);
+        let value = |(w, b): (&[f64], &f64)| b + w.iter().zip(x).map(|(w, x)| w * x).sum::<f64>();
+        rows.map(value).map(|y| if relu { y.max(0.0) } else { y }).collect()
+    }
+
+    /// TSDF in truncation distances and 15 features.
+    pub fn geometry(&self, unit: [f64; 3]) -> Vec<f64> {
+        let out = self.layer(1, &self.layer(0, &self.encode(unit), true), false);
+        assert_eq!(out.len(), GEOMETRY_OUTPUTS);
+        out
+    }
+
+    /// Colour after the logistic function.
+    pub fn color(&self, unit: [f64; 3], direction: [f32; 3]) -> Vec<f64> {
+        let mut x: Vec<f64> = view_coefficients(direction).map(f64::from).to_vec();
+        x.extend_from_slice(&self.geometry(unit)[1..]);
+        let hidden = self.layer(3, &self.layer(2, &x, true), true);
+        self.layer(4, &hidden, false).into_iter().map(|y| 1.0 / (1.0 + (-y).exp())).collect()
+    }
+}
+
+/// Table entry of a node (method.md 2.1).
+fn entry(level: &LevelLayout, [x, y, z]: [usize; 3]) -> usize {
+    if level.hashed {
+        let h = (x as u32) ^ (y as u32).wrapping_mul(2_654_435_761) ^ (z as u32).wrapping_mul(805_459_861);
+        h as usize % level.entries
+    } else {
+        x + level.resolution * (y + level.resolution * z)
+    }
+}
+
+/// TSDF and colour loss of a batch.
+pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
+    let (mut sdf, mut color_sum) = (0.0, 0.0);
+    for ray in 0..batch.rays {
+        let mut seen = [0.0; 3];
+        for i in ray * batch.samples_per_ray..(ray + 1) * batch.samples_per_ray {
+            let unit = batch.points[i].map(f64::from);
+            let s = field.geometry(unit)[0];
+            sdf += match batch.targets[i] {
+                SdfTarget::Ignore => 0.0,
+                SdfTarget::Empty { weight } => f64::from(weight) * (1.0 - s).max(0.0),
+                SdfTarget::Surface { value, weight } => f64::from(weight) * (s - f64::from(value)).powi(2),
+                SdfTarget::Background { weight } => f64::from(weight) * (s - 0.001).min(0.0).powi(2),
+            };
+            if batch.color_weights[i] != 0.0 {
+                for (c, v) in seen.iter_mut().zip(field.color(unit, batch.directions[ray])) {
+                    *c += f64::from(batch.color_weights[i]) * v;
+                }
+            }
+        }
+        if (0..batch.samples_per_ray).any(|k| batch.color_weights[ray * batch.samples_per_ray + k] != 0.0) {
+            for (c, observed) in seen.iter().zip(batch.colors[ray]) {
+                color_sum += f64::from(batch.ray_weights[ray]) * (c - f64::from(observed)).powi(2);
+            }
+        }
+    }
+    (sdf / (batch.rays * batch.samples_per_ray) as f64, color_sum / (3 * batch.rays) as f64)
+}
+
+#[test]
+fn the_slope_of_a_loss_is_its_derivative() {
+    for target in [
+        SdfTarget::Ignore,
+        SdfTarget::Empty { weight: 2.0 },
+        SdfTarget::Surface { value: 0.3, weight: 5.0 },
+        SdfTarget::Background { weight: 100.0 },
+    ] {
+        for s in [-0.7f32, -0.1, 0.2, 0.9, 1.3] {
+            let h = 1e-3;
+            let numeric = (sdf_loss(s + h, target).0 - sdf_loss(s - h, target).0) / (2.0 * h);
+            assert!((numeric - sdf_loss(s, target).1).abs() < 2e-2, "{target:?} at {s}: {numeric} and {}", sdf_loss(s, target).1);
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! The samples of an optimiser step, a pure function of seed and step (method.md 2.4).
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::config::NON_NEGATIVE_WEIGHT;
+use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
+use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
+use crate::geometry::SceneBox;
+
+/// Samples nearer to the truncation's end than this share contribute no colour: the bell is below 1 % of its peak.
+const RAYS_PER_TASK: usize = 256;
+
+/// What sampling needs besides the pool.
+pub(super) struct Sampler<'a> {
+    pub pool: &'a RayPool,
+    pub scene: &'a SceneBox,
+    pub occupancy: &'a Occupancy,
+    pub config: &'a TrainConfig,
+    pub truncation_m: f64,
+    /// Trust in every surface ray, of 255.
+    pub trust: &'a [u8],
+}
+
+/// A counter-based stream of uniform numbers in `[0, 1)`, one a ray, so that rays can be drawn in any order.
+struct Stream(u64);
+
+impl Stream {
+    /// SplitMix64.
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut x = self.0;
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// One ray's part of a batch.
+struct RaySlot<'a> {
+    points: &'a mut [[f32; 3]],
+    targets: &'a mut [SdfTarget],
+    color_weights: &'a mut [f32],
+    direction: &'a mut [f32; 3],
+    color: &'a mut [f32; 3],
+    ray_weight: &'a mut f32,
+}
+
+impl Sampler<'_> {
+    /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes from the
+    /// k-th n-th of the pool, so that every batch sees all views and all parts of the images.
+    pub fn batch(&self, key: u64) -> SampleBatch {
+        let c = self.config;
+        let (rays, per_ray) = (c.rays, c.free_samples + c.band_samples);
+        let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();
+        let background = if with_background { (c.background_share * rays as f64).round() as usize } else { 0 };
+        let mut b = SampleBatch {
+            rays,
+            samples_per_ray: per_ray,
+            points: vec![[0.5; 3]; rays * per_ray],
+            targets: vec![SdfTarget::Ignore; rays * per_ray],
+            color_weights: vec![0.0; rays * per_ray],
+            directions: vec![[0.0, 0.0, 1.0]; rays],
+            colors: vec![[0.0; 3]; rays],
+            ray_weights: vec![0.0; rays],
+        };
+        let slots = b.points.par_chunks_exact_mut(per_ray).zip(b.targets.par_chunks_exact_mut(per_ray));
+        let slots = slots.zip(b.color_weights.par_chunks_exact_mut(per_ray)).zip(&mut b.directions);
+        let slots = slots.zip(&mut b.colors).zip(&mut b.ray_weights).enumerate().with_min_len(RAYS_PER_TASK);
+        let surface = rays - background;
+        slots.for_each_init(Vec::new, |intervals, (ray, (((((points, targets), color_weights), direction), color), ray_weight))| {
+            let slot = RaySlot { points, targets, color_weights, direction, color, ray_weight };
+            let mut stream = Stream(key.wrapping_add((ray as u64) << 32));
+            let pick = |k: usize, of: usize, pool: usize, u: f64| (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1);
+            if ray < surface {
+                let index = pick(ray, surface, self.pool.surface.len(), stream.next());
+                self.surface_ray(index, &mut stream, intervals, slot);
+            } else {
+                let index = pick(ray - surface, background, self.pool.background.len(), stream.next());
+                self.background_ray(index, &mut stream, intervals, slot);
+            }
+        });
+        b
+    }
+
+    /// Free samples in front of the surface, band samples around it.
+    fn surface_ray(&self, index: usize, stream: &mut Stream, intervals: &mut Vec<(f64, f64)>, slot: RaySlot<'_>) {
+        let c = self.config;
+        let ray = self.pool.surface[index];
+        let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
+        let (tau, depth) = (self.truncation_m, f64::from(ray.depth_m));
+        let length = direction.norm();
+        let weight = self.surface_weight(&ray, self.trust[index]);
+        // How much signed distance, in truncations, a metre of z-depth is.
+        let per_depth = match c.distance {
+            SurfaceDistance::Depth => 1.0,
+            SurfaceDistance::Ray => length,
+            SurfaceDistance::Plane => length * f64::from(ray.cosine),
+        } / tau;
+        // z-depth over which the signed distance passes the truncation.
+        let band = 1.0 / per_depth;
+        self.occupancy.intervals(&origin, &direction, NEAR_M, depth - band, intervals);
+        let colored = stream.next() < c.color_share;
+        let mut bell = 0.0;
+        for i in 0..c.free_samples + c.band_samples {
+            let free = i < c.free_samples;
+            let z = if free {
+                match stratified(intervals, (i as f64 + stream.next()) / c.free_samples as f64) {
+                    Some(z) => z,
+                    None => continue,
+                }
+            } else {
+                depth + band * (2.0 * ((i - c.free_samples) as f64 + stream.next()) / c.band_samples as f64 - 1.0)
+            };
+            slot.points[i] = self.unit(&origin, &direction, z);
+            let value = (depth - z) * per_depth;
+            if free {
+                slot.targets[i] = SdfTarget::Empty { weight: c.empty_weight as f32 };
+                continue;
+            }
+            let falloff = if c.behind_falloff { (1.0 + value).clamp(0.0, 1.0) } else { 1.0 };
+            slot.targets[i] = SdfTarget::Surface { value: value as f32, weight: weight * falloff as f32 };
+            let e = (-c.color_sharpness * value).exp();
+            slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
+            bell += slot.color_weights[i];
+        }
+        if colored && bell > 0.0 {
+            slot.color_weights.iter_mut().for_each(|w| *w /= bell);
+            *slot.ray_weight = c.color_weight as f32 * f32::from(self.trust[index]) / 255.0;
+        }
+        *slot.color = ray.rgb.map(|v| f32::from(v) / 255.0);
+        *slot.direction = (direction / length).map(|x| x as f32).into();
+    }
+
+    /// All samples in occupied cells in front of whatever the pixel shows.
+    fn background_ray(&self, index: usize, stream: &mut Stream, intervals: &mut Vec<(f64, f64)>, slot: RaySlot<'_>) {
+        let ray = self.pool.background[index];
+        let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
+        let to = if ray.depth_m > 0.0 { f64::from(ray.depth_m) - self.truncation_m } else { FAR_M };
+        self.occupancy.intervals(&origin, &direction, NEAR_M, to, intervals);
+        let target = match self.config.background {
+            BackgroundLoss::Off => SdfTarget::Ignore,
+            BackgroundLoss::Empty => SdfTarget::Empty { weight: self.config.empty_weight as f32 },
+            BackgroundLoss::NonNegative => SdfTarget::Background { weight: NON_NEGATIVE_WEIGHT as f32 },
+        };
+        let n = slot.points.len();
+        for i in 0..n {
+            if let Some(z) = stratified(intervals, (i as f64 + stream.next()) / n as f64) {
+                slot.points[i] = self.unit(&origin, &direction, z);
+                slot.targets[i] = target;
+            }
+        }
+        *slot.direction = direction.normalize().map(|x| x as f32).into();
+    }
+
+    /// Weight of a ray's surface terms: the configured one in truncations, times `2 cos / (1 + (sigma / median)^2)` for
+    /// the expected noise, times the trust in the ray.
+    fn surface_weight(&self, ray: &SurfaceRay, trust: u8) -> f32 {
+        let normalised = self.truncation_m * self.scene.scale;
+        let mut weight = self.config.surface_weight * normalised * normalised * f64::from(trust) / 255.0;
+        if self.config.noise_weights {
+            let noise = &self.config.noise;
+            let ratio = noise.sigma_m(f64::from(ray.depth_m)) / noise.sigma_m(self.pool.median_depth_m);
+            weight *= 2.0 * f64::from(ray.cosine) / (1.0 + ratio * ratio);
+        }
+        weight as f32
+    }
+
+    /// Unit-cube coordinates of the point of a ray at a z-depth.
+    fn unit(&self, origin: &Point3<f64>, direction: &Vector3<f64>, z: f64) -> [f32; 3] {
+        let n = self.scene.normalise(&(origin + direction * z));
+        [n.x, n.y, n.z].map(|x| (0.5 * (x + 1.0)) as f32)
+    }
+}
+
+/// The point a share `u` of the way through the joined intervals; `None` without any.
+fn stratified(intervals: &[(f64, f64)], u: f64) -> Option<f64> {
+    let total: f64 = intervals.iter().map(|i| i.1 - i.0).sum();
+    let mut rest = u * total;
+    for &(from, to) in intervals {
+        if rest <= to - from {
+            return Some(from + rest);
+        }
+        rest -= to - from;
+    }
+    intervals.last().map(|i| i.1)
+}

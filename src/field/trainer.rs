@@ -1,0 +1,201 @@
+//! Training of one field, step by step.
+
+use nalgebra::Point3;
+use rand_core::Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::pool::RayPool;
+use super::sample::Sampler;
+use super::{CpuEngine, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
+use crate::capture::RgbdFrame;
+use crate::geometry::SceneBox;
+use crate::run::stage_rng;
+
+/// Makes an engine that continues from a state.
+pub type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
+
+/// What a field is trained on.
+#[derive(Clone, Copy)]
+pub struct TrainInput<'a> {
+    /// Frames of one state.
+    pub frames: &'a [RgbdFrame],
+    /// The cube of the object.
+    pub scene: SceneBox,
+    /// Cells near the surface points of all states.
+    pub occupancy: &'a Occupancy,
+}
+
+/// Trains one field. Every step is a pure function of parameters, seed and step number: a resumed run gives the
+/// parameters of an uninterrupted one, bit by bit.
+pub struct FieldTrainer {
+    config: TrainConfig,
+    scene: SceneBox,
+    occupancy: Occupancy,
+    truncation_m: f64,
+    pool: RayPool,
+    trust: Vec<u8>,
+    engine: Box<dyn FieldEngine>,
+    seed: u64,
+    stage: String,
+    done: usize,
+}
+
+/// Everything that a stopped training needs besides its input and configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainerCheckpoint {
+    /// Parameters and moments.
+    pub engine: EngineState,
+    /// Steps done.
+    pub done: usize,
+    /// Trust in every ray of the pool, of 255.
+    #[serde(with = "serde_bytes")]
+    pub trust: Vec<u8>,
+}
+
+impl FieldTrainer {
+    /// A fresh field on the CPU engine. `stage` names the random streams, e.g. `field/state0`.
+    ///
+    /// # Errors
+    /// [`FieldError`]: a value out of range, or no usable depth.
+    pub fn new(input: &TrainInput<'_>, config: &TrainConfig, seed: u64, stage: &str) -> Result<Self, FieldError> {
+        Self::with_engine(input, config, seed, stage, &|state| Box::new(CpuEngine::resume(state)))
+    }
+
+    /// As [`Self::new`] on another engine.
+    ///
+    /// # Errors
+    /// [`FieldError`]: a value out of range, or no usable depth.
+    pub fn with_engine(
+        input: &TrainInput<'_>,
+        config: &TrainConfig,
+        seed: u64,
+        stage: &str,
+        factory: EngineFactory<'_>,
+    ) -> Result<Self, FieldError> {
+        config.validate()?;
+        let pool = RayPool::new(input.frames, input.occupancy, config)?;
+        let mut params = FieldParams::init(&config.field, &mut stage_rng(seed, &format!("{stage}/init"), 0));
+        params.geometry[1].biases[0] = config.initial_tsdf as f32;
+        let n = params.parameters();
+        let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
+        Ok(Self {
+            truncation_m: config.derived_truncation_m(&input.scene, pool.median_depth_m),
+            trust: vec![u8::MAX; pool.surface.len()],
+            config: config.clone(),
+            scene: input.scene,
+            occupancy: input.occupancy.clone(),
+            pool,
+            engine,
+            seed,
+            stage: stage.to_owned(),
+            done: 0,
+        })
+    }
+
+    /// Continues from a checkpoint of a trainer with the same input, configuration, seed and stage.
+    ///
+    /// # Errors
+    /// [`FieldError::Checkpoint`] if it does not fit.
+    pub fn restore(&mut self, checkpoint: TrainerCheckpoint, factory: EngineFactory<'_>) -> Result<(), FieldError> {
+        let TrainerCheckpoint { engine, done, trust } = checkpoint;
+        let parameters = self.engine.state().params.parameters();
+        let checks = [
+            ("parameters", engine.params.parameters(), parameters),
+            ("first moments", engine.first.len(), parameters),
+            ("second moments", engine.second.len(), parameters),
+            ("rays", trust.len(), self.trust.len()),
+            ("steps", engine.steps as usize, done),
+        ];
+        for (what, found, expected) in checks {
+            if found != expected {
+                return Err(FieldError::Checkpoint { what, found, expected });
+            }
+        }
+        if engine.params.levels != self.engine.state().params.levels {
+            let count = |p: &FieldParams| p.levels.len();
+            return Err(FieldError::Checkpoint {
+                what: "levels of another layout:",
+                found: count(&engine.params),
+                expected: self.config.field.levels,
+            });
+        }
+        (self.done, self.trust, self.engine) = (done, trust, factory(engine));
+        Ok(())
+    }
+
+    /// One optimiser step.
+    pub fn step(&mut self) -> FieldLosses {
+        let config = &self.config;
+        let outliers_at = (config.outlier_from * config.steps as f64).round() as usize;
+        if config.outlier_sigmas > 0.0 && self.done == outliers_at.max(1) {
+            self.judge_rays();
+        }
+        let config = &self.config;
+        let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
+        let sampler = Sampler {
+            pool: &self.pool,
+            scene: &self.scene,
+            occupancy: &self.occupancy,
+            config,
+            truncation_m: self.truncation_m,
+            trust: &self.trust,
+        };
+        let batch = sampler.batch(key);
+        let rate = config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
+        self.done += 1;
+        self.engine.step(&batch, rate as f32)
+    }
+
+    /// Lowers the trust in rays whose observed point the field puts off its surface by much more than the expected
+    /// noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
+    fn judge_rays(&mut self) {
+        let field = self.field();
+        let pool = &self.pool;
+        let point = |r: &super::pool::SurfaceRay| {
+            let (origin, direction) = pool.views[usize::from(r.frame)].ray(r.pixel);
+            origin + direction * f64::from(r.depth_m)
+        };
+        let noise = self.config.noise;
+        let sigmas = self.config.outlier_sigmas;
+        // In pieces, to bound memory.
+        for (rays, trust) in pool.surface.chunks(1 << 18).zip(self.trust.chunks_mut(1 << 18)) {
+            let points: Vec<Point3<f64>> = rays.par_iter().map(point).collect();
+            for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.tsdf(&points)) {
+                let scale = sigmas * noise.sigma_m(f64::from(ray.depth_m));
+                let ratio = f64::from(residual_m) / scale;
+                *trust = (255.0 / (1.0 + ratio * ratio).powi(2)).round() as u8;
+            }
+        }
+    }
+
+    /// Steps done.
+    #[must_use]
+    pub fn done(&self) -> usize {
+        self.done
+    }
+
+    /// Steps in all.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.config.steps
+    }
+
+    /// The truncation, metres.
+    #[must_use]
+    pub fn truncation_m(&self) -> f64 {
+        self.truncation_m
+    }
+
+    /// The field as it stands.
+    #[must_use]
+    pub fn field(&self) -> ObjectField {
+        ObjectField { params: self.engine.state().params, scene: self.scene, truncation_m: self.truncation_m }
+    }
+
+    /// What [`Self::restore`] needs.
+    #[must_use]
+    pub fn checkpoint(&self) -> TrainerCheckpoint {
+        TrainerCheckpoint { engine: self.engine.state(), done: self.done, trust: self.trust.clone() }
+    }
+}

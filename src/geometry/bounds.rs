@@ -1,0 +1,63 @@
+//! The cube in which an object is reconstructed.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+/// Share of the normalised cube's half side that the object's longest side spans (method.md 1.4).
+const FILL: f64 = 0.9;
+
+/// Maps world metres to the normalised cube `[-1, 1]^3`: `normalised = (world - center) * scale`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneBox {
+    /// World point at the cube's centre, metres.
+    pub center: Point3<f64>,
+    /// Normalised units per metre.
+    pub scale: f64,
+}
+
+impl SceneBox {
+    /// The cube in which the box `[lower, upper]` (metres, world) spans `[-0.9, 0.9]` along its longest side.
+    #[must_use]
+    pub fn around(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
+        let extent = (upper - lower).max().max(1e-6);
+        Self { center: nalgebra::center(lower, upper), scale: 2.0 * FILL / extent }
+    }
+
+    /// World metres to `[-1, 1]^3`.
+    #[must_use]
+    pub fn normalise(&self, world: &Point3<f64>) -> Point3<f64> {
+        Point3::from((world - self.center) * self.scale)
+    }
+
+    /// `[-1, 1]^3` to world metres.
+    #[must_use]
+    pub fn world(&self, normalised: &Point3<f64>) -> Point3<f64> {
+        self.center + normalised.coords / self.scale
+    }
+
+    /// Longest side of the object in metres.
+    #[must_use]
+    pub fn extent_m(&self) -> f64 {
+        2.0 * FILL / self.scale
+    }
+
+    /// Side of the cube in metres.
+    #[must_use]
+    pub fn side_m(&self) -> f64 {
+        2.0 / self.scale
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_side_spans_the_fill() {
+        let b = SceneBox::around(&Point3::new(1.0, 2.0, 3.0), &Point3::new(1.5, 4.0, 3.1));
+        assert!((b.normalise(&Point3::new(1.2, 4.0, 3.0)).y - 0.9).abs() < 1e-12);
+        assert!((b.extent_m() - 2.0).abs() < 1e-12);
+        let p = Point3::new(0.3, 0.2, -0.7);
+        assert!((b.normalise(&b.world(&p)) - p).norm() < 1e-12);
+    }
+}

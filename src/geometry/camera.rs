@@ -1,0 +1,65 @@
+//! Pinhole cameras without distortion. Integer pixel coordinates are pixel centres.
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// An undistorted pinhole camera; the optical frame has x right, y down, z forward.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Intrinsics {
+    /// Image width in pixels.
+    pub width: usize,
+    /// Image height in pixels.
+    pub height: usize,
+    /// Focal length in pixels, horizontal.
+    pub fx: f64,
+    /// Focal length in pixels, vertical.
+    pub fy: f64,
+    /// Principal point, horizontal pixel coordinate.
+    pub cx: f64,
+    /// Principal point, vertical pixel coordinate.
+    pub cy: f64,
+}
+
+impl Intrinsics {
+    /// Pixel coordinates of a point in the camera's optical frame; `None` at or behind the camera.
+    #[must_use]
+    pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<(f64, f64)> {
+        let z = point_in_camera.z;
+        (z > 1e-9).then(|| (self.fx * point_in_camera.x / z + self.cx, self.fy * point_in_camera.y / z + self.cy))
+    }
+
+    /// Index of the pixel that holds the projection of a point, row-major; `None` outside the image.
+    #[must_use]
+    pub fn pixel(&self, point_in_camera: &Point3<f64>) -> Option<usize> {
+        let (u, v) = self.project(point_in_camera)?;
+        let (x, y) = (u.round(), v.round());
+        (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64).then(|| y as usize * self.width + x as usize)
+    }
+
+    /// Direction of a pixel's ray in the optical frame with z = 1, so that the ray parameter is z-depth.
+    #[must_use]
+    pub fn ray(&self, u: f64, v: f64) -> Vector3<f64> {
+        Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)
+    }
+
+    /// The point seen at a pixel at the given z-depth in metres, in the optical frame.
+    #[must_use]
+    pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
+        Point3::from(self.ray(u, v) * depth_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unproject_inverts_project() {
+        let k = Intrinsics { width: 640, height: 480, fx: 577.3, fy: 571.0, cx: 322.7, cy: 236.8 };
+        let p = k.unproject(17.25, 401.5, 1.7);
+        let (u, v) = k.project(&p).unwrap();
+        assert!((u - 17.25).abs() < 1e-9 && (v - 401.5).abs() < 1e-9);
+        assert_eq!(k.pixel(&k.unproject(12.2, 3.4, 0.5)), Some(3 * 640 + 12));
+        assert_eq!(k.project(&Point3::new(0.0, 0.0, -1.0)), None);
+    }
+}

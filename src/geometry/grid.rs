@@ -1,0 +1,137 @@
+//! Node-aligned regular grids in the world frame, with trilinear interpolation.
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::SceneBox;
+
+/// Values at the nodes `origin + spacing_m * (x, y, z)`; x varies fastest: `index = x + nx * (y + ny * z)`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Grid3<T> {
+    /// World position of node (0, 0, 0), metres.
+    pub origin: Point3<f64>,
+    /// Distance between neighbouring nodes, metres.
+    pub spacing_m: f64,
+    /// Number of nodes along x, y, z.
+    pub dims: [usize; 3],
+    /// One value a node.
+    pub values: Vec<T>,
+}
+
+impl<T: Clone> Grid3<T> {
+    /// A grid whose nodes span the whole scene cube, `nodes` along each axis, filled with `value`.
+    #[must_use]
+    pub fn over(scene: &SceneBox, nodes: usize, value: T) -> Self {
+        let origin = scene.world(&Point3::new(-1.0, -1.0, -1.0));
+        Self { origin, spacing_m: scene.side_m() / (nodes - 1) as f64, dims: [nodes; 3], values: vec![value; nodes * nodes * nodes] }
+    }
+}
+
+impl<T> Grid3<T> {
+    /// World position of a node, metres.
+    #[must_use]
+    pub fn node(&self, x: usize, y: usize, z: usize) -> Point3<f64> {
+        self.origin + Vector3::new(x as f64, y as f64, z as f64) * self.spacing_m
+    }
+
+    /// Index of a node in `values`.
+    #[must_use]
+    pub fn index(&self, x: usize, y: usize, z: usize) -> usize {
+        x + self.dims[0] * (y + self.dims[1] * z)
+    }
+
+    /// Coordinates of the node with the given index.
+    #[must_use]
+    pub fn coordinates(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.dims;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    /// World position of the node with the given index, metres.
+    #[must_use]
+    pub fn position(&self, index: usize) -> Point3<f64> {
+        let [x, y, z] = self.coordinates(index);
+        self.node(x, y, z)
+    }
+
+    /// The node nearest to a point; `None` outside the grid by more than half a spacing.
+    #[must_use]
+    pub fn nearest(&self, point: &Point3<f64>) -> Option<usize> {
+        let g = (point - self.origin) / self.spacing_m;
+        let mut c = [0; 3];
+        for k in 0..3 {
+            let r = g[k].round();
+            if !(r >= 0.0 && r < self.dims[k] as f64) {
+                return None;
+            }
+            c[k] = r as usize;
+        }
+        Some(self.index(c[0], c[1], c[2]))
+    }
+}
+
+/// Cell corner and interpolation fractions of a point, clamped to the grid.
+fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool; 3]) {
+    let g = (point - grid.origin) / grid.spacing_m;
+    let (mut base, mut frac, mut inside) = ([0; 3], [0.0; 3], [true; 3]);
+    for k in 0..3 {
+        let last = (grid.dims[k] - 1) as f64;
+        let x = g[k].clamp(0.0, last);
+        inside[k] = g[k] >= 0.0 && g[k] <= last;
+        let b = (x.floor() as usize).min(grid.dims[k].saturating_sub(2));
+        base[k] = b;
+        frac[k] = (x - b as f64) as f32;
+    }
+    (base, frac, inside)
+}
+
+impl Grid3<f32> {
+    /// Trilinear value; a point outside takes the value at the nearest border.
+    #[must_use]
+    pub fn sample(&self, point: &Point3<f64>) -> f32 {
+        self.sample_with_gradient(point).0
+    }
+
+    /// Trilinear value and its gradient per metre (exact derivative of the interpolant; zero along an axis on which
+    /// the point is outside, where the value is clamped).
+    #[must_use]
+    pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
+        let ([x, y, z], [a, b, c], inside) = cell(self, point);
+        let i = self.index(x, y, z);
+        let (dy, dz) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let v = &self.values;
+        let (v000, v100, v010, v110) = (v[i], v[i + 1], v[i + dy], v[i + dy + 1]);
+        let (v001, v101, v011, v111) = (v[i + dz], v[i + dz + 1], v[i + dz + dy], v[i + dz + dy + 1]);
+        let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
+        let (x00, x10, x01, x11) = (lerp(v000, v100, a), lerp(v010, v110, a), lerp(v001, v101, a), lerp(v011, v111, a));
+        let (y0, y1) = (lerp(x00, x10, b), lerp(x01, x11, b));
+        let gx = lerp(lerp(v100 - v000, v110 - v010, b), lerp(v101 - v001, v111 - v011, b), c);
+        let gy = lerp(x10 - x00, x11 - x01, c);
+        let gz = y1 - y0;
+        let h = self.spacing_m as f32;
+        let keep = |g: f32, k: usize| if inside[k] { g / h } else { 0.0 };
+        (lerp(y0, y1, c), Vector3::new(keep(gx, 0), keep(gy, 1), keep(gz, 2)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_linear_field_is_exact_at_every_point() {
+        let scene = SceneBox::around(&Point3::new(-0.2, 0.1, 0.0), &Point3::new(0.4, 0.3, 0.5));
+        let mut g = Grid3::over(&scene, 21, 0.0f32);
+        let f = |p: &Point3<f64>| 2.0 * p.x - 3.0 * p.y + 0.5 * p.z + 0.25;
+        for i in 0..g.values.len() {
+            g.values[i] = f(&g.position(i)) as f32;
+        }
+        for p in [Point3::new(0.1, 0.2, 0.3), Point3::new(0.39, 0.12, 0.01), g.node(3, 4, 5)] {
+            let (v, d) = g.sample_with_gradient(&p);
+            assert!((f64::from(v) - f(&p)).abs() < 1e-5);
+            assert!((d - Vector3::new(2.0, -3.0, 0.5)).norm() < 1e-3);
+        }
+        assert_eq!(g.nearest(&g.node(3, 4, 5)), Some(g.index(3, 4, 5)));
+        assert_eq!(g.nearest(&(g.origin - Vector3::x())), None);
+    }
+}

@@ -1,0 +1,16 @@
+//! Pure geometry: cameras, rigid motions, screw axes, node-aligned grids.
+
+mod bounds;
+mod camera;
+mod grid;
+mod nearest;
+mod screw;
+
+pub use bounds::SceneBox;
+pub use camera::Intrinsics;
+pub use grid::Grid3;
+pub use nearest::NearestPoints;
+pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, skew};
+
+/// A rigid motion or a frame transform; name it `target_from_source`.
+pub type Pose = nalgebra::Isometry3<f64>;

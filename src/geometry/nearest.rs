@@ -1,0 +1,45 @@
+//! Nearest points in space.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::Point3;
+
+/// A fixed set of points that can be asked for the nearest ones.
+pub struct NearestPoints {
+    tree: Option<ImmutableKdTree<f64, 3>>,
+}
+
+impl NearestPoints {
+    /// Builds the search tree; non-finite points are never found.
+    #[must_use]
+    pub fn new(points: &[Point3<f64>]) -> Self {
+        const NOWHERE: f64 = 1e12;
+        let entries: Vec<[f64; 3]> =
+            points.iter().map(|p| if p.iter().all(|x| x.is_finite()) { [p.x, p.y, p.z] } else { [NOWHERE; 3] }).collect();
+        Self { tree: if entries.is_empty() { None } else { ImmutableKdTree::new_from_slice(&entries).ok() } }
+    }
+
+    /// Index of the nearest point and its distance in metres; `None` without points.
+    #[must_use]
+    pub fn nearest(&self, point: &Point3<f64>) -> Option<(usize, f64)> {
+        let found = self.tree.as_ref()?.query(&[point.x, point.y, point.z]).nearest_one::<SquaredEuclidean<f64>>().execute();
+        Some((found.item as usize, found.distance.sqrt()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_what_a_full_search_finds() {
+        let points: Vec<_> = (0..500).map(|i| Point3::new((i * 37 % 101) as f64, (i * 53 % 89) as f64, (i * 71 % 97) as f64)).collect();
+        let tree = NearestPoints::new(&points);
+        for i in 0..50 {
+            let q = Point3::new(i as f64 * 1.9, i as f64 * 1.3, 90.0 - i as f64);
+            let best = points.iter().map(|p| (p - q).norm()).fold(f64::INFINITY, f64::min);
+            let (found, distance) = tree.nearest(&q).unwrap();
+            assert!((distance - best).abs() < 1e-9 && ((points[found] - q).norm() - best).abs() < 1e-9);
+        }
+        assert!(NearestPoints::new(&[]).nearest(&Point3::origin()).is_none());
+    }
+}

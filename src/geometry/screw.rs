@@ -1,0 +1,146 @@
+//! Screw axes: the line that a part turns about or slides along.
+//!
+//! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure rotation
+//! has pitch zero; a pure translation has a direction and no location.
+
+use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::Pose;
+
+/// Below this sine two directions count as parallel.
+const PARALLEL_SIN: f64 = 1e-6;
+/// Below this angle in radians a motion has no observable rotation axis.
+const MIN_ANGLE_RAD: f64 = 1e-9;
+
+/// The screw of a rigid motion: direction, the point of its line closest to the origin, angle and advance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Screw {
+    /// Unit direction.
+    pub direction: Unit<Vector3<f64>>,
+    /// Point of the axis closest to the frame's origin, metres; the origin for a pure translation.
+    pub point: Point3<f64>,
+    /// Rotation about the direction, radians, in `[0, pi]`.
+    pub angle_rad: f64,
+    /// Translation along the direction, metres.
+    pub advance_m: f64,
+}
+
+impl Screw {
+    /// Screw of a rigid motion (method.md 5: closed-form pivot `p = (t + cot(angle/2) u x t) / 2` on the part of `t`
+    /// normal to `u`). `None` for the identity.
+    #[must_use]
+    pub fn of(motion: &Pose) -> Option<Self> {
+        let w = log_so3(&motion.rotation);
+        let angle_rad = w.norm();
+        let t = motion.translation.vector;
+        if angle_rad < MIN_ANGLE_RAD {
+            let direction = Unit::try_new(t, 1e-12)?;
+            return Some(Self { direction, point: Point3::origin(), angle_rad: 0.0, advance_m: t.norm() });
+        }
+        let direction = Unit::try_new(w, 0.0)?;
+        let u = direction.into_inner();
+        let advance_m = t.dot(&u);
+        let across = t - u * advance_m;
+        let p = 0.5 * (across + u.cross(&across) / (0.5 * angle_rad).tan());
+        Some(Self { direction, point: Point3::from(p - u * p.dot(&u)), angle_rad, advance_m })
+    }
+
+    /// The rigid motion that this screw describes.
+    #[must_use]
+    pub fn motion(&self) -> Pose {
+        self.motion_by(self.angle_rad, self.advance_m)
+    }
+
+    /// The motion of another amount about the same line.
+    #[must_use]
+    pub fn motion_by(&self, angle_rad: f64, advance_m: f64) -> Pose {
+        let r = UnitQuaternion::from_axis_angle(&self.direction, angle_rad);
+        let t = self.point.coords - r * self.point.coords + self.direction.into_inner() * advance_m;
+        Pose::from_parts(Translation3::from(t), r)
+    }
+}
+
+/// Rotation vector of a rotation: axis times angle in `[0, pi]`.
+#[must_use]
+pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+    let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
+    let v = q.imag();
+    let s = v.norm();
+    if s < 1e-12 { 2.0 * v } else { v * (2.0 * s.atan2(q.w) / s) }
+}
+
+/// Rotation of a rotation vector.
+#[must_use]
+pub fn exp_so3(rotation_vector: &Vector3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(*rotation_vector)
+}
+
+/// Angle of a rotation in `[0, pi]`, radians.
+#[must_use]
+pub fn rotation_angle_rad(rotation: &UnitQuaternion<f64>) -> f64 {
+    log_so3(rotation).norm()
+}
+
+/// The matrix of `v x .`.
+#[must_use]
+pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    v.cross_matrix()
+}
+
+/// Shortest distance in metres between two lines, each a point and a unit direction. Parallel lines keep their gap.
+#[must_use]
+pub fn line_distance_m(a: (&Point3<f64>, &Vector3<f64>), b: (&Point3<f64>, &Vector3<f64>)) -> f64 {
+    let offset = b.0 - a.0;
+    let normal = a.1.cross(b.1);
+    let sin = normal.norm();
+    if sin < PARALLEL_SIN { offset.cross(a.1).norm() } else { offset.dot(&normal).abs() / sin }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn check(direction: [f64; 3], point: [f64; 3], angle_rad: f64, advance_m: f64) {
+        let direction = Unit::new_normalize(Vector3::from(direction));
+        let screw = Screw { direction, point: Point3::from(point), angle_rad, advance_m };
+        let motion = screw.motion();
+        let back = Screw::of(&motion).unwrap();
+        let again = back.motion();
+        assert!((motion.translation.vector - again.translation.vector).norm() < 1e-7);
+        assert!(motion.rotation.angle_to(&again.rotation) < 1e-7);
+        assert!((back.angle_rad - angle_rad).abs() < 1e-7);
+        assert!(line_distance_m((&screw.point, &direction), (&back.point, &back.direction)) < 1e-6);
+        assert!(back.point.coords.dot(&back.direction).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn a_motion_gives_its_screw_back(d in prop::array::uniform3(-1.0..1.0f64), p in prop::array::uniform3(-2.0..2.0f64),
+                                         angle in 0.01..3.1f64, advance in -0.5..0.5f64) {
+            prop_assume!(Vector3::from(d).norm() > 0.1);
+            check(d, p, angle, advance);
+        }
+    }
+
+    #[test]
+    fn half_a_turn_has_its_pivot() {
+        check([0.0, 1.0, 1.0], [0.4, 0.1, -0.1], std::f64::consts::PI, 0.0);
+    }
+
+    #[test]
+    fn a_translation_has_a_direction_and_no_angle() {
+        let s = Screw::of(&Pose::translation(0.0, 0.0, -0.2)).unwrap();
+        assert_eq!(s.angle_rad, 0.0);
+        assert!((s.advance_m - 0.2).abs() < 1e-12 && s.direction.z < -0.99);
+        assert!(Screw::of(&Pose::identity()).is_none());
+    }
+
+    #[test]
+    fn parallel_lines_keep_their_gap() {
+        let (a, b) = (Point3::origin(), Point3::new(0.3, 0.0, 7.0));
+        assert!((line_distance_m((&a, &Vector3::z()), (&b, &-Vector3::z())) - 0.3).abs() < 1e-12);
+        assert!((line_distance_m((&a, &Vector3::z()), (&b, &Vector3::y())) - 0.3).abs() < 1e-12);
+    }
+}

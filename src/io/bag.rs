@@ -1,0 +1,221 @@
+//! A recording on disk: a rosbag2 folder or a bare `.mcap` file.
+//!
+//! `metadata.yaml` is read for the files' names and their compression only; what the bag holds is found by reading it.
+
+use std::{
+    fs::File,
+    io::{BufReader, Read},
+    path::{Component, Path, PathBuf},
+};
+
+use serde::Deserialize;
+
+use super::mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels};
+use crate::capture::CaptureError;
+
+/// Largest metadata.yaml that is read, bytes.
+const METADATA_LIMIT: u64 = 1 << 20;
+/// Most files of one bag.
+const MAX_FILES: usize = 10_000;
+
+/// The files of one recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bag {
+    /// What was given: the folder or the file.
+    pub path: PathBuf,
+    /// Its MCAP files.
+    pub files: Vec<PathBuf>,
+    /// Every message is compressed with zstd by itself (`compression_mode: message`).
+    compressed_messages: bool,
+    /// What was odd about the folder.
+    pub warnings: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct MetadataFile {
+    rosbag2_bagfile_information: Metadata,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Metadata {
+    storage_identifier: String,
+    compression_format: String,
+    compression_mode: String,
+    relative_file_paths: Vec<String>,
+}
+
+impl Bag {
+    /// Whether a path can be a bag: an MCAP file, or a folder with bag files or metadata in it.
+    #[must_use]
+    pub fn is_at(path: &Path) -> bool {
+        if path.is_dir() {
+            return path.join("metadata.yaml").is_file() || !files_with(path, is_mcap).is_empty() || !files_with(path, is_db3).is_empty();
+        }
+        path.is_file() && (is_mcap(path) || is_db3(path) || starts_as_mcap(path))
+    }
+
+    /// Finds the files of a bag.
+    ///
+    /// # Errors
+    /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, no files.
+    pub fn open(path: &Path) -> Result<Self, CaptureError> {
+        let mut bag = Self { path: path.to_owned(), files: Vec::new(), compressed_messages: false, warnings: Vec::new() };
+        if !path.exists() {
+            return Err(CaptureError::Read { path: path.to_owned(), source: std::io::ErrorKind::NotFound.into() });
+        }
+        if path.is_file() {
+            if is_db3(path) {
+                return Err(CaptureError::Sqlite { path: path.to_owned() });
+            }
+            bag.files.push(path.to_owned());
+            return Ok(bag);
+        }
+        let yaml = path.join("metadata.yaml");
+        if yaml.is_file() {
+            match read_metadata(&yaml) {
+                Ok(metadata) => bag.apply(&metadata)?,
+                Err(why) => bag.warnings.push(format!("`{}` cannot be read ({why}); all .mcap files beside it are used", yaml.display())),
+            }
+        } else {
+            bag.warnings
+                .push(format!("`{}` has no metadata.yaml (the recording was not closed); its .mcap files are used", path.display()));
+        }
+        if bag.files.is_empty() {
+            bag.files = files_with(path, is_mcap);
+        }
+        match bag.files.is_empty() {
+            false => Ok(bag),
+            true if !files_with(path, is_db3).is_empty() => Err(CaptureError::Sqlite { path: path.to_owned() }),
+            true => Err(CaptureError::NotARecording { path: path.to_owned(), reason: "the folder holds no .mcap file".into() }),
+        }
+    }
+
+    fn apply(&mut self, metadata: &Metadata) -> Result<(), CaptureError> {
+        let yaml = self.path.join("metadata.yaml");
+        let refuse = |reason| Err(CaptureError::Metadata { path: yaml.clone(), reason });
+        match metadata.storage_identifier.as_str() {
+            "mcap" | "" => {}
+            "sqlite3" => return Err(CaptureError::Sqlite { path: self.path.clone() }),
+            other => return refuse(format!("storage `{other}` is not supported; convert the bag to mcap with `ros2 bag convert`")),
+        }
+        let mode = metadata.compression_mode.to_ascii_lowercase();
+        let format = metadata.compression_format.to_ascii_lowercase();
+        if !matches!(mode.as_str(), "" | "none" | "message" | "file" | "storage") {
+            return refuse(format!("compression_mode `{mode}` is not supported; convert the bag with `ros2 bag convert`"));
+        }
+        if matches!(mode.as_str(), "message" | "file") && format != "zstd" {
+            return refuse(format!("compression_format `{format}` is not supported (zstd is); convert the bag with `ros2 bag convert`"));
+        }
+        self.compressed_messages = mode == "message";
+        if metadata.relative_file_paths.len() > MAX_FILES {
+            return refuse(format!("it lists {} files, more than {MAX_FILES}", metadata.relative_file_paths.len()));
+        }
+        let mut missing = Vec::new();
+        for name in &metadata.relative_file_paths {
+            let relative = Path::new(name);
+            let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+            if !inside || relative.components().next().is_none() {
+                return refuse(format!(
+                    "relative_file_paths names `{}`, which lies outside the bag; nothing was read",
+                    name.escape_debug()
+                ));
+            }
+            let file = self.path.join(relative);
+            if is_db3(&file) {
+                return Err(CaptureError::Sqlite { path: self.path.clone() });
+            }
+            if file.is_file() { self.files.push(file) } else { missing.push(name.escape_debug().to_string()) }
+        }
+        if !missing.is_empty() {
+            self.warnings.push(format!("`{}` lists files that are not there: {}", yaml.display(), missing.join(", ")));
+        }
+        Ok(())
+    }
+
+    /// Hands out every message of every file, in file order, and tells how each file was read. Reading twice gives the
+    /// same messages in the same order.
+    ///
+    /// # Errors
+    /// The visitor's error; [`CaptureError::Read`]; [`CaptureError::Corrupt`] if no file gave a single message but was
+    /// damaged.
+    pub fn read(&self, visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+        let mut reports = Vec::new();
+        for path in &self.files {
+            let mut undecodable = 0;
+            let mut unpacking = |message: &RawMessage| match unpack_message(message.data) {
+                Ok(data) => visit(&RawMessage { data: &data, ..*message }),
+                Err(_) => {
+                    undecodable += 1;
+                    Ok(())
+                }
+            };
+            let visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError> =
+                if self.compressed_messages { &mut unpacking } else { visit };
+            let mut report = read_file(path, visit)?;
+            if undecodable > 0 && report.stopped.is_none() {
+                report.stopped = Some(format!("{undecodable} messages could not be decompressed"));
+            }
+            reports.push((path.clone(), report));
+        }
+        match reports.iter().find(|(_, r)| !r.is_whole()) {
+            Some((path, report)) if reports.iter().all(|(_, r)| r.messages == 0) => {
+                let chunk = || report.bad_chunks.first().map(|(n, why)| format!("chunk {n}: {why}"));
+                let reason = report.stopped.clone().or_else(chunk).unwrap_or_else(|| "no message has a known topic".into());
+                Err(CaptureError::Corrupt { path: path.clone(), reason })
+            }
+            _ => Ok(reports),
+        }
+    }
+}
+
+fn read_file(path: &Path, visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>) -> Result<FileReport, CaptureError> {
+    let failed = |source| CaptureError::Read { path: path.to_owned(), source };
+    let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(failed)?);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zstd")) {
+        let decoder = zstd::Decoder::with_buffer(file).map_err(failed)?;
+        return read_messages(BufReader::new(decoder), &mut Channels::default(), visit);
+    }
+    let mut channels = summary_channels(&mut file).map_err(failed)?;
+    read_messages(file, &mut channels, visit)
+}
+
+/// A payload that was compressed by itself.
+fn unpack_message(data: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut unpacked = Vec::new();
+    zstd::Decoder::new(data)?.take(RECORD_LIMIT).read_to_end(&mut unpacked)?;
+    Ok(unpacked)
+}
+
+fn read_metadata(path: &Path) -> Result<Metadata, String> {
+    let mut text = String::new();
+    let read = File::open(path).and_then(|f| f.take(METADATA_LIMIT + 1).read_to_string(&mut text));
+    read.map_err(|e| e.to_string())?;
+    if text.len() as u64 > METADATA_LIMIT {
+        return Err(format!("it is larger than {METADATA_LIMIT} bytes"));
+    }
+    serde_norway::from_str::<MetadataFile>(&text).map(|m| m.rosbag2_bagfile_information).map_err(|e| e.to_string())
+}
+
+/// The files of a folder that satisfy a test, sorted by name.
+fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<_> = entries.map(|e| e.path()).filter(|p| p.is_file() && test(p)).take(MAX_FILES).collect();
+    files.sort();
+    files
+}
+
+fn is_mcap(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    name.ends_with(".mcap") || name.ends_with(".mcap.zstd")
+}
+
+fn is_db3(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    name.ends_with(".db3") || name.ends_with(".db3.zstd")
+}
+
+fn starts_as_mcap(path: &Path) -> bool {
+    let mut magic = [0; 8];
+    File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *mcap::MAGIC
+}

@@ -1,0 +1,305 @@
+//! First reading of a bag: everything but the pixels. What there is, when, and where the camera was.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use super::{
+    bag::Bag,
+    mcap_file::{FileReport, RawMessage},
+    ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode},
+    topics::{INFO_TYPE, TopicSummary},
+};
+use crate::{
+    capture::{CaptureError, TfBuffer},
+    geometry::Pose,
+};
+
+/// Most transforms, images and poses that are indexed.
+const MAX_ENTRIES: usize = 5_000_000;
+/// Most topics of one bag.
+const MAX_TOPICS: usize = 10_000;
+
+/// What is told about a topic.
+#[derive(Clone, Debug, Default)]
+pub struct TopicStat {
+    /// Type of its messages.
+    pub type_name: String,
+    /// Messages in the bag.
+    pub count: usize,
+    /// Those of a known type that could not be decoded.
+    pub undecodable: usize,
+    /// Why the first of them could not.
+    pub problem: Option<String>,
+    /// Recording time of the first message, nanoseconds.
+    pub first_nanos: i64,
+    /// Recording time of the last message, nanoseconds.
+    pub last_nanos: i64,
+}
+
+/// One image message, without its pixels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageEntry {
+    /// Number among all messages of its topic, from 0, in the order of reading.
+    pub ordinal: usize,
+    /// Header stamp, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Recording time, nanoseconds.
+    pub log_nanos: i64,
+    /// Width and height, where the message says.
+    pub size: Option<(usize, usize)>,
+}
+
+/// The images of a topic.
+#[derive(Clone, Debug, Default)]
+pub struct ImageTopic {
+    /// Encoding or format of the first.
+    pub encoding: String,
+    /// Optical frame of the first.
+    pub frame: String,
+    /// Messages in another frame than the first; they are not used.
+    pub strays: usize,
+    /// In the order of reading.
+    pub entries: Vec<ImageEntry>,
+}
+
+/// The camera parameters of a topic.
+#[derive(Clone, Debug, Default)]
+pub struct InfoTopic {
+    /// Distinct parameters; stamps left out.
+    pub distinct: Vec<CameraInfo>,
+    /// Stamp and index into `distinct`.
+    pub entries: Vec<(i64, usize)>,
+}
+
+impl InfoTopic {
+    /// Leaves out parameters that nearly all messages contradict (damage); the number of messages left out.
+    pub fn settle(&mut self) -> usize {
+        let count = |d: usize| self.entries.iter().filter(|e| e.1 == d).count();
+        let Some((common, agreeing)) = (0..self.distinct.len()).map(|d| (d, count(d))).max_by_key(|(d, n)| (*n, usize::MAX - d)) else {
+            return 0;
+        };
+        let lost = self.entries.len() - agreeing;
+        if lost == 0 || agreeing < 10 * lost {
+            return 0;
+        }
+        self.distinct = vec![self.distinct[common].clone()];
+        self.entries = self.entries.iter().filter(|e| e.1 == common).map(|e| (e.0, 0)).collect();
+        lost
+    }
+}
+
+/// The poses of a topic.
+#[derive(Clone, Debug, Default)]
+pub struct PoseTopic {
+    /// Frame in which they are given.
+    pub parent: String,
+    /// Frame whose pose they are, where the message says.
+    pub child: Option<String>,
+    /// By header stamp.
+    pub samples: BTreeMap<i64, Pose>,
+    /// Messages left out: NaN, no unit quaternion, other frames.
+    pub invalid: usize,
+}
+
+/// Everything but the pixels.
+#[derive(Clone, Debug, Default)]
+pub struct BagIndex {
+    /// By name.
+    pub topics: BTreeMap<String, TopicStat>,
+    /// By topic.
+    pub images: BTreeMap<String, ImageTopic>,
+    /// By topic.
+    pub infos: BTreeMap<String, InfoTopic>,
+    /// By topic.
+    pub poses: BTreeMap<String, PoseTopic>,
+    /// Recording times of the messages of std_msgs topics.
+    pub markers: BTreeMap<String, Vec<i64>>,
+    /// Of /tf and /tf_static.
+    pub tf: TfBuffer,
+    /// How each file was read.
+    pub files: Vec<(PathBuf, FileReport)>,
+    entries: usize,
+}
+
+impl BagIndex {
+    /// Reads a bag once, front to back.
+    ///
+    /// # Errors
+    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages and for more entries than are taken.
+    pub fn read(bag: &Bag) -> Result<Self, CaptureError> {
+        let mut index = Self::default();
+        index.files = bag.read(&mut |message| index.add(message, bag))?;
+        Ok(index)
+    }
+
+    /// First and last recording time, nanoseconds.
+    #[must_use]
+    pub fn span_nanos(&self) -> Option<(i64, i64)> {
+        let first = self.topics.values().map(|t| t.first_nanos).min()?;
+        Some((first, self.topics.values().map(|t| t.last_nanos).max()?))
+    }
+
+    /// Sentences about damage.
+    #[must_use]
+    pub fn damage(&self) -> Vec<String> {
+        let files = self.files.iter().filter_map(|(path, report)| report.damage(&path.display().to_string()));
+        let topics = self.topics.iter().filter(|(_, t)| t.undecodable > 0).map(|(name, t)| {
+            let problem = t.problem.as_deref().unwrap_or_default();
+            format!("{} of {} messages on {name} could not be decoded and are not used ({problem})", t.undecodable, t.count)
+        });
+        files.chain(topics).collect()
+    }
+
+    /// The topics as the choice between them needs them.
+    #[must_use]
+    pub fn summaries(&self) -> Vec<TopicSummary> {
+        let summary = |(name, stat): (&String, &TopicStat)| TopicSummary {
+            name: name.clone(),
+            type_name: stat.type_name.clone(),
+            count: stat.count - stat.undecodable,
+            encoding: self.images.get(name).map_or_else(String::new, |i| i.encoding.clone()),
+        };
+        self.topics.iter().map(summary).collect()
+    }
+
+    fn add(&mut self, message: &RawMessage, bag: &Bag) -> Result<(), CaptureError> {
+        let refuse = |what: &str, remedy: &str| {
+            let what = format!("`{}`: {what}", bag.path.display());
+            Err(CaptureError::Unsupported { what, remedy: remedy.into() })
+        };
+        if message.message_encoding == "ros1" {
+            return refuse("ROS 1 messages", "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`");
+        }
+        if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
+            return refuse("a bag with so many messages", "cut it with `ros2 bag convert` to the topics and times that are needed");
+        }
+        let log_nanos = i64::try_from(message.log_time_nanos).unwrap_or(i64::MAX);
+        if !self.topics.contains_key(message.topic) {
+            let stat = TopicStat {
+                type_name: message.type_name.to_owned(),
+                first_nanos: log_nanos,
+                last_nanos: log_nanos,
+                ..TopicStat::default()
+            };
+            self.topics.insert(message.topic.to_owned(), stat);
+        }
+        let outcome = match message.message_encoding {
+            "cdr" => self.decode(message, log_nanos),
+            other => Err(format!("message encoding `{other}` is not cdr")),
+        };
+        if let Some(stat) = self.topics.get_mut(message.topic) {
+            stat.count += 1;
+            stat.first_nanos = stat.first_nanos.min(log_nanos);
+            stat.last_nanos = stat.last_nanos.max(log_nanos);
+            if let Err(why) = outcome {
+                stat.undecodable += 1;
+                stat.problem.get_or_insert(why);
+            }
+        }
+        Ok(())
+    }
+
+    fn decode(&mut self, message: &RawMessage, log_nanos: i64) -> Result<(), String> {
+        let (topic, data) = (message.topic, message.data);
+        let told = |e: DecodeError| e.to_string();
+        match message.type_name {
+            "sensor_msgs/msg/Image" => {
+                let front: ImageFront = decode(data).map_err(told)?;
+                let (stamp, frame) = front.header.checked().ok_or("its header is invalid")?;
+                self.add_image(topic, stamp, log_nanos, frame, front.encoding, Some((front.width as usize, front.height as usize)));
+            }
+            "sensor_msgs/msg/CompressedImage" => {
+                let front: CompressedFront = decode(data).map_err(told)?;
+                let (stamp, frame) = front.header.checked().ok_or("its header is invalid")?;
+                self.add_image(topic, stamp, log_nanos, frame, front.format, None);
+            }
+            INFO_TYPE => self.add_info(topic, decode(data).map_err(told)?)?,
+            "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data).map_err(told)?),
+            "geometry_msgs/msg/PoseStamped" => {
+                let m: PoseStamped = decode(data).map_err(told)?;
+                let (stamp, parent) = m.header.checked().ok_or("its header is invalid")?;
+                self.add_pose(topic, stamp, parent, None, m.pose.checked());
+            }
+            "nav_msgs/msg/Odometry" => {
+                let m: Odometry = decode(data).map_err(told)?;
+                let (stamp, parent) = m.header.checked().ok_or("its header is invalid")?;
+                let child = m.child_frame_id.trim_start_matches('/').to_owned();
+                self.add_pose(topic, stamp, parent, Some(child), m.pose.checked());
+            }
+            name if name.starts_with("std_msgs/") => {
+                self.entries += 1;
+                self.markers.entry(topic.to_owned()).or_default().push(log_nanos);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn add_image(&mut self, topic: &str, stamp_nanos: i64, log_nanos: i64, frame: String, encoding: String, size: Option<(usize, usize)>) {
+        self.entries += 1;
+        let ordinal = self.topics.get(topic).map_or(0, |t| t.count);
+        let images = self.images.entry(topic.to_owned()).or_default();
+        if images.entries.is_empty() {
+            images.frame = frame;
+            images.encoding = encoding;
+        } else if images.frame != frame {
+            images.strays += 1;
+            return;
+        }
+        images.entries.push(ImageEntry { ordinal, stamp_nanos, log_nanos, size });
+    }
+
+    fn add_info(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), String> {
+        let (stamp, frame) = info.header.checked().ok_or("its header is invalid")?;
+        self.entries += 1;
+        info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
+        let infos = self.infos.entry(topic.to_owned()).or_default();
+        let known = infos.distinct.iter().rposition(|d| *d == info).unwrap_or_else(|| {
+            infos.distinct.push(info);
+            infos.distinct.len() - 1
+        });
+        infos.entries.push((stamp, known));
+        Ok(())
+    }
+
+    fn add_transforms(&mut self, topic: &str, message: &TfMessage) {
+        for t in &message.transforms {
+            self.entries += 1;
+            let child = t.child_frame_id.trim_start_matches('/');
+            match (t.header.checked(), t.transform.checked()) {
+                (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => self.tf.add_static(&parent, child, pose),
+                (Some((stamp, parent)), Some(pose)) => self.tf.add(&parent, child, stamp, pose),
+                _ => self.tf.invalid += 1,
+            }
+        }
+    }
+
+    fn add_pose(&mut self, topic: &str, stamp: i64, parent: String, child: Option<String>, pose: Option<Pose>) {
+        self.entries += 1;
+        let poses = self.poses.entry(topic.to_owned()).or_default();
+        if poses.samples.is_empty() && poses.invalid == 0 {
+            poses.parent = parent.clone();
+            poses.child.clone_from(&child);
+        }
+        match pose {
+            Some(pose) if poses.parent == parent && poses.child == child => _ = poses.samples.insert(stamp, pose),
+            _ => poses.invalid += 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_message_against_all_others_is_left_out_and_a_real_change_is_kept() {
+        let info = |width| CameraInfo { width, ..CameraInfo::default() };
+        let entries = |odd: std::ops::Range<i64>| (0..30).map(|i| (i, usize::from(odd.contains(&i)))).collect();
+        let mut damaged = InfoTopic { distinct: vec![info(640), info(641)], entries: entries(7..8) };
+        assert_eq!((damaged.settle(), damaged.distinct.len(), damaged.entries.len()), (1, 1, 29));
+        assert_eq!(damaged.distinct[0].width, 640);
+        let mut changed = InfoTopic { distinct: vec![info(640), info(320)], entries: entries(20..30) };
+        assert_eq!((changed.settle(), changed.distinct.len()), (0, 2));
+        assert_eq!(InfoTopic::default().settle(), 0);
+    }
+}

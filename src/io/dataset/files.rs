@@ -1,0 +1,129 @@
+//! What the dataset layouts share: reading bounded files, camera matrices and poses, building frames.
+
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion};
+
+use crate::{
+    capture::{CaptureConfig, CaptureError},
+    geometry::{Intrinsics, Pose},
+    io::image_codec::{ImageError, MAX_SIDE},
+};
+
+/// Largest file of text or image, bytes.
+const FILE_LIMIT: u64 = 256 << 20;
+/// Most frames of one dataset.
+pub const MAX_FRAMES: usize = 100_000;
+
+pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureError> {
+    Err(CaptureError::Dataset { path: path.to_owned(), reason: reason.into() })
+}
+
+pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
+    let failed = |source| CaptureError::Read { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    File::open(path).map_err(failed)?.take(FILE_LIMIT + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > FILE_LIMIT {
+        return refuse(path, format!("larger than {FILE_LIMIT} bytes"));
+    }
+    Ok(bytes)
+}
+
+pub fn read_text(path: &Path) -> Result<String, CaptureError> {
+    String::from_utf8(read(path)?).or_else(|_| refuse(path, "not a text file"))
+}
+
+/// The error of an image file.
+pub fn image_error(path: &Path, error: ImageError) -> CaptureError {
+    CaptureError::Dataset { path: path.to_owned(), reason: error.to_string() }
+}
+
+/// Camera of a row-major 3x3 matrix; width and height follow from the images. `half_pixel`: the matrix puts pixel
+/// centers at half integers.
+pub fn camera(path: &Path, k: &[f64], (width, height): (usize, usize), half_pixel: bool) -> Result<Intrinsics, CaptureError> {
+    let shift = if half_pixel { 0.5 } else { 0.0 };
+    match k {
+        [fx, skew, cx, _, fy, cy, ..] if k.len() == 9 => {
+            let usable = [fx, fy].iter().all(|f| **f > 0.0 && f.is_finite()) && cx.is_finite() && cy.is_finite() && skew.abs() < 1e-6;
+            if !usable || width > MAX_SIDE || height > MAX_SIDE {
+                return refuse(path, format!("not a pinhole camera: {k:?}"));
+            }
+            Ok(Intrinsics { width, height, fx: *fx, fy: *fy, cx: cx - shift, cy: cy - shift })
+        }
+        _ => refuse(path, format!("a camera matrix has 9 numbers, not {}", k.len())),
+    }
+}
+
+/// Pose of the optical frame from a row-major 4x4 camera-to-world matrix in OpenGL axes (x right, y up, looking along
+/// -z): the camera is turned by half a turn about its x axis (method.md 1.3).
+pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose, CaptureError> {
+    if matrix.len() != 16 || matrix.iter().any(|v| !v.is_finite()) {
+        return refuse(path, format!("the pose of `{}` is not 16 finite numbers", name.escape_debug()));
+    }
+    let m = Matrix4::from_row_slice(matrix);
+    let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+    if (r.transpose() * r - Matrix3::identity()).amax() > 1e-3 || r.determinant() < 0.0 {
+        return refuse(path, format!("the pose of `{}` is no rigid motion", name.escape_debug()));
+    }
+    let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&(r * flip)));
+    Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
+}
+
+/// The file, if it is there.
+pub fn optional(path: PathBuf) -> Option<PathBuf> {
+    path.is_file().then_some(path)
+}
+
+/// One frame of a dataset before its pixels are read.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Frame name.
+    pub id: String,
+    /// Pose of the optical frame.
+    pub world_from_camera: Pose,
+}
+
+/// The entries kept of one state, by the spread of their views, with a note.
+pub fn spread(entries: Vec<Entry>, state: usize, config: &CaptureConfig, notes: &mut Vec<String>) -> Vec<Entry> {
+    let poses: Vec<Pose> = entries.iter().map(|e| e.world_from_camera).collect();
+    let kept = crate::capture::spread_views(&poses, config.frames_per_state);
+    notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", kept.len(), entries.len()));
+    kept.into_iter().map(|i| entries[i].clone()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+
+    #[test]
+    fn an_opengl_camera_looks_along_its_negative_z() {
+        // At (0, -2, 0), looking along +y, up is z: x right, y up (world z), z backwards (world -y).
+        #[rustfmt::skip]
+        let matrix = [1.0, 0.0, 0.0, 0.0,
+                      0.0, 0.0, -1.0, -2.0,
+                      0.0, 1.0, 0.0, 0.0,
+                      0.0, 0.0, 0.0, 1.0];
+        let pose = pose_from_opengl(Path::new("x"), "0", &matrix).unwrap();
+        assert!((pose * Point3::new(0.0, 0.0, 2.0) - Point3::origin()).norm() < 1e-12);
+        assert!((pose.rotation * Vector3::y() + Vector3::z()).norm() < 1e-12);
+        let mut mirrored = matrix;
+        mirrored[0] = -1.0;
+        assert!(pose_from_opengl(Path::new("x"), "0", &mirrored).is_err());
+        assert!(pose_from_opengl(Path::new("x"), "0", &[f64::NAN; 16]).is_err());
+    }
+
+    #[test]
+    fn half_pixel_matrices_are_moved_to_integer_centers() {
+        let k = [500.0, 0.0, 400.0, 0.0, 500.0, 400.0, 0.0, 0.0, 1.0];
+        let c = camera(Path::new("x"), &k, (800, 800), true).unwrap();
+        assert_eq!((c.cx, c.cy), (399.5, 399.5));
+        assert!(camera(Path::new("x"), &k[..6], (800, 800), true).is_err());
+    }
+}

@@ -1,0 +1,111 @@
+//! The keyframe layout (method.md 1.1): `cam_K.txt`, `init_keyframes.yml`, `color_segmented/`, `depth_filtered/`,
+//! `mask/`, `correspondence_loftr/`.
+
+use std::{collections::BTreeMap, path::Path};
+
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use super::{
+    files::{Entry, MAX_FRAMES, camera, image_error, optional, pose_from_opengl, read, read_text, refuse, spread},
+    matches::import_matches,
+};
+use crate::{
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
+    io::{image_codec as codec, pixels::limit_depth},
+};
+
+#[derive(Deserialize)]
+struct Keyframe {
+    cam_in_ob: Vec<f64>,
+    time: Option<f64>,
+}
+
+/// Opens a folder in this layout; frame ids are those of the dataset.
+///
+/// # Errors
+/// [`CaptureError::Dataset`] and [`CaptureError::Read`] with the file.
+pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    let camera_file = folder.join("cam_K.txt");
+    let text = read_text(&camera_file)?;
+    let k: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
+    let mut capture = Capture::default();
+    capture.notes.push(format!("`{}` is a dataset of keyframes; poses are turned from OpenGL to optical axes", folder.display()));
+    let mut seen = BTreeMap::new();
+    for (state, entries) in keyframes(&folder.join("init_keyframes.yml"))?.into_iter().enumerate() {
+        let kept = spread(entries, state, config, &mut capture.notes);
+        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, config)).collect();
+        for frame in frames? {
+            let size = (frame.intrinsics.width, frame.intrinsics.height);
+            let (first, id) = seen.entry(()).or_insert((size, frame.id.clone()));
+            if *first != size {
+                return refuse(
+                    folder,
+                    format!("frame {} has {}x{} pixels, frame {id} has {}x{}", frame.id, size.0, size.1, first.0, first.1),
+                );
+            }
+            capture.states[state].push(frame);
+        }
+    }
+    import_matches(folder, &mut capture)?;
+    Ok(capture)
+}
+
+/// Keyframes of both states, by id.
+fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
+    let text = read_text(path)?;
+    let map: BTreeMap<String, Keyframe> = match serde_norway::from_str(&text) {
+        Ok(map) => map,
+        Err(e) => return refuse(path, format!("{e}; expected `frame_<id>: {{cam_in_ob: [16 numbers], time: 0 or 1}}`")),
+    };
+    if map.len() > MAX_FRAMES {
+        return refuse(path, format!("{} frames, more than {MAX_FRAMES}", map.len()));
+    }
+    let mut states: [Vec<Entry>; 2] = Default::default();
+    for (key, frame) in &map {
+        let id = key.strip_prefix("frame_").unwrap_or(key);
+        let state = match id.split('_').next() {
+            Some("0") => 0,
+            Some("1") => 1,
+            _ => return refuse(path, format!("`{}` does not begin with its state, `0_` or `1_`", id.escape_debug())),
+        };
+        if !id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
+            return refuse(path, format!("`{}` is no frame name", id.escape_debug()));
+        }
+        if frame.time.is_some_and(|t| t != state as f64) {
+            return refuse(path, format!("frame `{id}` is named as of state {state}, but its time is {:?}", frame.time));
+        }
+        states[state].push(Entry { id: id.to_owned(), world_from_camera: pose_from_opengl(path, id, &frame.cam_in_ob)? });
+    }
+    match states.iter().position(Vec::is_empty) {
+        Some(state) => Err(CaptureError::NoFrames { state, reason: format!("`{}` lists none", path.display()) }),
+        None => Ok(states),
+    }
+}
+
+fn read_frame(folder: &Path, camera_file: &Path, k: &[f64], entry: &Entry, config: &CaptureConfig) -> Result<RgbdFrame, CaptureError> {
+    let file = |part: &str| folder.join(part).join(format!("{}.png", entry.id));
+    let color_file = optional(file("color_raw")).unwrap_or_else(|| file("color_segmented"));
+    let (color, alpha) = codec::color_with_alpha_file(&read(&color_file)?).map_err(|e| image_error(&color_file, e))?;
+    let (width, height) = (color.width, color.height);
+    let depth_file = file("depth_filtered");
+    let depth = codec::depth_file(&read(&depth_file)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+    let mut depth_m = depth.resized_nearest(width, height).pixels;
+    limit_depth(&mut depth_m, config);
+    let mask = match optional(file("mask")) {
+        Some(path) => {
+            let mask = codec::mask_file(&read(&path)?).map_err(|e| image_error(&path, e))?;
+            Some(mask.resized_nearest(width, height).pixels)
+        }
+        None => alpha,
+    };
+    Ok(RgbdFrame {
+        id: entry.id.clone(),
+        stamp_nanos: 0,
+        intrinsics: camera(camera_file, k, (width, height), false)?,
+        world_from_camera: entry.world_from_camera,
+        rgb: color.pixels,
+        depth_m,
+        mask: mask.filter(|_| config.isolate.use_masks),
+    })
+}

@@ -1,0 +1,146 @@
+//! Pixel matches that come with a dataset: `correspondence_loftr/no_filter/src_<id>_tgt_all_top30.npz`, each a NumPy
+//! array of dictionaries `{source id: N x 2 pixels, target id: N x 2 pixels}` (u, v).
+
+use std::{collections::BTreeMap, path::Path};
+
+use super::{
+    files::read,
+    npz::{members, npy_payload},
+    pickle::{Node, Pickle},
+};
+use crate::capture::{Capture, CaptureError, PixelMatch};
+
+/// Most matches that are taken.
+const MAX_MATCHES: usize = 20_000_000;
+
+/// Adds the matches between frames that were kept; a broken file is told as a warning.
+///
+/// # Errors
+/// [`CaptureError::Read`].
+pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), CaptureError> {
+    let folder = folder.join("correspondence_loftr").join("no_filter");
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let entries = std::fs::read_dir(&folder).map_err(|source| CaptureError::Read { path: folder.clone(), source })?;
+    let mut files: Vec<_> = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "npz")).collect();
+    files.sort();
+    let mut places = BTreeMap::new();
+    for (state, frames) in capture.states.iter().enumerate() {
+        places.extend(frames.iter().enumerate().map(|(i, f)| (f.id.clone(), (state, i, f.intrinsics.width, f.intrinsics.height))));
+    }
+    let mut outside = 0;
+    for file in &files {
+        match read_matches(&read(file)?, &places, &mut capture.matches) {
+            Ok(lost) => outside += lost,
+            Err(why) => capture.warnings.push(format!("`{}`: matches not used: {why}", file.display())),
+        }
+    }
+    if outside > 0 {
+        capture.warnings.push(format!("{outside} matches lie outside their images and are not used"));
+    }
+    capture.notes.push(format!(
+        "{} pixel matches between kept frames of the two states, from {} files",
+        capture.matches.len(),
+        files.len()
+    ));
+    Ok(())
+}
+
+/// By frame id: state, index, width, height.
+type Places = BTreeMap<String, (usize, usize, usize, usize)>;
+
+/// Adds the matches of one file; the number of those outside their images.
+fn read_matches(archive: &[u8], places: &Places, matches: &mut Vec<PixelMatch>) -> Result<usize, String> {
+    let mut outside = 0;
+    for (_, file) in members(archive)? {
+        let (descr, payload) = npy_payload(&file)?;
+        if !descr.ends_with('O') {
+            return Err(format!("an array of `{}`, not of dictionaries", descr.escape_debug()));
+        }
+        let pickle = Pickle::read(payload)?;
+        for entry in pickle.items(pickle.root).ok_or("no list of dictionaries")? {
+            outside += add_pair(&pickle, *entry, places, matches)?;
+        }
+    }
+    Ok(outside)
+}
+
+fn add_pair(pickle: &Pickle, entry: usize, places: &Places, matches: &mut Vec<PixelMatch>) -> Result<usize, String> {
+    let Node::Dict(items) = &pickle.nodes[entry] else { return Err("an entry that is no dictionary".into()) };
+    let [a, b] = items[..] else { return Err(format!("a dictionary with {} entries, not 2", items.len())) };
+    let side = |(key, value): (usize, usize)| -> Result<_, String> {
+        let Node::Str(id) = &pickle.nodes[key] else { return Err("a frame id that is no text".into()) };
+        let pixels = pickle.pairs(value).ok_or("pixels that are no N x 2 array")?;
+        Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
+    };
+    let ((place_a, pixels_a), (place_b, pixels_b)) = (side(a)?, side(b)?);
+    if pixels_a.len() != pixels_b.len() {
+        return Err(format!("{} pixels match {}", pixels_a.len(), pixels_b.len()));
+    }
+    let (Some(place_a), Some(place_b)) = (place_a, place_b) else { return Ok(0) };
+    let (zero, one, pixels_0, pixels_1) = match (place_a.0, place_b.0) {
+        (0, 1) => (place_a, place_b, pixels_a, pixels_b),
+        (1, 0) => (place_b, place_a, pixels_b, pixels_a),
+        _ => return Ok(0),
+    };
+    let inside = |p: &[f64; 2], (_, _, w, h): (usize, usize, usize, usize)| {
+        p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= (w - 1) as f64 && p[1] <= (h - 1) as f64
+    };
+    let mut outside = 0;
+    for (p, q) in pixels_0.iter().zip(&pixels_1) {
+        if !inside(p, zero) || !inside(q, one) {
+            outside += 1;
+            continue;
+        }
+        if matches.len() >= MAX_MATCHES {
+            return Err(format!("more than {MAX_MATCHES} matches"));
+        }
+        let pixel = |p: &[f64; 2]| p.map(|v| v as f32);
+        matches.push(PixelMatch { frame0: zero.1, pixel0: pixel(p), frame1: one.1, pixel1: pixel(q) });
+    }
+    Ok(outside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Written by NumPy: `np.savez[_compressed](f, data=np.array([{...}, {...}, {...}], dtype=object))` with pairs
+    /// 0_0001 -> 1_0002 (int64, 3 matches, one outside), 1_0002 -> 0_0001 (float32, 1), 0_0001 -> 1_0009 (unknown).
+    const STORED: &[u8] = include_bytes!("../../../tests/golden/matches.npz");
+    const DEFLATED: &[u8] = include_bytes!("../../../tests/golden/matches_deflated.npz");
+
+    fn places() -> Places {
+        BTreeMap::from([("0_0001".to_owned(), (0, 4, 640, 480)), ("1_0002".to_owned(), (1, 7, 640, 480))])
+    }
+
+    #[test]
+    fn numpy_files_are_read() {
+        for archive in [STORED, DEFLATED] {
+            let mut matches = Vec::new();
+            assert_eq!(read_matches(archive, &places(), &mut matches), Ok(1));
+            let of = |p0, p1| PixelMatch { frame0: 4, pixel0: p0, frame1: 7, pixel1: p1 };
+            assert_eq!(matches, [of([10.0, 20.0], [11.0, 21.0]), of([639.0, 479.0], [0.0, 0.0]), of([7.5, 8.25], [5.0, 6.0])]);
+        }
+    }
+
+    #[test]
+    fn broken_files_are_errors() {
+        // The last two bytes only tell the length of a comment.
+        for cut in 0..STORED.len() - 2 {
+            assert!(read_matches(&STORED[..cut], &places(), &mut Vec::new()).is_err(), "{cut}");
+        }
+        for i in 0..STORED.len() {
+            let mut bytes = STORED.to_vec();
+            bytes[i] ^= 0xff;
+            read_matches(&bytes, &places(), &mut Vec::new()).ok();
+        }
+    }
+
+    #[test]
+    fn a_pickle_that_calls_something_is_refused() {
+        let evil = b"\x80\x03cos\nsystem\nX\x04\x00\x00\x00echo\x85R.";
+        assert!(Pickle::read(evil).unwrap_err().contains("os.system"));
+    }
+}

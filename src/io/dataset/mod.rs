@@ -1,0 +1,11 @@
+//! Dataset folders: posed images on disk, in the layouts that published articulated-object datasets use.
+
+mod files;
+mod keyframes;
+mod matches;
+mod npz;
+mod pickle;
+mod start_end;
+
+pub use keyframes::open_keyframes;
+pub use start_end::open_start_end;

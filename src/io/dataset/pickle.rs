@@ -1,0 +1,351 @@
+//! The small part of Python's pickle in which NumPy stores arrays of objects. Nothing is ever executed: only plain
+//! containers, numbers, strings and NumPy arrays are understood; everything else is refused.
+
+/// Most values of one file.
+const MAX_NODES: usize = 20_000_000;
+
+/// Index of a value.
+pub type Id = usize;
+
+/// A value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Node {
+    /// None, and objects that do not matter.
+    None,
+    /// A truth value or whole number.
+    Int(i64),
+    /// A number.
+    Float(f64),
+    /// Text.
+    Str(String),
+    /// Bytes.
+    Bytes(Vec<u8>),
+    /// List.
+    List(Vec<Id>),
+    /// Tuple.
+    Tuple(Vec<Id>),
+    /// Dictionary, in its order.
+    Dict(Vec<(Id, Id)>),
+    /// A name of a module.
+    Global(String),
+    /// NumPy type, e.g. `<i8`.
+    Dtype(String),
+    /// NumPy array: shape, type, and its bytes or objects.
+    Array {
+        /// Lengths of its axes.
+        shape: Vec<usize>,
+        /// Type, e.g. `<i8`.
+        dtype: String,
+        /// Bytes or list.
+        data: Id,
+        /// Column-major.
+        fortran: bool,
+    },
+    Mark,
+}
+
+/// All values of a file; `root` is the outermost.
+#[derive(Debug)]
+pub struct Pickle {
+    /// Values by index.
+    pub nodes: Vec<Node>,
+    /// Index of the outermost.
+    pub root: Id,
+}
+
+impl Pickle {
+    /// Reads a pickle (protocols 2 to 5).
+    ///
+    /// # Errors
+    /// A sentence on what is not understood.
+    pub fn read(data: &[u8]) -> Result<Self, String> {
+        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: Vec::new() };
+        let root = machine.run()?;
+        Ok(Self { nodes: machine.nodes, root })
+    }
+
+    /// The values of a list, tuple or array of objects.
+    #[must_use]
+    pub fn items(&self, id: Id) -> Option<&[Id]> {
+        match &self.nodes[id] {
+            Node::List(items) | Node::Tuple(items) => Some(items),
+            Node::Array { data, .. } => match &self.nodes[*data] {
+                Node::List(items) => Some(items),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    /// An array of N x 2 numbers.
+    #[must_use]
+    pub fn pairs(&self, id: Id) -> Option<Vec<[f64; 2]>> {
+        let Node::Array { shape, dtype, data, fortran } = &self.nodes[id] else { return None };
+        let ([count, 2], Node::Bytes(bytes)) = (shape.as_slice(), &self.nodes[*data]) else { return None };
+        let size: usize = dtype.get(2..)?.parse().ok().filter(|s| [1, 2, 4, 8].contains(s))?;
+        if bytes.len() != count.checked_mul(2)?.checked_mul(size)? || dtype.starts_with('>') {
+            return None;
+        }
+        let kind = dtype.as_bytes()[1];
+        let numbers: Option<Vec<f64>> = bytes.chunks_exact(size).map(|b| number(kind, b)).collect();
+        let numbers = numbers?;
+        let at = |row: usize, column: usize| numbers[if *fortran { column * count + row } else { 2 * row + column }];
+        Some((0..*count).map(|row| [at(row, 0), at(row, 1)]).collect())
+    }
+}
+
+fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
+    let mut wide = [0u8; 8];
+    wide[..bytes.len()].copy_from_slice(bytes);
+    let unsigned = u64::from_le_bytes(wide);
+    let spare = 64 - 8 * bytes.len() as u32;
+    match (kind, bytes.len()) {
+        (b'i', _) => Some(((unsigned << spare) as i64 >> spare) as f64),
+        (b'u', _) => Some(unsigned as f64),
+        (b'f', 4) => Some(f64::from(f32::from_bits(unsigned as u32))),
+        (b'f', 8) => Some(f64::from_bits(unsigned)),
+        _ => None,
+    }
+}
+
+struct Machine<'a> {
+    data: &'a [u8],
+    at: usize,
+    nodes: Vec<Node>,
+    stack: Vec<Id>,
+    memo: Vec<Option<Id>>,
+}
+
+impl Machine<'_> {
+    fn run(&mut self) -> Result<Id, String> {
+        loop {
+            if self.nodes.len() > MAX_NODES {
+                return Err("the pickle holds too many values".into());
+            }
+            let op = self.take(1)?[0];
+            match op {
+                b'.' => return self.pop(),
+                0x80 => _ = self.take(1)?,
+                0x95 => _ = self.take(8)?,
+                b'q' | b'r' | 0x94 => self.remember(op)?,
+                b'h' => {
+                    let key = usize::from(self.take(1)?[0]);
+                    self.recall(key)?;
+                }
+                b'j' => {
+                    let key = self.u32()?;
+                    self.recall(key)?;
+                }
+                b'(' => self.push(Node::Mark),
+                b'a' | b'e' | b's' | b'u' | b'R' | b'b' | b't' | 0x85..=0x87 | 0x93 => self.combine(op)?,
+                b'0' => _ = self.pop()?,
+                _ => {
+                    let node = self.literal(op)?;
+                    self.push(node);
+                }
+            }
+        }
+    }
+
+    fn literal(&mut self, op: u8) -> Result<Node, String> {
+        Ok(match op {
+            b'N' => Node::None,
+            0x88 => Node::Int(1),
+            0x89 => Node::Int(0),
+            b'K' => Node::Int(i64::from(self.take(1)?[0])),
+            b'M' => Node::Int(self.little(2)? as i64),
+            b'J' => Node::Int(i64::from(self.little(4)? as u32 as i32)),
+            0x8a => {
+                let n = usize::from(self.take(1)?[0]);
+                if n > 8 {
+                    return Err("a number has more than 64 bits".into());
+                }
+                let value = self.little(n)?;
+                let spare = 64 - 8 * n.max(1) as u32;
+                Node::Int((value << spare) as i64 >> spare)
+            }
+            b'G' => Node::Float(f64::from_bits(self.little(8)?.swap_bytes())),
+            b'X' | 0x8c | 0x8d => Node::Str(String::from_utf8_lossy(self.counted(op)?).into_owned()),
+            b'B' | b'C' | 0x8e => Node::Bytes(self.counted(op)?.to_vec()),
+            b']' => Node::List(Vec::new()),
+            b')' => Node::Tuple(Vec::new()),
+            b'}' => Node::Dict(Vec::new()),
+            b'c' => {
+                let module = self.line()?;
+                let name = self.line()?;
+                Node::Global(format!("{module}.{name}"))
+            }
+            other => return Err(format!("pickle instruction 0x{other:02x} is not taken")),
+        })
+    }
+
+    /// Instructions that take values off the stack.
+    fn combine(&mut self, op: u8) -> Result<(), String> {
+        match op {
+            b'a' | b'e' => {
+                let items = if op == b'a' { vec![self.pop()?] } else { self.pop_to_mark()? };
+                match self.top()? {
+                    Node::List(list) => list.extend(items),
+                    _ => return Err("append to what is no list".into()),
+                }
+            }
+            b's' | b'u' => {
+                let items = if op == b's' { self.pop_many(2)? } else { self.pop_to_mark()? };
+                match self.top()? {
+                    Node::Dict(dict) => dict.extend(items.chunks_exact(2).map(|p| (p[0], p[1]))),
+                    _ => return Err("set an item of what is no dictionary".into()),
+                }
+            }
+            b't' => {
+                let items = self.pop_to_mark()?;
+                self.push(Node::Tuple(items));
+            }
+            0x85..=0x87 => {
+                let items = self.pop_many(usize::from(op - 0x84))?;
+                self.push(Node::Tuple(items));
+            }
+            0x93 => {
+                let parts = self.pop_many(2)?;
+                let (Node::Str(module), Node::Str(name)) = (&self.nodes[parts[0]], &self.nodes[parts[1]]) else {
+                    return Err("a global without a name".into());
+                };
+                let name = format!("{module}.{name}");
+                self.push(Node::Global(name));
+            }
+            b'R' => self.reduce()?,
+            _ => self.build()?,
+        }
+        Ok(())
+    }
+
+    /// A call: only NumPy's constructors of arrays and types are known.
+    fn reduce(&mut self) -> Result<(), String> {
+        let parts = self.pop_many(2)?;
+        let Node::Global(name) = &self.nodes[parts[0]] else { return Err("a call of what is no function".into()) };
+        let node = match name.as_str() {
+            "numpy.core.multiarray._reconstruct" | "numpy._core.multiarray._reconstruct" => {
+                self.push(Node::None);
+                let data = self.pop()?;
+                Node::Array { shape: Vec::new(), dtype: String::new(), data, fortran: false }
+            }
+            "numpy.dtype" => {
+                let code = self.tuple(parts[1]).and_then(|t| t.first().copied()).map(|id| &self.nodes[id]);
+                let Some(Node::Str(code)) = code else { return Err("a NumPy type without a code".into()) };
+                Node::Dtype(format!("|{code}"))
+            }
+            other => return Err(format!("the pickle calls `{}`, which is not taken", other.escape_debug())),
+        };
+        self.push(node);
+        Ok(())
+    }
+
+    /// The state of an array or a type.
+    fn build(&mut self) -> Result<(), String> {
+        let state = self.pop()?;
+        let id = *self.stack.last().ok_or("the stack is empty")?;
+        let state = self.tuple(state).ok_or("a state that is no tuple")?.to_vec();
+        let node = match &self.nodes[id] {
+            Node::Dtype(code) => match state.get(1).map(|s| &self.nodes[*s]) {
+                Some(Node::Str(order)) => Node::Dtype(format!("{order}{}", &code[1..])),
+                _ => return Err("a NumPy type without byte order".into()),
+            },
+            Node::Array { .. } => {
+                let [_, shape, dtype, fortran, data] = state[..] else { return Err("an array with an unknown state".into()) };
+                let shape: Option<Vec<usize>> = self.tuple(shape).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
+                let Node::Dtype(dtype) = self.nodes[dtype].clone() else { return Err("an array without type".into()) };
+                Node::Array { shape: shape.ok_or("an array without shape")?, dtype, data, fortran: self.nodes[fortran] == Node::Int(1) }
+            }
+            _ => return Err("a state for what is neither array nor type".into()),
+        };
+        self.nodes[id] = node;
+        Ok(())
+    }
+
+    fn tuple(&self, id: Id) -> Option<&[Id]> {
+        if let Node::Tuple(items) = &self.nodes[id] { Some(items) } else { None }
+    }
+
+    fn length(&self, id: Id) -> Option<usize> {
+        if let Node::Int(n) = self.nodes[id] { usize::try_from(n).ok() } else { None }
+    }
+
+    fn push(&mut self, node: Node) {
+        self.nodes.push(node);
+        self.stack.push(self.nodes.len() - 1);
+    }
+
+    fn pop(&mut self) -> Result<Id, String> {
+        self.stack.pop().ok_or_else(|| "the stack is empty".into())
+    }
+
+    fn pop_many(&mut self, count: usize) -> Result<Vec<Id>, String> {
+        let at = self.stack.len().checked_sub(count).ok_or("the stack is empty")?;
+        Ok(self.stack.split_off(at))
+    }
+
+    fn pop_to_mark(&mut self) -> Result<Vec<Id>, String> {
+        let at = self.stack.iter().rposition(|id| self.nodes[*id] == Node::Mark).ok_or("no mark")?;
+        let items = self.stack.split_off(at + 1);
+        self.stack.pop();
+        Ok(items)
+    }
+
+    fn top(&mut self) -> Result<&mut Node, String> {
+        let id = *self.stack.last().ok_or("the stack is empty")?;
+        Ok(&mut self.nodes[id])
+    }
+
+    fn remember(&mut self, op: u8) -> Result<(), String> {
+        let key = match op {
+            b'q' => usize::from(self.take(1)?[0]),
+            b'r' => self.u32()?,
+            _ => self.memo.len(),
+        };
+        if key > MAX_NODES {
+            return Err("a memo beyond the limit".into());
+        }
+        if self.memo.len() <= key {
+            self.memo.resize(key + 1, None);
+        }
+        self.memo[key] = self.stack.last().copied();
+        Ok(())
+    }
+
+    fn recall(&mut self, key: usize) -> Result<(), String> {
+        let id = self.memo.get(key).copied().flatten().ok_or("an unknown memo")?;
+        self.stack.push(id);
+        Ok(())
+    }
+
+    fn take(&mut self, count: usize) -> Result<&[u8], String> {
+        let end = self.at.checked_add(count).ok_or("the pickle is cut")?;
+        let bytes = self.data.get(self.at..end).ok_or("the pickle is cut")?;
+        self.at = end;
+        Ok(bytes)
+    }
+
+    fn little(&mut self, count: usize) -> Result<u64, String> {
+        Ok(self.take(count)?.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)))
+    }
+
+    fn u32(&mut self) -> Result<usize, String> {
+        usize::try_from(self.little(4)?).map_err(|e| e.to_string())
+    }
+
+    fn counted(&mut self, op: u8) -> Result<&[u8], String> {
+        let width = match op {
+            0x8c | b'C' => 1,
+            0x8d | 0x8e => 8,
+            _ => 4,
+        };
+        let count = usize::try_from(self.little(width)?).map_err(|e| e.to_string())?;
+        self.take(count)
+    }
+
+    fn line(&mut self) -> Result<String, String> {
+        let rest = &self.data[self.at..];
+        let end = rest.iter().position(|b| *b == b'\n').ok_or("the pickle is cut")?;
+        self.at += end + 1;
+        Ok(String::from_utf8_lossy(&rest[..end]).into_owned())
+    }
+}

@@ -1,0 +1,94 @@
+//! The start/end layout (method.md 1.2): `{start,end}/camera_train.json` and `{start,end}/train/0000.png` with the mask
+//! as alpha. The published renders have no depth; copies that have it keep 16-bit PNGs in millimeters in
+//! `{start,end}/depth/` or `{start,end}/train/depth/`.
+
+use std::{collections::BTreeMap, path::Path};
+
+use rayon::prelude::*;
+use serde_json::Value;
+
+use super::files::{Entry, MAX_FRAMES, camera, image_error, optional, pose_from_opengl, read, read_text, refuse, spread};
+use crate::{
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
+    io::{image_codec as codec, pixels::limit_depth},
+};
+
+/// Opens a folder in this layout. Frame ids become `<state>_<number>`.
+///
+/// # Errors
+/// [`CaptureError::NoTopic`]-like [`CaptureError::Dataset`] where there is no depth; [`CaptureError::Read`].
+pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    let mut capture = Capture::default();
+    capture.notes.push(format!("`{}` is a dataset of start and end; poses are turned from OpenGL to optical axes", folder.display()));
+    for (state, name) in ["start", "end"].iter().enumerate() {
+        let part = folder.join(name);
+        let json = part.join("camera_train.json");
+        let (k, entries) = cameras(&json)?;
+        let depth_folder = ["depth", "train/depth"].map(|d| part.join(d)).into_iter().find(|d| d.is_dir());
+        let Some(depth_folder) = depth_folder else {
+            return refuse(
+                &part,
+                "there is no `depth` folder; depth is needed: add `depth/0000.png`, ... (16-bit PNG, millimeters, 0 = unknown)",
+            );
+        };
+        let kept = spread(entries, state, config, &mut capture.notes);
+        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(&part, &depth_folder, &json, &k, (state, e), config)).collect();
+        capture.states[state] = frames?;
+    }
+    let sizes = capture.states.iter().flatten().map(|f| (f.intrinsics.width, f.intrinsics.height));
+    if sizes.collect::<std::collections::BTreeSet<_>>().len() > 1 {
+        return refuse(folder, "the images have different sizes");
+    }
+    Ok(capture)
+}
+
+/// Camera matrix and frames, by name.
+fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
+    let text = read_text(path)?;
+    let map: BTreeMap<String, Value> = match serde_json::from_str(&text) {
+        Ok(map) => map,
+        Err(e) => return refuse(path, e.to_string()),
+    };
+    let numbers = |v: &Value| -> Vec<f64> {
+        let rows = v.as_array().into_iter().flatten();
+        rows.flat_map(|row| row.as_array().into_iter().flatten()).map(|n| n.as_f64().unwrap_or(f64::NAN)).collect()
+    };
+    let Some(k) = map.get("K").map(numbers) else { return refuse(path, "it has no camera matrix `K`") };
+    let frames = map.iter().filter(|(name, _)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_digit()));
+    let entries: Result<Vec<_>, _> = frames
+        .take(MAX_FRAMES)
+        .map(|(name, v)| Ok(Entry { id: name.clone(), world_from_camera: pose_from_opengl(path, name, &numbers(v))? }))
+        .collect();
+    let entries = entries?;
+    if entries.is_empty() { refuse(path, "it lists no frame") } else { Ok((k, entries)) }
+}
+
+fn read_frame(
+    part: &Path,
+    depth_folder: &Path,
+    json: &Path,
+    k: &[f64],
+    (state, entry): (usize, &Entry),
+    config: &CaptureConfig,
+) -> Result<RgbdFrame, CaptureError> {
+    let name = format!("{}.png", entry.id);
+    let color_file = part.join("train").join(&name);
+    let (color, alpha) = codec::color_with_alpha_file(&read(&color_file)?).map_err(|e| image_error(&color_file, e))?;
+    let depth_file = depth_folder.join(&name);
+    if optional(depth_file.clone()).is_none() {
+        return refuse(&depth_file, format!("frame {} has no depth image", entry.id));
+    }
+    let depth = codec::depth_file(&read(&depth_file)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+    let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
+    limit_depth(&mut depth_m, config);
+    Ok(RgbdFrame {
+        id: format!("{state}_{}", entry.id),
+        stamp_nanos: 0,
+        // Pixel centers of this layout are at half integers.
+        intrinsics: camera(json, k, (color.width, color.height), true)?,
+        world_from_camera: entry.world_from_camera,
+        rgb: color.pixels,
+        depth_m,
+        mask: alpha.filter(|_| config.isolate.use_masks),
+    })
+}

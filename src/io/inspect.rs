@@ -1,0 +1,253 @@
+//! What a recording holds, whether it can be reconstructed and, if not, what is missing.
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
+
+use super::{bag::Bag, bag_index::BagIndex, dataset, source::Source, topics::INFO_TYPE, views::Views};
+use crate::capture::{CaptureConfig, CaptureError, Split};
+
+/// A topic of a bag.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TopicInspection {
+    /// Name.
+    pub name: String,
+    /// Type.
+    pub type_name: String,
+    /// Number of messages.
+    pub count: usize,
+    /// Messages per second; `None` with fewer than two.
+    pub rate_hz: Option<f64>,
+    /// Encoding, size, frame: what is known of images and camera_info.
+    pub details: String,
+}
+
+/// One recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StateInspection {
+    /// The bag or folder.
+    pub path: PathBuf,
+    /// Name of its format.
+    pub format: String,
+    /// First and last recording time, seconds since the epoch.
+    pub span_secs: Option<(f64, f64)>,
+    /// Its topics, by name.
+    pub topics: Vec<TopicInspection>,
+    /// Its transform tree, a line per frame.
+    pub transforms: Vec<String>,
+    /// Sentences on what would be used.
+    pub chosen: Vec<String>,
+    /// Sentences on damage and loss.
+    pub warnings: Vec<String>,
+    /// Posed RGB-D views that could be used.
+    pub views: usize,
+    /// Why it cannot be used.
+    pub problem: Option<String>,
+}
+
+/// What is at a path.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Inspection {
+    /// The recordings found: one per state, or one.
+    pub recordings: Vec<StateInspection>,
+    /// Why the whole cannot be reconstructed as it stands.
+    pub problem: Option<String>,
+}
+
+/// Looks into a recording with the default settings.
+///
+/// # Errors
+/// [`CaptureError`] where it cannot be read at all; what is merely missing is told in the result.
+pub fn inspect(path: &Path) -> Result<Inspection, CaptureError> {
+    inspect_with(path, &CaptureConfig::default())
+}
+
+/// Looks into a recording with the given settings.
+///
+/// # Errors
+/// Those of [`inspect`].
+pub fn inspect_with(path: &Path, config: &CaptureConfig) -> Result<Inspection, CaptureError> {
+    let mut found = Inspection::default();
+    match Source::of(&[path.to_owned()]) {
+        Ok(Source::States(paths)) => {
+            for (state, bag) in paths.iter().enumerate() {
+                found.recordings.push(inspect_bag(bag, config, state)?.0);
+            }
+        }
+        Ok(Source::Both(bag)) => {
+            let (recording, index) = inspect_bag(&bag, config, 0)?;
+            found.recordings.push(recording);
+            found.problem = split_problem(&bag, &index, config);
+        }
+        Ok(Source::Keyframes(folder)) => {
+            found.recordings.push(inspect_dataset(&folder, "keyframe dataset", config, dataset::open_keyframes))
+        }
+        Ok(Source::StartEnd(folder)) => {
+            found.recordings.push(inspect_dataset(&folder, "start/end dataset", config, dataset::open_start_end))
+        }
+        // A folder with one state only still has something to show.
+        Err(CaptureError::OneState { path }) => {
+            for state in 0..2 {
+                let bag = path.join(format!("state{state}"));
+                if Bag::is_at(&bag) {
+                    found.recordings.push(inspect_bag(&bag, config, state)?.0);
+                }
+            }
+            found.problem = Some(CaptureError::OneState { path }.to_string());
+        }
+        Err(error) => return Err(error),
+    }
+    Ok(found)
+}
+
+fn split_problem(bag: &Path, index: &BagIndex, config: &CaptureConfig) -> Option<String> {
+    let (first, last) = index.span_nanos()?;
+    if let Some(topic) = &config.topics.marker {
+        return Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice)).err().map(|e| e.to_string());
+    }
+    if !config.split_secs.is_empty() {
+        return Split::at(&config.split_secs, first, last).err().map(|e| e.to_string());
+    }
+    let markers: Vec<_> = index.markers.keys().map(String::as_str).collect();
+    let hint = if markers.is_empty() { String::new() } else { format!(" (std_msgs topics that may be markers: {})", markers.join(", ")) };
+    Some(format!("{}{hint}", CaptureError::OneState { path: bag.to_owned() }))
+}
+
+fn inspect_bag(path: &Path, config: &CaptureConfig, state: usize) -> Result<(StateInspection, BagIndex), CaptureError> {
+    let bag = Bag::open(path)?;
+    let index = BagIndex::read(&bag)?;
+    let mut seen =
+        StateInspection { path: path.to_owned(), format: format!("MCAP, {} file(s)", bag.files.len()), ..StateInspection::default() };
+    seen.span_secs = index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9));
+    seen.topics = index.topics.keys().map(|name| inspect_topic(name, &index)).collect();
+    seen.transforms = index.tf.describe();
+    match Views::find(&bag, &index, config, state) {
+        Ok(views) => {
+            seen.views = views.views.len();
+            seen.chosen = views.notes;
+            seen.warnings = views.warnings;
+        }
+        Err(error) => {
+            seen.warnings = [bag.warnings.clone(), index.damage()].concat();
+            seen.problem = Some(error.to_string());
+        }
+    }
+    Ok((seen, index))
+}
+
+fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
+    let stat = &index.topics[name];
+    let seconds = (stat.last_nanos - stat.first_nanos) as f64 * 1e-9;
+    let mut details = Vec::new();
+    if let Some(images) = index.images.get(name) {
+        details.push(images.encoding.clone());
+        details.extend(images.entries.first().and_then(|e| e.size).map(|(w, h)| format!("{w}x{h}")));
+        details.push(format!("frame {}", images.frame));
+    }
+    if let (INFO_TYPE, Some(info)) = (stat.type_name.as_str(), index.infos.get(name).and_then(|i| i.distinct.first())) {
+        details.push(format!("{}x{}", info.width, info.height));
+        details.push(format!("fx {:.1}", info.k[0]));
+        let lens =
+            if info.d.iter().all(|d| *d == 0.0) { "no distortion".into() } else { format!("{} {:?}", info.distortion_model, info.d) };
+        details.push(lens);
+    }
+    if let Some(poses) = index.poses.get(name) {
+        details.push(format!("{} in {}", poses.child.as_deref().unwrap_or("a frame that is not named"), poses.parent));
+    }
+    if stat.undecodable > 0 {
+        details.push(format!("{} not decodable", stat.undecodable));
+    }
+    TopicInspection {
+        name: name.to_owned(),
+        type_name: stat.type_name.clone(),
+        count: stat.count,
+        rate_hz: (stat.count > 1 && seconds > 0.0).then(|| (stat.count - 1) as f64 / seconds),
+        details: details.join(", "),
+    }
+}
+
+fn inspect_dataset(
+    folder: &Path,
+    format: &str,
+    config: &CaptureConfig,
+    open: fn(&Path, &CaptureConfig) -> Result<crate::capture::Capture, CaptureError>,
+) -> StateInspection {
+    let mut seen = StateInspection { path: folder.to_owned(), format: format.to_owned(), ..StateInspection::default() };
+    match open(folder, config) {
+        Ok(capture) => {
+            seen.views = capture.states.iter().map(Vec::len).sum();
+            seen.chosen = capture.notes;
+            seen.warnings = capture.warnings;
+        }
+        Err(error) => seen.problem = Some(error.to_string()),
+    }
+    seen
+}
+
+impl Inspection {
+    /// Whether `reconstruct` can use it as it stands.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        self.problem.is_none() && self.recordings.iter().all(|r| r.problem.is_none())
+    }
+
+    /// The inspection as text for a terminal.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        for recording in &self.recordings {
+            recording.write(&mut text);
+        }
+        let problems: Vec<_> = self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
+        match problems.as_slice() {
+            [] => text.push_str("usable: yes\n"),
+            problems => {
+                text.push_str("usable: no\n");
+                for problem in problems {
+                    _ = writeln!(text, "  {}", printable(problem));
+                }
+            }
+        }
+        text
+    }
+}
+
+impl StateInspection {
+    fn write(&self, text: &mut String) {
+        _ = writeln!(text, "{} ({})", self.path.display(), self.format);
+        if let Some((first, last)) = self.span_secs {
+            _ = writeln!(text, "  time: {:.3} s, from {first:.3} to {last:.3}", last - first);
+        }
+        if !self.topics.is_empty() {
+            _ = writeln!(text, "  topics:");
+            let width = self.topics.iter().map(|t| t.name.len()).max().unwrap_or(0).min(80);
+            for t in &self.topics {
+                let rate = t.rate_hz.map_or(String::new(), |r| format!(" {r:.1} Hz"));
+                let details = if t.details.is_empty() { String::new() } else { format!(" ({})", t.details) };
+                _ = writeln!(
+                    text,
+                    "    {:width$} {:6}{rate} {}{}",
+                    printable(&t.name),
+                    t.count,
+                    printable(&t.type_name),
+                    printable(&details)
+                );
+            }
+        }
+        for (title, lines) in [("transforms", &self.transforms), ("used", &self.chosen), ("warnings", &self.warnings)] {
+            if !lines.is_empty() {
+                _ = writeln!(text, "  {title}:");
+                for line in lines {
+                    _ = writeln!(text, "    {}", printable(line));
+                }
+            }
+        }
+        _ = writeln!(text, "  posed RGB-D views: {}", self.views);
+    }
+}
+
+/// Text from a file without control characters, which a terminal would obey.
+fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}

@@ -1,0 +1,485 @@
+//! MCAP files read front to back, without their index, and salvaged chunk by chunk where they are damaged.
+//!
+//! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of the same
+//! form, compressed. Memory is bounded by the largest record. A chunk whose checksum or compression is broken is left
+//! out as a whole, because a message in it may be silently wrong; a file cut in the middle of a chunk gives what came
+//! before the cut.
+
+use std::{
+    collections::BTreeMap,
+    io::{Cursor, ErrorKind, Read, Seek, SeekFrom},
+};
+
+use mcap::records::{ChunkHeader, Record, op};
+
+/// Largest record and largest decompressed chunk, bytes.
+pub const RECORD_LIMIT: u64 = 256 << 20;
+/// Largest summary section that is looked at, bytes.
+const SUMMARY_LIMIT: u64 = 64 << 20;
+/// Length of the end of a file: footer record (9 + 20 bytes) and magic.
+const TAIL: i64 = 9 + 20 + 8;
+
+/// A message stream within a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Topic name.
+    pub topic: String,
+    /// `cdr` for ROS 2.
+    pub message_encoding: String,
+    /// Schema, by its id.
+    schema_id: u16,
+}
+
+/// Channels and schemas by id, as far as they are known.
+#[derive(Clone, Debug, Default)]
+pub struct Channels {
+    channels: BTreeMap<u16, Channel>,
+    schemas: BTreeMap<u16, String>,
+}
+
+impl Channels {
+    fn type_name(&self, channel: &Channel) -> &str {
+        self.schemas.get(&channel.schema_id).map_or("", String::as_str)
+    }
+
+    fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), mcap::McapError> {
+        match mcap::read::parse_record(opcode, body)? {
+            Record::Schema { header, .. } => _ = self.schemas.insert(header.id, header.name),
+            Record::Channel(c) => {
+                let channel = Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id };
+                self.channels.insert(c.id, channel);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// One message as it lies in the file.
+#[derive(Clone, Copy, Debug)]
+pub struct RawMessage<'a> {
+    /// Topic name.
+    pub topic: &'a str,
+    /// Type, e.g. `sensor_msgs/msg/Image`; empty where the file does not say.
+    pub type_name: &'a str,
+    /// `cdr` for ROS 2.
+    pub message_encoding: &'a str,
+    /// When it was recorded, nanoseconds.
+    pub log_time_nanos: u64,
+    /// Payload with its CDR header.
+    pub data: &'a [u8],
+}
+
+/// How a file was read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FileReport {
+    /// Messages handed out.
+    pub messages: u64,
+    /// Chunks seen.
+    pub chunks: u64,
+    /// Chunks left out, each with its number (from 1) and the reason.
+    pub bad_chunks: Vec<(u64, String)>,
+    /// Messages whose channel is not known.
+    pub orphans: u64,
+    /// Why reading stopped before the end.
+    pub stopped: Option<String>,
+}
+
+impl FileReport {
+    /// Whether everything was read.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.bad_chunks.is_empty() && self.orphans == 0 && self.stopped.is_none()
+    }
+
+    /// A sentence about the damage in the named file; `None` where it is whole.
+    #[must_use]
+    pub fn damage(&self, name: &str) -> Option<String> {
+        if self.is_whole() {
+            return None;
+        }
+        let mut parts = Vec::new();
+        if let Some(why) = &self.stopped {
+            parts.push(format!("reading stopped early: {why}"));
+        }
+        if let Some((number, why)) = self.bad_chunks.first() {
+            let n = self.bad_chunks.len();
+            parts.push(format!("{n} of {} chunks left out as damaged (first: chunk {number}, {why})", self.chunks));
+        }
+        if self.orphans > 0 {
+            parts.push(format!("{} messages left out, as their topic is not known", self.orphans));
+        }
+        Some(format!("`{name}` is damaged: {}; {} messages were read", parts.join("; "), self.messages))
+    }
+}
+
+/// A record: its opcode and body.
+struct RawRecord {
+    opcode: u8,
+    body: Vec<u8>,
+    /// The source ended before the body did.
+    cut: bool,
+}
+
+/// Reads the next record; `Ok(None)` at a clean end.
+fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, String> {
+    let mut front = [0; 9];
+    match read_up_to(source, &mut front)? {
+        0 => return Ok(None),
+        9 => {}
+        _ => return Err("the file ends in the middle of a record".into()),
+    }
+    let opcode = front[0];
+    let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
+    if length > RECORD_LIMIT {
+        return Err(format!("a record claims {length} bytes, more than the limit of {RECORD_LIMIT}"));
+    }
+    let mut body = Vec::new();
+    source.by_ref().take(length).read_to_end(&mut body).map_err(|e| e.to_string())?;
+    let cut = (body.len() as u64) < length;
+    Ok(Some(RawRecord { opcode, body, cut }))
+}
+
+/// Fills as much of the buffer as the source gives.
+fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> Result<usize, String> {
+    let mut filled = 0;
+    while filled < buffer.len() {
+        match source.read(&mut buffer[filled..]) {
+            Ok(0) => break,
+            Ok(n) => filled += n,
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) => return Err(e.to_string()),
+        }
+    }
+    Ok(filled)
+}
+
+/// Channels repeated in the summary at the end of a file, so that losing the chunk that first named them loses no
+/// other. Best effort: nothing is learned from a file without a valid footer. Leaves the source at its start.
+///
+/// # Errors
+/// An I/O error from seeking back to the start.
+pub fn summary_channels(source: &mut (impl Read + Seek)) -> std::io::Result<Channels> {
+    let channels = summary(source).unwrap_or_default();
+    source.rewind()?;
+    Ok(channels)
+}
+
+fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
+    let tail_at = source.seek(SeekFrom::End(-TAIL)).ok()?;
+    let mut tail = [0; TAIL as usize];
+    source.read_exact(&mut tail).ok()?;
+    if tail[0] != op::FOOTER || tail[29..] != *mcap::MAGIC {
+        return None;
+    }
+    let Ok(Record::Footer(footer)) = mcap::read::parse_record(op::FOOTER, &tail[9..29]) else { return None };
+    if footer.summary_start == 0 || footer.summary_start >= tail_at || tail_at - footer.summary_start > SUMMARY_LIMIT {
+        return None;
+    }
+    source.seek(SeekFrom::Start(footer.summary_start)).ok()?;
+    let mut section = source.by_ref().take(tail_at - footer.summary_start);
+    let mut channels = Channels::default();
+    while let Ok(Some(record)) = next_record(&mut section) {
+        if matches!(record.opcode, op::SCHEMA | op::CHANNEL) {
+            channels.learn(record.opcode, &record.body).ok()?;
+        }
+    }
+    Some(channels)
+}
+
+/// Reads all messages in file order. `channels` holds what is already known and learns the rest.
+///
+/// # Errors
+/// The visitor's error. Damage is no error: it is told in the report.
+pub fn read_messages<R: Read, E>(
+    mut source: R,
+    channels: &mut Channels,
+    visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
+) -> Result<FileReport, E> {
+    let mut report = FileReport::default();
+    let mut magic = [0; 8];
+    match read_up_to(&mut source, &mut magic) {
+        Ok(8) if magic == *mcap::MAGIC => {}
+        Ok(0) => {
+            report.stopped = Some("the file is empty".into());
+            return Ok(report);
+        }
+        Ok(_) => {
+            report.stopped = Some("it does not begin as an MCAP file".into());
+            return Ok(report);
+        }
+        Err(why) => {
+            report.stopped = Some(why);
+            return Ok(report);
+        }
+    }
+    loop {
+        let record = match next_record(&mut source) {
+            Ok(Some(record)) => record,
+            Ok(None) => {
+                report.stopped = Some("the file ends without its end mark (not closed by the recorder, or cut)".into());
+                return Ok(report);
+            }
+            Err(why) => {
+                report.stopped = Some(why);
+                return Ok(report);
+            }
+        };
+        match record.opcode {
+            // The summary that follows only repeats.
+            op::DATA_END | op::FOOTER => return Ok(report),
+            op::CHUNK => read_chunk(&record, channels, &mut report, visit)?,
+            _ if record.cut => {}
+            opcode => {
+                if let Err(why) = read_flat(opcode, &record.body, channels, &mut report, visit)? {
+                    report.stopped = Some(why);
+                    return Ok(report);
+                }
+            }
+        }
+        if record.cut {
+            report.stopped = Some("the file ends in the middle of a record".into());
+            return Ok(report);
+        }
+    }
+}
+
+/// A record outside a chunk or in a decompressed one. The inner error is damage.
+fn read_flat<E>(
+    opcode: u8,
+    body: &[u8],
+    channels: &mut Channels,
+    report: &mut FileReport,
+    visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
+) -> Result<Result<(), String>, E> {
+    match opcode {
+        op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body).map_err(|e| e.to_string())),
+        op::MESSAGE => {
+            let (header, data) = match mcap::read::parse_record(opcode, body) {
+                Ok(Record::Message { header, data }) => (header, data),
+                Ok(_) => return Ok(Ok(())),
+                Err(e) => return Ok(Err(e.to_string())),
+            };
+            let Some(channel) = channels.channels.get(&header.channel_id) else {
+                report.orphans += 1;
+                return Ok(Ok(()));
+            };
+            report.messages += 1;
+            visit(&RawMessage {
+                topic: &channel.topic,
+                type_name: channels.type_name(channel),
+                message_encoding: &channel.message_encoding,
+                log_time_nanos: header.log_time,
+                data: &data,
+            })?;
+            Ok(Ok(()))
+        }
+        _ => Ok(Ok(())),
+    }
+}
+
+fn read_chunk<E>(
+    record: &RawRecord,
+    channels: &mut Channels,
+    report: &mut FileReport,
+    visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
+) -> Result<(), E> {
+    report.chunks += 1;
+    let number = report.chunks;
+    let content = match chunk_content(record) {
+        Ok(content) => content,
+        Err(why) => {
+            report.bad_chunks.push((number, why));
+            return Ok(());
+        }
+    };
+    let mut source = content.as_slice();
+    loop {
+        let why = match next_record(&mut source) {
+            Ok(None) => return Ok(()),
+            Ok(Some(inner)) if !inner.cut => match read_flat(inner.opcode, &inner.body, channels, report, visit)? {
+                Ok(()) => continue,
+                Err(why) => why,
+            },
+            // A file that was cut is told once, by the caller.
+            _ if record.cut => return Ok(()),
+            Ok(Some(_)) => "it ends in the middle of a record".into(),
+            Err(why) => why,
+        };
+        report.bad_chunks.push((number, why));
+        return Ok(());
+    }
+}
+
+/// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there is.
+fn chunk_content(record: &RawRecord) -> Result<Vec<u8>, String> {
+    let mut cursor = Cursor::new(record.body.as_slice());
+    let header = chunk_header(&mut cursor)?;
+    let data = &record.body[cursor.position() as usize..];
+    let data = match usize::try_from(header.compressed_size) {
+        Ok(n) if n <= data.len() => &data[..n],
+        _ if record.cut => data,
+        _ => return Err("it is longer than its record".into()),
+    };
+    if header.uncompressed_size > RECORD_LIMIT {
+        return Err(format!("it claims {} bytes, more than the limit of {RECORD_LIMIT}", header.uncompressed_size));
+    }
+    let mut content = Vec::new();
+    let unpacked = match header.compression.as_str() {
+        "" => {
+            content.extend_from_slice(data);
+            Ok(())
+        }
+        "zstd" => unpack(zstd::Decoder::new(data), header.uncompressed_size, &mut content),
+        "lz4" => unpack(lz4::Decoder::new(data), header.uncompressed_size, &mut content),
+        other => Err(format!("its compression `{other}` is not known")),
+    };
+    if record.cut {
+        return Ok(content);
+    }
+    unpacked?;
+    if content.len() as u64 != header.uncompressed_size {
+        return Err(format!("it holds {} bytes instead of {}", content.len(), header.uncompressed_size));
+    }
+    let crc = crc32fast::hash(&content);
+    if header.uncompressed_crc != 0 && crc != header.uncompressed_crc {
+        return Err(format!("its checksum is {crc:08x} instead of {:08x}", header.uncompressed_crc));
+    }
+    Ok(content)
+}
+
+/// The header in front of a chunk's records.
+fn chunk_header(cursor: &mut Cursor<&[u8]>) -> Result<ChunkHeader, String> {
+    use byteorder::{LittleEndian as Le, ReadBytesExt as _};
+    let mut read = || -> std::io::Result<ChunkHeader> {
+        let message_start_time = cursor.read_u64::<Le>()?;
+        let message_end_time = cursor.read_u64::<Le>()?;
+        let uncompressed_size = cursor.read_u64::<Le>()?;
+        let uncompressed_crc = cursor.read_u32::<Le>()?;
+        let length = cursor.read_u32::<Le>()?;
+        if length > 32 {
+            return Err(ErrorKind::InvalidData.into());
+        }
+        let mut name = vec![0; length as usize];
+        cursor.read_exact(&mut name)?;
+        let compression = String::from_utf8_lossy(&name).into_owned();
+        let compressed_size = cursor.read_u64::<Le>()?;
+        Ok(ChunkHeader { message_start_time, message_end_time, uncompressed_size, uncompressed_crc, compression, compressed_size })
+    };
+    read().map_err(|e| format!("its header is broken ({e})"))
+}
+
+fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), String> {
+    let describe = |e: std::io::Error| format!("its compression is broken ({e})");
+    decoder.map_err(describe)?.take(size + 1).read_to_end(content).map_err(describe)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+
+    const COUNT: usize = 21;
+
+    fn file(compression: Option<mcap::Compression>) -> Vec<u8> {
+        let mut buffer = Cursor::new(Vec::new());
+        let options = mcap::WriteOptions::new().compression(compression).chunk_size(Some(4000)).profile("ros2");
+        let mut writer = options.create(&mut buffer).unwrap();
+        let schema = writer.add_schema("std_msgs/msg/String", "ros2msg", b"string data").unwrap();
+        let channel = writer.add_channel(schema, "/a", "cdr", &BTreeMap::new()).unwrap();
+        for i in 0..COUNT {
+            let header = mcap::records::MessageHeader { channel_id: channel, sequence: i as u32, log_time: i as u64, publish_time: 0 };
+            let data: Vec<u8> = (0..1500u32).map(|k| (k.wrapping_mul(2_654_435_761).wrapping_add(i as u32) >> 13) as u8).collect();
+            writer.write_to_known_channel(&header, &data).unwrap();
+        }
+        writer.finish().unwrap();
+        drop(writer);
+        buffer.into_inner()
+    }
+
+    fn read(bytes: &[u8]) -> (Vec<u64>, FileReport) {
+        let mut source = Cursor::new(bytes);
+        let mut channels = summary_channels(&mut source).unwrap();
+        let mut times = Vec::new();
+        let report = read_messages::<_, Infallible>(source, &mut channels, &mut |m| {
+            assert_eq!((m.topic, m.type_name, m.data.len()), ("/a", "std_msgs/msg/String", 1500));
+            times.push(m.log_time_nanos);
+            Ok(())
+        })
+        .unwrap();
+        (times, report)
+    }
+
+    fn kinds() -> [Option<mcap::Compression>; 3] {
+        [None, Some(mcap::Compression::Zstd), Some(mcap::Compression::Lz4)]
+    }
+
+    #[test]
+    fn a_whole_file_is_read_in_order() {
+        for kind in kinds() {
+            let (times, report) = read(&file(kind));
+            assert_eq!(times, (0..COUNT as u64).collect::<Vec<_>>());
+            assert!(report.is_whole() && report.chunks > 3, "{report:?}");
+            assert_eq!(report.damage("x"), None);
+        }
+    }
+
+    #[test]
+    fn without_its_end_everything_is_read_and_said() {
+        for kind in kinds() {
+            let bytes = file(kind);
+            let end = bytes.windows(9).rposition(|w| w[0] == op::DATA_END && w[1..] == 4u64.to_le_bytes()).unwrap();
+            let (times, report) = read(&bytes[..end]);
+            assert_eq!(times.len(), COUNT);
+            assert!(report.damage("x").unwrap().contains("without its end mark"));
+        }
+    }
+
+    #[test]
+    fn a_cut_file_gives_what_came_before() {
+        for kind in kinds() {
+            let bytes = file(kind);
+            let mut before = 0;
+            for share in [1, 3, 5, 7] {
+                let (times, report) = read(&bytes[..bytes.len() * share / 10]);
+                assert_eq!(times, (0..times.len() as u64).collect::<Vec<_>>());
+                assert!(times.len() >= before && times.len() < COUNT, "{} {before}", times.len());
+                assert!(report.stopped.is_some() && report.bad_chunks.is_empty(), "{report:?}");
+                before = times.len();
+            }
+            assert!(before > COUNT / 3);
+        }
+    }
+
+    #[test]
+    fn flipped_bytes_cost_one_chunk_wherever_they_are() {
+        for kind in kinds() {
+            let whole = file(kind);
+            // The first chunk, which also names the channel, and one in the middle.
+            for place in [900, whole.len() / 2] {
+                let mut bytes = whole.clone();
+                bytes[place] ^= 0x55;
+                bytes[place + 1] ^= 0x55;
+                let (times, report) = read(&bytes);
+                assert_eq!(report.bad_chunks.len(), 1, "{report:?}");
+                assert!(times.len() >= COUNT - 4 && times.len() < COUNT, "{}", times.len());
+                assert_eq!((report.orphans, &report.stopped), (0, &None));
+            }
+        }
+    }
+
+    #[test]
+    fn nonsense_is_told_without_allocation() {
+        assert!(read(b"").1.stopped.unwrap().contains("empty"));
+        assert!(read(b"hello, world").1.stopped.unwrap().contains("MCAP"));
+        assert!(read(mcap::MAGIC).1.stopped.is_some());
+        let huge = [mcap::MAGIC, &[op::MESSAGE], &(1u64 << 62).to_le_bytes()[..]].concat();
+        assert!(read(&huge).1.stopped.unwrap().contains("limit"));
+        let mut chunk = [0u8; 48];
+        chunk[16..24].copy_from_slice(&(1u64 << 40).to_le_bytes());
+        let bomb = [mcap::MAGIC, &[op::CHUNK], &48u64.to_le_bytes()[..], &chunk].concat();
+        assert!(read(&bomb).1.bad_chunks[0].1.contains("limit"));
+    }
+}

@@ -1,0 +1,31 @@
+//! Everything that touches a disk: bags, datasets, run folders.
+
+mod mesh_files;
+mod npy;
+mod ply;
+mod run_dir;
+mod urdf;
+
+pub use mesh_files::{MeshFileError, read_mesh};
+pub use npy::{NpyArray, NpyError, read_npy};
+pub use run_dir::{RunDir, RunDirError};
+pub use urdf::{UrdfError, read_urdf};
+pub mod image_codec;
+pub mod ros2msg;
+pub mod rvl;
+
+mod bag;
+mod bag_index;
+mod camera;
+mod dataset;
+mod inspect;
+mod mcap_file;
+mod pixels;
+mod poses;
+mod recording;
+mod source;
+mod topics;
+mod views;
+
+pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
+pub use recording::open;

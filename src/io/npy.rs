@@ -1,0 +1,168 @@
+//! NumPy `.npy` files with a two-dimensional array of numbers.
+
+use std::{fs, path::Path};
+
+/// Largest file, bytes.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// A two-dimensional array, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NpyArray {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub columns: usize,
+    /// `rows * columns` values.
+    pub values: Vec<f64>,
+}
+
+impl NpyArray {
+    /// One row.
+    #[must_use]
+    pub fn row(&self, row: usize) -> &[f64] {
+        &self.values[row * self.columns..(row + 1) * self.columns]
+    }
+}
+
+/// Why an array could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum NpyError {
+    /// The disk refused.
+    #[error("cannot read {path}: {source}")]
+    Disk {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The contents are not what they should be.
+    #[error("{path}: {problem}")]
+    Format {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// Reads a two-dimensional little-endian `f4`, `f8`, `i4` or `u1` array in C order.
+///
+/// # Errors
+/// A file that cannot be read, is larger than 1 GiB, holds another kind of array or ends early.
+pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
+    let disk = |source| NpyError::Disk { path: path.to_owned(), source };
+    let format = |problem| NpyError::Format { path: path.to_owned(), problem };
+    let size = fs::metadata(path).map_err(disk)?.len();
+    if size > MAX_BYTES {
+        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
+    }
+    parse_npy(&fs::read(path).map_err(disk)?).map_err(format)
+}
+
+/// Reads an array from the bytes of a `.npy` file; the error is a sentence.
+fn parse_npy(bytes: &[u8]) -> Result<NpyArray, String> {
+    if bytes.len() < 12 || &bytes[..6] != b"\x93NUMPY" {
+        return Err("this is no .npy file".into());
+    }
+    let (start, length): (usize, usize) = match bytes[6] {
+        1 => (10, usize::from(u16::from_le_bytes([bytes[8], bytes[9]]))),
+        2 | 3 => (12, u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]) as usize),
+        v => return Err(format!(".npy version {v} is not known; 1 to 3 are")),
+    };
+    let end = start.checked_add(length).filter(|&e| e <= bytes.len()).ok_or("the header is cut off")?;
+    let header = std::str::from_utf8(&bytes[start..end]).map_err(|e| format!("the header is not text: {e}"))?;
+    let descr = field(header, "descr").ok_or("the header has no descr")?;
+    let descr = descr.trim_matches(|c| c == '\'' || c == '"');
+    if field(header, "fortran_order") != Some("False") {
+        return Err("the array is not in C order; save numpy.ascontiguousarray(x)".into());
+    }
+    let (rows, columns) = shape(header)?;
+    let count = rows.checked_mul(columns).ok_or("the shape is too large")?;
+    let values = decode(descr, &bytes[end..], count)?;
+    Ok(NpyArray { rows, columns, values })
+}
+
+fn decode(descr: &str, data: &[u8], count: usize) -> Result<Vec<f64>, String> {
+    let width = match descr {
+        "<f4" | "<i4" => 4,
+        "<f8" => 8,
+        "|u1" => 1,
+        _ => return Err(format!("values of type '{descr}' are not read; '<f4', '<f8', '<i4' and '|u1' are")),
+    };
+    let needed = count.checked_mul(width).ok_or("the shape is too large")?;
+    let data = data.get(..needed).ok_or_else(|| format!("{} bytes of values, {needed} are needed", data.len()))?;
+    Ok(match descr {
+        "<f4" => data.as_chunks::<4>().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect(),
+        "<i4" => data.as_chunks::<4>().0.iter().map(|&b| f64::from(i32::from_le_bytes(b))).collect(),
+        "<f8" => data.as_chunks::<8>().0.iter().map(|&b| f64::from_le_bytes(b)).collect(),
+        _ => data.iter().map(|&b| f64::from(b)).collect(),
+    })
+}
+
+/// Text of a value of the header's dictionary up to the next comma.
+fn field<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let after = header.split_once(&format!("'{key}':"))?.1;
+    Some(after.split([',', '}']).next()?.trim())
+}
+
+fn shape(header: &str) -> Result<(usize, usize), String> {
+    let bad = || "the header has no two-dimensional shape".to_owned();
+    let after = header.split_once("'shape':").ok_or_else(bad)?.1;
+    let inside = after.split_once('(').and_then(|(_, rest)| rest.split_once(')')).ok_or_else(bad)?.0;
+    let sizes: Result<Vec<usize>, _> = inside.split(',').map(str::trim).filter(|s| !s.is_empty()).map(str::parse).collect();
+    match sizes.as_deref() {
+        Ok([rows, columns]) => Ok((*rows, *columns)),
+        _ => Err(bad()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(descr: &str, order: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+        let header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    #[test]
+    fn reads_every_supported_type() {
+        let f4: Vec<u8> = [1.0f32, -2.5, 3.0, 4.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let read = parse_npy(&file("<f4", "False", "(2, 2)", &f4)).unwrap();
+        assert_eq!((read.rows, read.columns, read.row(0), read.row(1)), (2, 2, &[1.0, -2.5][..], &[3.0, 4.0][..]));
+        let f8: Vec<u8> = [0.1f64, 7.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        assert_eq!(parse_npy(&file("<f8", "False", "(1, 2)", &f8)).unwrap().values, [0.1, 7.0]);
+        let i4: Vec<u8> = [-3i32, 9].iter().flat_map(|x| x.to_le_bytes()).collect();
+        assert_eq!(parse_npy(&file("<i4", "False", "(2, 1)", &i4)).unwrap().values, [-3.0, 9.0]);
+    }
+
+    #[test]
+    fn refuses_what_it_cannot_read() {
+        for (bytes, message) in [
+            (b"PK\x03\x04 something else".to_vec(), "no .npy"),
+            (file("<f4", "True", "(1, 1)", &[0; 4]), "C order"),
+            (file("<c8", "False", "(1, 1)", &[0; 8]), "'<c8'"),
+            (file("<f4", "False", "(1,)", &[0; 4]), "two-dimensional"),
+            (file("<f4", "False", "(3, 2)", &[0; 4]), "24 are needed"),
+            (file("<f8", "False", "(4611686018427387904, 9)", &[0; 4]), "too large"),
+        ] {
+            let error = parse_npy(&bytes).unwrap_err();
+            assert!(error.contains(message), "{error}");
+        }
+        let mut cut = file("<f4", "False", "(1, 1)", &[0; 4]);
+        cut.truncate(30);
+        assert!(parse_npy(&cut).unwrap_err().contains("cut off"));
+    }
+
+    #[test]
+    fn reads_the_seen_points_of_a_recording() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0/seen.npy");
+        let seen = read_npy(&path).unwrap();
+        assert_eq!((seen.rows, seen.columns), (13593, 4));
+        assert!((0..seen.rows).all(|i| [0.0, 1.0].contains(&seen.row(i)[3])));
+    }
+}

@@ -1,0 +1,165 @@
+//! Second reading of a bag: the pixels of the views that were chosen, and no others.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::{
+    bag::Bag,
+    image_codec::{self as codec, ImageError, Raster},
+    mcap_file::RawMessage,
+    ros2msg::{CompressedImage, Image, decode},
+    views::{View, Views, check_size},
+};
+use crate::capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
+
+/// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
+type Key = (usize, usize);
+
+/// Payloads of the messages that the chosen views need.
+struct Payloads {
+    /// Color, depth, mask.
+    topics: [Option<String>; 3],
+    /// Payload and whether it is a CompressedImage.
+    found: BTreeMap<Key, Option<(Vec<u8>, bool)>>,
+}
+
+/// What became of the chosen views.
+pub struct Decoded {
+    /// State and frame, in the order of the choice.
+    pub frames: Vec<(usize, RgbdFrame)>,
+    /// Sentences about views whose pixels are broken.
+    pub lost: Vec<String>,
+}
+
+/// Frames of the chosen views: state and index into `views.views`.
+///
+/// # Errors
+/// [`CaptureError::Encoding`] and [`CaptureError::ImageSize`], which hold for the whole recording; those of [`Bag::read`].
+pub fn decode_views(bag: &Bag, views: &Views, chosen: &[(usize, usize)], config: &CaptureConfig) -> Result<Decoded, CaptureError> {
+    let payloads = Payloads::read(bag, views, chosen)?;
+    let maps: Vec<_> =
+        views.cameras.iter().map(|c| [UndistortMap::new(&c.intrinsics, &c.color), UndistortMap::new(&c.intrinsics, &c.depth)]).collect();
+    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen
+        .par_iter()
+        .map(|(_, v)| Decoder { views, payloads: &payloads, maps: &maps[views.views[*v].camera], config }.frame(&views.views[*v]))
+        .collect();
+    let mut frames = Vec::new();
+    let mut lost = Vec::new();
+    for ((state, _), frame) in chosen.iter().zip(decoded) {
+        match frame {
+            Ok(frame) => frames.push((*state, frame)),
+            Err(FrameError::Recording(error)) => return Err(error),
+            Err(FrameError::Frame(why)) => lost.push(why),
+        }
+    }
+    Ok(Decoded { frames, lost })
+}
+
+enum FrameError {
+    /// Holds for every frame.
+    Recording(CaptureError),
+    /// This frame is broken.
+    Frame(String),
+}
+
+impl From<CaptureError> for FrameError {
+    fn from(error: CaptureError) -> Self {
+        Self::Recording(error)
+    }
+}
+
+impl Payloads {
+    fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)]) -> Result<Self, CaptureError> {
+        let t = &views.topics;
+        let topics = [Some(t.color.clone()), Some(t.depth.clone()), t.mask.clone()];
+        let keys =
+            chosen.iter().map(|(_, v)| &views.views[*v]).flat_map(|v| [Some((0, v.color)), Some((1, v.depth)), v.mask.map(|m| (2, m))]);
+        let mut found: BTreeMap<Key, _> = keys.flatten().map(|k| (k, None)).collect();
+        let mut counts = [0; 3];
+        bag.read(&mut |message: &RawMessage| {
+            for (place, topic) in topics.iter().enumerate() {
+                if topic.as_deref() == Some(message.topic) {
+                    if let Some(slot) = found.get_mut(&(place, counts[place])) {
+                        *slot = Some((message.data.to_vec(), message.type_name.ends_with("CompressedImage")));
+                    }
+                    counts[place] += 1;
+                }
+            }
+            Ok(())
+        })?;
+        Ok(Self { topics, found })
+    }
+}
+
+struct Decoder<'a> {
+    views: &'a Views,
+    payloads: &'a Payloads,
+    /// Of color and of depth; masks go with color.
+    maps: &'a [Option<UndistortMap>; 2],
+    config: &'a CaptureConfig,
+}
+
+impl Decoder<'_> {
+    fn frame(&self, view: &View) -> Result<RgbdFrame, FrameError> {
+        let intrinsics = self.views.cameras[view.camera].intrinsics;
+        let mut rgb = self.pixels(view, (0, view.color), codec::raw_color, codec::compressed_color)?.pixels;
+        let mut depth_m = self.pixels(view, (1, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
+        let mut mask = match view.mask {
+            Some(m) => Some(self.pixels(view, (2, m), codec::raw_mask, codec::compressed_mask)?.pixels),
+            None => None,
+        };
+        if let Some(map) = &self.maps[0] {
+            rgb = map.color(&rgb);
+            mask = mask.map(|m| map.nearest(&m, false));
+        }
+        if let Some(map) = &self.maps[1] {
+            depth_m = map.nearest(&depth_m, 0.0);
+        }
+        limit_depth(&mut depth_m, self.config);
+        Ok(RgbdFrame {
+            id: String::new(),
+            stamp_nanos: view.stamp_nanos,
+            intrinsics,
+            world_from_camera: view.world_from_camera,
+            rgb,
+            depth_m,
+            mask,
+        })
+    }
+
+    fn pixels<T>(
+        &self,
+        view: &View,
+        key: Key,
+        raw: fn(&Image) -> Result<Raster<T>, ImageError>,
+        compressed: fn(&CompressedImage) -> Result<Raster<T>, ImageError>,
+    ) -> Result<Raster<T>, FrameError> {
+        let topic = self.payloads.topics[key.0].as_deref().unwrap_or_default();
+        let broken = |why: String| FrameError::Frame(format!("{topic} at {:.6} s: {why}", crate::capture::stamp_secs(view.stamp_nanos)));
+        let Some(Some((data, is_compressed))) = self.payloads.found.get(&key) else { return Err(broken("the message is gone".into())) };
+        let decoded = match is_compressed {
+            true => compressed(&decode(data).map_err(|e| broken(e.to_string()))?),
+            false => raw(&decode(data).map_err(|e| broken(e.to_string()))?),
+        };
+        match decoded {
+            Ok(raster) => {
+                let camera = &self.views.cameras[view.camera].intrinsics;
+                check_size(topic, (raster.width, raster.height), view.stamp_nanos, camera)?;
+                Ok(raster)
+            }
+            Err(ImageError::Broken(why)) => Err(broken(why)),
+            Err(ImageError::Encoding { encoding, supported }) => {
+                Err(CaptureError::Encoding { topic: topic.to_owned(), encoding, supported }.into())
+            }
+        }
+    }
+}
+
+/// Forgets depth outside the range of the settings.
+pub fn limit_depth(depth_m: &mut [f32], config: &CaptureConfig) {
+    let range = config.depth_min_m as f32..=config.depth_max_m as f32;
+    for d in depth_m.iter_mut().filter(|d| !range.contains(*d)) {
+        *d = 0.0;
+    }
+}

@@ -1,0 +1,239 @@
+//! PLY meshes, ASCII or binary little-endian.
+
+use super::mesh_files::{MAX_ELEMENTS, fan};
+use crate::surface::TriangleMesh;
+
+/// Most corners of a face and most entries of any other list.
+const MAX_LIST: usize = 1024;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(name: &str) -> Result<Self, String> {
+        Ok(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return Err(format!("properties of type '{name}' are not known")),
+        })
+    }
+}
+
+struct Property {
+    name: String,
+    /// Type of the length, for a list.
+    length: Option<Scalar>,
+    value: Scalar,
+}
+
+struct Element {
+    name: String,
+    count: usize,
+    properties: Vec<Property>,
+}
+
+/// Values one after the other, whatever their encoding.
+enum Values<'a> {
+    Ascii(std::str::SplitAsciiWhitespace<'a>),
+    Binary(&'a [u8]),
+}
+
+impl Values<'_> {
+    fn next(&mut self, kind: Scalar) -> Result<f64, String> {
+        const CUT: &str = "the file ends early";
+        match self {
+            Self::Ascii(words) => {
+                let word = words.next().ok_or(CUT)?;
+                word.parse().map_err(|e| format!("'{word}': {e}"))
+            }
+            Self::Binary(bytes) => {
+                fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], String> {
+                    let (head, tail) = bytes.split_first_chunk::<N>().ok_or(CUT)?;
+                    *bytes = tail;
+                    Ok(*head)
+                }
+                Ok(match kind {
+                    Scalar::I8 => f64::from(i8::from_le_bytes(take(bytes)?)),
+                    Scalar::U8 => f64::from(u8::from_le_bytes(take(bytes)?)),
+                    Scalar::I16 => f64::from(i16::from_le_bytes(take(bytes)?)),
+                    Scalar::U16 => f64::from(u16::from_le_bytes(take(bytes)?)),
+                    Scalar::I32 => f64::from(i32::from_le_bytes(take(bytes)?)),
+                    Scalar::U32 => f64::from(u32::from_le_bytes(take(bytes)?)),
+                    Scalar::F32 => f64::from(f32::from_le_bytes(take(bytes)?)),
+                    Scalar::F64 => f64::from_le_bytes(take(bytes)?),
+                })
+            }
+        }
+    }
+
+    fn next_index(&mut self, kind: Scalar) -> Result<u32, String> {
+        let x = self.next(kind)?;
+        if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 { Ok(x as u32) } else { Err(format!("{x} is no index")) }
+    }
+}
+
+/// Reads a mesh from the bytes of a PLY file; the error is a sentence. Colours are read where vertices have 8-bit
+/// `red green blue`.
+pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, String> {
+    const END: &[u8] = b"end_header";
+    if !bytes.starts_with(b"ply") {
+        return Err("this is no PLY file".into());
+    }
+    let end = bytes.windows(END.len()).take(1 << 20).position(|w| w == END).ok_or("the header has no end")?;
+    let body = bytes[end..].iter().position(|&b| b == b'\n').ok_or("the header has no end")? + end + 1;
+    let header = std::str::from_utf8(&bytes[..end]).map_err(|e| format!("the header is not text: {e}"))?;
+    let (format, elements) = parse_header(header)?;
+    let mut values = match format {
+        "ascii" => {
+            let text = std::str::from_utf8(&bytes[body..]).map_err(|e| format!("the contents are not text: {e}"))?;
+            Values::Ascii(text.split_ascii_whitespace())
+        }
+        "binary_little_endian" => Values::Binary(&bytes[body..]),
+        other => return Err(format!("PLY of format '{other}' is not read; ascii and binary_little_endian are")),
+    };
+    let mut mesh = TriangleMesh::default();
+    for element in &elements {
+        for i in 0..element.count {
+            read_row(element, &mut values, &mut mesh).map_err(|e| format!("{} {i}: {e}", element.name))?;
+        }
+    }
+    Ok(mesh)
+}
+
+fn parse_header(header: &str) -> Result<(&str, Vec<Element>), String> {
+    let (mut format, mut elements) = ("", Vec::<Element>::new());
+    for line in header.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["format", kind, ..] => format = kind,
+            ["element", name, count] => {
+                let count = count.parse().map_err(|e| format!("element {name}: {e}"))?;
+                if count > MAX_ELEMENTS {
+                    return Err(format!("{count} elements {name}; {MAX_ELEMENTS} are the limit"));
+                }
+                elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
+            }
+            ["property", kind @ .., name] => {
+                let element = elements.last_mut().ok_or("a property stands before any element")?;
+                let (length, value) = match kind {
+                    ["list", length, value] => (Some(Scalar::named(length)?), Scalar::named(value)?),
+                    [value] => (None, Scalar::named(value)?),
+                    _ => return Err(format!("'{line}' is no property")),
+                };
+                element.properties.push(Property { name: (*name).to_owned(), length, value });
+            }
+            _ => {}
+        }
+    }
+    let has = |name: &str, property: &str| elements.iter().any(|e| e.name == name && e.properties.iter().any(|p| p.name == property));
+    if ["x", "y", "z"].iter().any(|axis| !has("vertex", axis)) {
+        return Err("the file has no vertices with x, y and z".into());
+    }
+    Ok((format, elements))
+}
+
+fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> Result<(), String> {
+    let (mut position, mut color, mut channels) = ([0.0; 3], [0u8; 3], 0);
+    for property in &element.properties {
+        if let Some(length) = property.length {
+            let count = values.next_index(length)? as usize;
+            if count > MAX_LIST {
+                return Err(format!("a list of {count} values; {MAX_LIST} are the limit"));
+            }
+            if element.name == "face" && matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
+                let corners: Vec<u32> = (0..count).map(|_| values.next_index(property.value)).collect::<Result<_, _>>()?;
+                fan(&corners, &mut mesh.triangles)?;
+            } else {
+                for _ in 0..count {
+                    values.next(property.value)?;
+                }
+            }
+            continue;
+        }
+        let value = values.next(property.value)?;
+        match property.name.as_str() {
+            "x" => position[0] = value as f32,
+            "y" => position[1] = value as f32,
+            "z" => position[2] = value as f32,
+            "red" | "green" | "blue" if property.value == Scalar::U8 => {
+                let channel = ["red", "green", "blue"].iter().position(|c| *c == property.name).unwrap_or_default();
+                color[channel] = value.clamp(0.0, 255.0) as u8;
+                channels += 1;
+            }
+            _ => {}
+        }
+    }
+    if element.name == "vertex" {
+        mesh.vertices.push(position.into());
+        if channels == 3 {
+            mesh.colors.push(color);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ASCII: &str = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\nelement face 1\n\
+        property uchar flags\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 1 2 3 255\n1 0 0 4 5 6 255\n1 1 0 7 8 9 255\n0 1 0.5 10 11 12 255\n9 4 0 1 2 3\n";
+
+    #[test]
+    fn ascii_and_binary_give_the_same_mesh() {
+        let ascii = parse_ply(ASCII.as_bytes()).unwrap();
+        assert_eq!(ascii.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(ascii.colors[3], [10, 11, 12]);
+        assert_eq!(ascii.vertices[3], nalgebra::Point3::new(0.0, 1.0, 0.5));
+        let header = ASCII.split_once("end_header\n").unwrap().0;
+        let mut binary = header.replace("ascii", "binary_little_endian").into_bytes();
+        binary.extend(b"end_header\n");
+        for (p, c) in ascii.vertices.iter().zip(&ascii.colors) {
+            binary.extend(p.x.to_le_bytes());
+            binary.extend(f64::from(p.y).to_le_bytes());
+            binary.extend(p.z.to_le_bytes());
+            binary.extend(c);
+            binary.push(255);
+        }
+        binary.extend([9, 4]);
+        binary.extend([0i32, 1, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
+        assert_eq!(parse_ply(&binary).unwrap(), ascii);
+        for cut in [binary.len() - 1, binary.len() - 20, binary.len() - 60] {
+            assert!(parse_ply(&binary[..cut]).unwrap_err().contains("ends early"));
+        }
+    }
+
+    #[test]
+    fn other_files_are_refused() {
+        for (text, message) in [
+            ("solid x", "no PLY"),
+            ("ply\nformat ascii 1.0\n", "no end"),
+            (&ASCII.replace("ascii", "binary_big_endian"), "binary_big_endian"),
+            (&ASCII.replace("vertex 4", "vertex 99999999999"), "limit"),
+            (&ASCII.replace("float z", "float w"), "x, y and z"),
+            (&ASCII.replace("9 4 0 1", "9 4 -1 1"), "face 0: -1 is no index"),
+            (&ASCII.replace("9 4 0 1", "9 9999 0 1"), "a list of 9999"),
+            (&ASCII.replace("double y", "quad y"), "'quad'"),
+        ] {
+            let error = parse_ply(text.as_bytes()).unwrap_err();
+            assert!(error.contains(message), "{error}");
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Recordings opened: from paths to a [`Capture`] whose frames carry object masks.
+
+use std::path::{Path, PathBuf};
+
+use super::{
+    bag::Bag,
+    bag_index::BagIndex,
+    dataset,
+    pixels::{Decoded, decode_views},
+    source::Source,
+    views::{View, Views},
+};
+use crate::{
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, isolate, noise_factor, spread_views},
+    geometry::Pose,
+    run::stage_rng,
+};
+
+/// Least and greatest factor on the noise model.
+const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
+
+/// Opens one or two paths: two bags, a folder with `state0` and `state1`, one bag with both states, or a dataset folder.
+/// Every frame of the result has a mask, and each state has at least one frame with depth on the object.
+///
+/// # Errors
+/// [`CaptureError`]; see its variants. What is merely degraded is told in [`Capture::warnings`].
+pub fn open(sources: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    config.check()?;
+    let source = Source::of(sources)?;
+    let mut capture = match &source {
+        Source::States(paths) => open_states(paths, config)?,
+        Source::Both(path) => open_both(path, config)?,
+        Source::Keyframes(path) => dataset::open_keyframes(path, config)?,
+        Source::StartEnd(path) => dataset::open_start_end(path, config)?,
+    };
+    capture.name = source.object_name();
+    check_depth(&capture, config)?;
+    measure_noise(&mut capture, config);
+    isolate(&mut capture, config, &mut stage_rng(config.seed, "capture/isolate", 0))?;
+    Ok(capture)
+}
+
+fn open_states(paths: &[PathBuf; 2], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    if !config.split_secs.is_empty() || config.topics.marker.is_some() {
+        return Err(CaptureError::Split { reason: "a split was asked for, but two recordings were given, one per state".into() });
+    }
+    let mut capture = Capture::default();
+    let mut worlds = Vec::new();
+    for (state, path) in paths.iter().enumerate() {
+        let bag = Bag::open(path)?;
+        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
+        let chosen: Vec<_> =
+            spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config).into_iter().map(|v| (state, v)).collect();
+        capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", chosen.len(), views.views.len()));
+        worlds.push(views.world_frame.clone());
+        add_frames(&mut capture, &bag, views, &chosen, config)?;
+    }
+    match worlds.as_slice() {
+        [world0, world1] if world0 != world1 => Err(CaptureError::WorldFrames { world0: world0.clone(), world1: world1.clone() }),
+        _ => Ok(capture),
+    }
+}
+
+fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    let bag = Bag::open(path)?;
+    let index = BagIndex::read(&bag)?;
+    let views = Views::find(&bag, &index, config, 0)?;
+    let (first, last) = index.span_nanos().unwrap_or_default();
+    let split = match (&views.topics.marker, config.split_secs.as_slice()) {
+        (Some(topic), _) => Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))?,
+        (None, []) => return Err(CaptureError::OneState { path: path.to_owned() }),
+        (None, times) => Split::at(times, first, last)?,
+    };
+    let mut capture = Capture::default();
+    let mut chosen = Vec::new();
+    for state in 0..2 {
+        let of_state: Vec<usize> = (0..views.views.len()).filter(|v| split.state(views.views[*v].log_nanos) == Some(state)).collect();
+        if of_state.is_empty() {
+            return Err(CaptureError::Split {
+                reason: format!("no usable view lies in state {state}; {} views in all", views.views.len()),
+            });
+        }
+        let kept = spread(&views.views, &of_state, config);
+        capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", kept.len(), of_state.len()));
+        chosen.extend(kept.into_iter().map(|v| (state, v)));
+    }
+    add_frames(&mut capture, &bag, views, &chosen, config)?;
+    Ok(capture)
+}
+
+/// The views kept of those given, in time order.
+fn spread(views: &[View], of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
+    let poses: Vec<Pose> = of_state.iter().map(|v| views[*v].world_from_camera).collect();
+    spread_views(&poses, config.frames_per_state).into_iter().map(|i| of_state[i]).collect()
+}
+
+fn add_frames(
+    capture: &mut Capture,
+    bag: &Bag,
+    views: Views,
+    chosen: &[(usize, usize)],
+    config: &CaptureConfig,
+) -> Result<(), CaptureError> {
+    let Decoded { frames, lost } = decode_views(bag, &views, chosen, config)?;
+    for (state, frame) in frames {
+        push_frame(capture, state, frame);
+    }
+    if let Some(first) = lost.first() {
+        capture.warnings.push(format!("{} frames are broken and not used (first: {first})", lost.len()));
+    }
+    for state in chosen.iter().map(|(state, _)| *state) {
+        if capture.states[state].is_empty() {
+            let reason = format!("all {} are broken (first: {})", lost.len(), lost.first().map_or("", String::as_str));
+            return Err(CaptureError::NoFrames { state, reason });
+        }
+    }
+    capture.notes.extend(views.notes);
+    capture.warnings.extend(views.warnings);
+    Ok(())
+}
+
+fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
+    frame.id = format!("{state}_{:04}", capture.states[state].len());
+    capture.states[state].push(frame);
+}
+
+/// Scales the noise model to the recording.
+fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
+    capture.noise = config.noise;
+    let measured = if config.measure_noise { noise_factor(capture.states.iter().flatten(), &config.noise) } else { None };
+    if let Some(factor) = measured {
+        let factor = factor.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1]);
+        capture.noise = config.noise.scaled(factor);
+        capture
+            .notes
+            .push(format!("depth noise is {factor:.2} times the model of the settings: {:.1} mm at 1 m", 1e3 * capture.noise.sigma_m(1.0)));
+    }
+}
+
+/// Refuses a state without any depth reading, and tells of one with few.
+fn check_depth(capture: &Capture, config: &CaptureConfig) -> Result<(), CaptureError> {
+    for (state, frames) in capture.states.iter().enumerate() {
+        if frames.is_empty() {
+            return Err(CaptureError::NoFrames { state, reason: "the recording has none".into() });
+        }
+        if !frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0)) {
+            return Err(CaptureError::NoDepth { state, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,124 @@
+//! What a path holds: bags, states, or a dataset.
+
+use std::path::{Path, PathBuf};
+
+use super::bag::Bag;
+use crate::capture::CaptureError;
+
+/// What is to be opened.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Source {
+    /// One recording per state.
+    States([PathBuf; 2]),
+    /// One recording with both states.
+    Both(PathBuf),
+    /// A dataset folder with posed images (cam_K.txt, init_keyframes.yml).
+    Keyframes(PathBuf),
+    /// A dataset folder with `start` and `end` (camera_train.json).
+    StartEnd(PathBuf),
+}
+
+impl Source {
+    /// Tells what the paths hold.
+    ///
+    /// # Errors
+    /// [`CaptureError::NotARecording`] and [`CaptureError::Read`].
+    pub fn of(paths: &[PathBuf]) -> Result<Self, CaptureError> {
+        match paths {
+            [one] => Self::of_one(one),
+            [zero, one] => {
+                for path in paths {
+                    exists(path)?;
+                    if !Bag::is_at(path) {
+                        return Err(CaptureError::NotARecording { path: path.clone(), reason: describe(path) });
+                    }
+                }
+                Ok(Self::States([zero.clone(), one.clone()]))
+            }
+            _ => {
+                let path = paths.first().cloned().unwrap_or_default();
+                Err(CaptureError::NotARecording { path, reason: format!("{} paths were given, not one or two", paths.len()) })
+            }
+        }
+    }
+
+    fn of_one(path: &Path) -> Result<Self, CaptureError> {
+        exists(path)?;
+        if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
+            return Ok(Self::Keyframes(path.to_owned()));
+        }
+        if ["start", "end"].iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
+            return Ok(Self::StartEnd(path.to_owned()));
+        }
+        let state = |s: usize| {
+            let folder = path.join(format!("state{s}"));
+            let files = [folder.clone(), folder.with_extension("mcap")];
+            files.into_iter().find(|p| Bag::is_at(p))
+        };
+        match (state(0), state(1)) {
+            (Some(zero), Some(one)) => Ok(Self::States([zero, one])),
+            (Some(_), None) | (None, Some(_)) if !path.join("metadata.yaml").is_file() => {
+                Err(CaptureError::OneState { path: path.to_owned() })
+            }
+            _ if Bag::is_at(path) => Ok(Self::Both(path.to_owned())),
+            _ => Err(CaptureError::NotARecording { path: path.to_owned(), reason: describe(path) }),
+        }
+    }
+
+    /// A name for the object: that of the folder above the states, or of the recording; `[A-Za-z][A-Za-z0-9_]*`.
+    #[must_use]
+    pub fn object_name(&self) -> String {
+        let path = match self {
+            Self::States([zero, one]) => match (zero.parent(), one.parent()) {
+                (Some(a), Some(b)) if a == b && zero != one => own_name(a),
+                _ => own_name(zero),
+            },
+            Self::Both(path) | Self::Keyframes(path) | Self::StartEnd(path) => own_name(path),
+        };
+        sanitize(&path)
+    }
+}
+
+fn exists(path: &Path) -> Result<(), CaptureError> {
+    path.metadata().map(|_| ()).map_err(|source| CaptureError::Read { path: path.to_owned(), source })
+}
+
+/// Last part of a path without extension, also where it is given as `.` or ``.
+fn own_name(path: &Path) -> String {
+    let stem = |p: &Path| p.file_stem().map(|n| n.to_string_lossy().into_owned());
+    let absolute = || stem(&std::fs::canonicalize(if path.as_os_str().is_empty() { Path::new(".") } else { path }).ok()?);
+    stem(path).or_else(absolute).unwrap_or_default()
+}
+
+fn sanitize(name: &str) -> String {
+    let clean: String = name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
+}
+
+fn describe(path: &Path) -> String {
+    if path.is_file() {
+        return "the file does not begin as an MCAP file".into();
+    }
+    let mut names: Vec<_> =
+        std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.file_name().to_string_lossy().into_owned()).take(1000).collect();
+    names.sort();
+    match names.len() {
+        0 => "the folder is empty".into(),
+        n => format!("the folder holds {}{}", names[..n.min(5)].join(", "), if n > 5 { ", ..." } else { "" }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_identifiers() {
+        let of = |s: &str| Source::Both(PathBuf::from(s)).object_name();
+        assert_eq!(of("/x/my fridge-2.mcap"), "my_fridge_2");
+        assert_eq!(of("/x/2nd"), "object_2nd");
+        let states = |a: &str, b: &str| Source::States([PathBuf::from(a), PathBuf::from(b)]).object_name();
+        assert_eq!(states("/x/laptop/state0", "/x/laptop/state1"), "laptop");
+        assert_eq!(states("/x/a/open", "/y/b/closed"), "open");
+    }
+}

@@ -1,0 +1,237 @@
+//! URDF files and their meshes, as the tree that an evaluation looks at.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Component, Path, PathBuf},
+};
+
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+
+use super::{MeshFileError, read_mesh};
+use crate::{
+    geometry::Pose,
+    model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink},
+    surface::{TriangleMesh, merge},
+};
+
+/// Largest URDF file, bytes.
+const MAX_BYTES: u64 = 16 << 20;
+/// Most links.
+const MAX_LINKS: usize = 10_000;
+
+/// Why a URDF could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum UrdfError {
+    /// The disk refused.
+    #[error("cannot read {path}: {source}")]
+    Disk {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The text is no URDF that can be used.
+    #[error("{path}: {problem}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The links are no tree.
+    #[error("{path}: {source}")]
+    Tree {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: TreeError,
+    },
+    /// A mesh could not be read.
+    #[error(transparent)]
+    Mesh(#[from] MeshFileError),
+}
+
+/// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the package); scales
+/// and origins of visuals are applied. Visuals that are not meshes are left out.
+///
+/// # Errors
+/// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous and
+/// prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
+pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
+    let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
+    let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
+    let size = fs::metadata(path).map_err(disk)?.len();
+    if size > MAX_BYTES {
+        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
+    }
+    let text = fs::read_to_string(path).map_err(disk)?;
+    let robot = urdf_rs::read_from_string(&text).map_err(|e| format(e.to_string()))?;
+    if robot.links.len() > MAX_LINKS {
+        return Err(format(format!("{} links; {MAX_LINKS} are the limit", robot.links.len())));
+    }
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut links = Vec::with_capacity(robot.links.len());
+    for link in &robot.links {
+        links.push(TreeLink { name: link.name.clone(), visual: visuals(link, folder).map_err(|e| e.at(path))? });
+    }
+    let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+    let joints: Result<Vec<_>, _> = robot.joints.iter().map(|j| joint(j, &index)).collect();
+    Tree::new(links, joints.map_err(format)?).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
+}
+
+/// A mesh's error, or a sentence about its path.
+enum VisualError {
+    Mesh(MeshFileError),
+    Path(String),
+}
+
+impl VisualError {
+    fn at(self, urdf: &Path) -> UrdfError {
+        match self {
+            Self::Mesh(e) => UrdfError::Mesh(e),
+            Self::Path(problem) => UrdfError::Format { path: urdf.to_owned(), problem },
+        }
+    }
+}
+
+/// All visual meshes of a link in one, in the link frame.
+fn visuals(link: &urdf_rs::Link, folder: &Path) -> Result<TriangleMesh, VisualError> {
+    let mut all = TriangleMesh::default();
+    for visual in &link.visual {
+        let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
+        let mut mesh = read_mesh(&folder.join(relative(filename).map_err(VisualError::Path)?)).map_err(VisualError::Mesh)?;
+        if let Some(scale) = scale {
+            for p in &mut mesh.vertices {
+                p.coords.component_mul_assign(&Vector3::from(scale.0).cast());
+            }
+        }
+        all = merge(&[&all, &mesh.transformed(&pose(&visual.origin))]);
+    }
+    Ok(all)
+}
+
+/// The path of a mesh below the URDF's folder.
+fn relative(filename: &str) -> Result<&Path, String> {
+    let path = match filename.strip_prefix("package://") {
+        Some(rest) => rest.split_once('/').map_or("", |(_, path)| path),
+        None if filename.contains("://") => return Err(format!("mesh '{filename}' is not a relative path")),
+        None => filename,
+    };
+    let path = Path::new(path);
+    let inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    if inside && !path.as_os_str().is_empty() { Ok(path) } else { Err(format!("mesh '{filename}' is not below the URDF's folder")) }
+}
+
+fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, String> {
+    let kind = match joint.joint_type {
+        urdf_rs::JointType::Fixed => JointType::Fixed,
+        urdf_rs::JointType::Revolute => JointType::Revolute,
+        urdf_rs::JointType::Continuous => JointType::Continuous,
+        urdf_rs::JointType::Prismatic => JointType::Prismatic,
+        ref other => {
+            return Err(format!("joint '{}' is of type {other:?}; fixed, revolute, continuous and prismatic are read", joint.name));
+        }
+    };
+    let link = |name: &str| index.get(name).copied().ok_or_else(|| format!("joint '{}' names the unknown link '{name}'", joint.name));
+    let axis = match Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9) {
+        Some(axis) => axis,
+        None if kind == JointType::Fixed => Vector3::x_axis(),
+        None => return Err(format!("joint '{}' has an axis of no length", joint.name)),
+    };
+    let mimic = joint.mimic.as_ref().map(|m| Mimic {
+        joint: m.joint.clone(),
+        multiplier: m.multiplier.unwrap_or(1.0),
+        offset: m.offset.unwrap_or(0.0),
+    });
+    let (parent, child) = (link(&joint.parent.link)?, link(&joint.child.link)?);
+    Ok(TreeJoint { name: joint.name.clone(), kind, parent, child, parent_from_joint: pose(&joint.origin), axis, mimic })
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Pose {
+    let [roll, pitch, yaw] = origin.rpy.0;
+    Pose::from_parts(Translation3::from(origin.xyz.0), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{export::urdf_package, io::RunDir, model::example::cabinet};
+
+    struct Temp(PathBuf);
+
+    impl Temp {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("artitwin-urdf-{name}-{}", std::process::id()));
+            fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Temp {
+        fn drop(&mut self) {
+            fs::remove_dir_all(&self.0).ok();
+        }
+    }
+
+    #[test]
+    fn a_written_model_reads_back_in_every_pose() {
+        let (model, temp) = (cabinet(), Temp::new("written"));
+        let run = RunDir::create(&temp.0, &model.name).unwrap();
+        for file in urdf_package(&model) {
+            run.put(&file.path, &file.bytes).unwrap();
+        }
+        let tree = read_urdf(&run.commit().unwrap().join("cabinet.urdf")).unwrap();
+        for state in &model.states {
+            let positions = model.joints.iter().map(|j| j.name.clone()).zip(state.iter().copied()).collect();
+            for (i, link) in model.links.iter().enumerate() {
+                let k = tree.links.iter().position(|l| l.name == link.name).unwrap();
+                let (a, b) = (model.world_from_link(i, state), tree.world_from_link(k, &positions));
+                let worst = link.visual.vertices.iter().zip(&tree.links[k].visual.vertices);
+                let worst = worst.map(|(x, y)| (a * x.cast::<f64>() - b * y.cast::<f64>()).norm()).fold(0.0, f64::max);
+                assert!(worst < 1e-6, "{}: {worst}", link.name);
+            }
+        }
+    }
+
+    fn read(text: &str) -> Result<Tree, UrdfError> {
+        let temp = Temp::new(&format!("{:x}", text.len()));
+        let path = temp.0.join("x.urdf");
+        fs::write(&path, format!("<robot name='x'>{text}</robot>")).unwrap();
+        fs::write(temp.0.join("m.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        read_urdf(&path)
+    }
+
+    #[test]
+    fn scale_origin_and_defaults_are_applied() {
+        let mesh = "<link name='a'><visual><origin xyz='0 0 5'/><geometry><mesh filename='package://x/m.obj' scale='2 1 1'/></geometry></visual></link>";
+        let tree =
+            read(&format!("{mesh}<link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint>")).unwrap();
+        assert_eq!(tree.links[0].visual.vertices[1], nalgebra::Point3::new(2.0, 0.0, 5.0));
+        assert_eq!(tree.joints[0].axis, Vector3::x_axis());
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused() {
+        let joint = |kind: &str, child: &str, axis: &str| {
+            format!(
+                "<link name='a'/><link name='b'/><joint name='j' type='{kind}'><parent link='a'/><child link='{child}'/><axis xyz='{axis}'/></joint>"
+            )
+        };
+        let mesh = |path: &str| format!("<link name='a'><visual><geometry><mesh filename='{path}'/></geometry></visual></link>");
+        for (text, message) in [
+            ("<link".to_owned(), "x.urdf"),
+            (joint("floating", "b", "1 0 0"), "is of type Floating"),
+            (joint("revolute", "c", "1 0 0"), "unknown link 'c'"),
+            (joint("revolute", "b", "0 0 0"), "axis of no length"),
+            (joint("revolute", "a", "1 0 0"), "in a loop"),
+            (mesh("/etc/x.obj"), "not below"),
+            (mesh("../x.obj"), "not below"),
+            (mesh("file:///x.obj"), "not a relative path"),
+            (mesh("none.obj"), "cannot read"),
+        ] {
+            let error = read(&text).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+    }
+}

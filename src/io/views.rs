@@ -1,0 +1,323 @@
+//! From an indexed bag to posed RGB-D views, still without pixels: topics chosen, messages paired, cameras checked, the
+//! camera's pose looked up.
+
+use super::{
+    bag::Bag,
+    bag_index::{BagIndex, ImageEntry, InfoTopic},
+    camera::pinhole,
+    poses::PoseSource,
+    topics::{TopicChoice, choose},
+};
+use crate::{
+    capture::{CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
+    geometry::{Intrinsics, Pose},
+};
+
+/// Focal lengths of aligned images may differ by this share.
+const FOCAL_TOLERANCE: f64 = 0.005;
+/// Principal points of aligned images may differ by this much, pixels.
+const CENTER_TOLERANCE_PX: f64 = 1.0;
+/// Frames of aligned images may be this far apart, meters and radians.
+const FRAME_TOLERANCE: f64 = 1e-3;
+
+/// The lens and the pinhole that stands for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// The ideal camera.
+    pub intrinsics: Intrinsics,
+    /// Distortion of the color images.
+    pub color: Distortion,
+    /// Distortion of the depth images.
+    pub depth: Distortion,
+}
+
+/// One RGB-D view, as numbers of messages.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Stamp of the color image, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Recording time of the color image, nanoseconds.
+    pub log_nanos: i64,
+    /// Color message.
+    pub color: usize,
+    /// Depth message.
+    pub depth: usize,
+    /// Mask message.
+    pub mask: Option<usize>,
+    /// Its camera, an index into [`Views::cameras`].
+    pub camera: usize,
+    /// Pose of the optical frame.
+    pub world_from_camera: Pose,
+}
+
+/// The views of a bag.
+#[derive(Clone, Debug)]
+pub struct Views {
+    /// The topics they come from.
+    pub topics: TopicChoice,
+    /// Frame of the poses.
+    pub world_frame: String,
+    /// Distinct cameras.
+    pub cameras: Vec<Camera>,
+    /// Sorted by stamp.
+    pub views: Vec<View>,
+    /// What was chosen.
+    pub notes: Vec<String>,
+    /// What was lost.
+    pub warnings: Vec<String>,
+}
+
+impl Views {
+    /// Views of an indexed bag. `state` is for messages.
+    ///
+    /// # Errors
+    /// Every [`CaptureError`] about topics, cameras, alignment and poses.
+    pub fn find(bag: &Bag, index: &BagIndex, config: &CaptureConfig, state: usize) -> Result<Self, CaptureError> {
+        let topics = choose(&index.summaries(), &config.topics, &bag.path)?;
+        let mut found =
+            Self { topics, world_frame: String::new(), cameras: Vec::new(), views: Vec::new(), notes: Vec::new(), warnings: Vec::new() };
+        found.warnings.extend(bag.warnings.iter().cloned());
+        found.warnings.extend(index.damage());
+        let matches = found.synchronize(index, config, state)?;
+        let cameras = found.find_cameras(index)?;
+        let poses = PoseSource::find(index, &found.topics, config)?;
+        found.world_frame = poses.world.clone();
+        found.place(index, config, state, &matches, &cameras, &poses)?;
+        found.notes.push(format!("{}: {}", bag.path.display(), found.describe_topics(&poses)));
+        Ok(found)
+    }
+
+    fn describe_topics(&self, poses: &PoseSource) -> String {
+        let t = &self.topics;
+        let mask = t.mask.as_ref().map_or("no mask topic".into(), |m| format!("masks {m}"));
+        format!(
+            "color {}, depth {}, camera_info {}, {mask}, poses of `{}` in `{}` from {}",
+            t.color, t.depth, t.color_info, poses.optical, poses.world, poses.origin
+        )
+    }
+
+    /// Color, depth and mask messages that belong together, with the losses told.
+    fn synchronize(&mut self, index: &BagIndex, config: &CaptureConfig, state: usize) -> Result<Vec<Matched>, CaptureError> {
+        let entries = |topic: &str| index.images.get(topic).map_or(&[][..], |i| &i.entries[..]);
+        let stamps = |topic: &str| entries(topic).iter().map(|e| e.stamp_nanos).collect::<Vec<_>>();
+        let slop = (config.sync_slop_secs * 1e9) as i64;
+        let color = stamps(&self.topics.color);
+        let depth = pair(&color, &stamps(&self.topics.depth), slop);
+        let mask = self.topics.mask.as_ref().filter(|_| config.isolate.use_masks).map(|topic| pair(&color, &stamps(topic), slop));
+        let mut matched = Vec::new();
+        let (mut no_depth, mut no_mask) = (0, 0);
+        for (i, entry) in entries(&self.topics.color).iter().enumerate() {
+            let Some(d) = depth[i] else {
+                no_depth += 1;
+                continue;
+            };
+            let mask = match (&mask, &self.topics.mask) {
+                (Some(partners), Some(topic)) => match partners[i] {
+                    Some(m) => Some(entries(topic)[m].clone()),
+                    None => {
+                        no_mask += 1;
+                        continue;
+                    }
+                },
+                _ => None,
+            };
+            matched.push(Matched { color: entry.clone(), depth: entries(&self.topics.depth)[d].clone(), mask });
+        }
+        let slop_ms = config.sync_slop_secs * 1e3;
+        if no_depth > 0 {
+            self.warnings.push(format!(
+                "state {state}: {no_depth} of {} color images have no depth image within {slop_ms} ms and are not used",
+                color.len()
+            ));
+        }
+        if no_mask > 0 {
+            self.warnings.push(format!(
+                "state {state}: {no_mask} of {} color images have no mask within {slop_ms} ms and are not used",
+                color.len()
+            ));
+        }
+        for topic in [&self.topics.color, &self.topics.depth] {
+            if let Some(strays) = index.images.get(topic).map(|i| i.strays).filter(|n| *n > 0) {
+                self.warnings.push(format!("{topic}: {strays} images are in another frame than the first and are not used"));
+            }
+        }
+        if matched.is_empty() {
+            let reason = format!(
+                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the header stamps or raise `sync_slop_secs`",
+                color.len(),
+                entries(&self.topics.depth).len(),
+                if no_mask > 0 { " and of a mask" } else { "" }
+            );
+            return Err(CaptureError::NoFrames { state, reason });
+        }
+        matched.sort_by_key(|m| (m.color.stamp_nanos, m.color.ordinal));
+        Ok(matched)
+    }
+
+    /// The cameras of the color topic's distinct parameters, checked against those of depth.
+    fn find_cameras(&mut self, index: &BagIndex) -> Result<InfoTopic, CaptureError> {
+        let t = &self.topics;
+        let settled = |name: &String| {
+            let mut infos = index.infos.get(name).cloned().unwrap_or_default();
+            let lost = infos.settle();
+            (infos, lost)
+        };
+        let (infos, lost) = settled(&t.color_info);
+        if lost > 0 {
+            self.warnings.push(format!("{}: {lost} messages contradict all others and are not used", t.color_info));
+        }
+        let aligned = t.depth_info.as_ref().and_then(|name| settled(name).0.distinct.into_iter().next());
+        for info in &infos.distinct {
+            let (intrinsics, color) = pinhole(info, &t.color_info, &t.color)?;
+            let first = self.cameras.first().map_or(intrinsics, |c| c.intrinsics);
+            if (first.width, first.height) != (intrinsics.width, intrinsics.height) {
+                return Err(CaptureError::ImageSize {
+                    topic: t.color_info.clone(),
+                    width: intrinsics.width,
+                    height: intrinsics.height,
+                    stamp_secs: 0.0,
+                    expected: "earlier messages",
+                    expected_width: first.width,
+                    expected_height: first.height,
+                });
+            }
+            let mut depth = color;
+            if let (Some(depth_info), Some(name)) = (&aligned, &t.depth_info) {
+                let (other, distortion) = pinhole(depth_info, name, &t.depth)?;
+                depth = distortion;
+                self.check_alignment(index, &intrinsics, &other)?;
+            } else {
+                self.check_alignment(index, &intrinsics, &intrinsics)?;
+            }
+            self.cameras.push(Camera { intrinsics, color, depth });
+        }
+        match self.cameras.first() {
+            Some(camera) if !camera.color.is_pinhole() || !camera.depth.is_pinhole() => {
+                self.notes.push(format!("images are undistorted by {}", self.topics.color_info));
+            }
+            _ => {}
+        }
+        Ok(infos)
+    }
+
+    fn check_alignment(&self, index: &BagIndex, color: &Intrinsics, depth: &Intrinsics) -> Result<(), CaptureError> {
+        let t = &self.topics;
+        let refuse = |reason| Err(CaptureError::NotAligned { depth: t.depth.clone(), color: t.color.clone(), reason });
+        if (color.width, color.height) != (depth.width, depth.height) {
+            return refuse(format!("depth is {}x{}, color {}x{}", depth.width, depth.height, color.width, color.height));
+        }
+        let focal = (color.fx / depth.fx - 1.0).abs().max((color.fy / depth.fy - 1.0).abs());
+        let center = (color.cx - depth.cx).abs().max((color.cy - depth.cy).abs());
+        if focal > FOCAL_TOLERANCE || center > CENTER_TOLERANCE_PX {
+            return refuse(format!(
+                "their camera matrices differ (fx {:.1} and {:.1}, cx {:.1} and {:.1})",
+                depth.fx, color.fx, depth.cx, color.cx
+            ));
+        }
+        let frame = |topic: &str| index.images.get(topic).map_or("", |i| i.frame.as_str());
+        let (color_frame, depth_frame) = (frame(&t.color), frame(&t.depth));
+        if color_frame == depth_frame {
+            return Ok(());
+        }
+        match index.tf.lookup(color_frame, depth_frame, 0, 0) {
+            Ok(pose) if pose.translation.vector.norm() <= FRAME_TOLERANCE && pose.rotation.angle() <= FRAME_TOLERANCE => Ok(()),
+            Ok(pose) => refuse(format!("frame `{depth_frame}` lies {:.1} mm from `{color_frame}`", 1e3 * pose.translation.vector.norm())),
+            Err(_) => {
+                refuse(format!("it is in frame `{depth_frame}`, color in `{color_frame}`, and no static transform tells that they are one"))
+            }
+        }
+    }
+
+    /// Gives every match its camera and pose; those without a pose are dropped and told.
+    fn place(
+        &mut self,
+        index: &BagIndex,
+        config: &CaptureConfig,
+        state: usize,
+        matches: &[Matched],
+        infos: &InfoTopic,
+        poses: &PoseSource,
+    ) -> Result<(), CaptureError> {
+        let gap = (config.tf_max_gap_secs * 1e9) as i64;
+        let info_stamps: Vec<i64> = infos.entries.iter().map(|e| e.0).collect();
+        let mut failures = Vec::new();
+        for m in matches {
+            let stamp = m.color.stamp_nanos;
+            let camera = match infos.distinct.len() {
+                1 => 0,
+                _ => nearest(&info_stamps, stamp).map_or(0, |i| infos.entries[i].1),
+            };
+            self.check_sizes(m, self.cameras[camera].intrinsics)?;
+            match poses.tf.lookup(&poses.world, &poses.optical, stamp, gap) {
+                Ok(world_from_camera) => self.views.push(View {
+                    stamp_nanos: stamp,
+                    log_nanos: m.color.log_nanos,
+                    color: m.color.ordinal,
+                    depth: m.depth.ordinal,
+                    mask: m.mask.as_ref().map(|e| e.ordinal),
+                    camera,
+                    world_from_camera,
+                }),
+                Err(error) => failures.push(error.to_string()),
+            }
+        }
+        let invalid = poses.invalid(index);
+        if self.views.is_empty() {
+            if invalid > 0 {
+                return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
+            }
+            return Err(CaptureError::NoPoses { state, frames: matches.len(), first: failures.swap_remove(0) });
+        }
+        if let Some(first) = failures.first() {
+            self.warnings.push(format!(
+                "state {state}: {} of {} frames have no camera pose and are not used (first: {first})",
+                failures.len(),
+                matches.len()
+            ));
+        }
+        if invalid > 0 {
+            self.warnings.push(format!(
+                "state {state}: {invalid} transforms from {} are invalid (NaN, or no unit quaternion) and are not used",
+                poses.origin
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_sizes(&self, m: &Matched, camera: Intrinsics) -> Result<(), CaptureError> {
+        let messages = [(Some(&m.color), &self.topics.color), (Some(&m.depth), &self.topics.depth)];
+        let mask = (m.mask.as_ref(), self.topics.mask.as_ref().unwrap_or(&self.topics.color));
+        for (entry, topic) in messages.into_iter().chain([mask]) {
+            let Some(entry) = entry else { continue };
+            if let Some(size) = entry.size {
+                check_size(topic, size, entry.stamp_nanos, &camera)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Refuses an image whose size is not its camera's.
+///
+/// # Errors
+/// [`CaptureError::ImageSize`].
+pub fn check_size(topic: &str, (width, height): (usize, usize), stamp_nanos: i64, camera: &Intrinsics) -> Result<(), CaptureError> {
+    if (width, height) == (camera.width, camera.height) {
+        return Ok(());
+    }
+    Err(CaptureError::ImageSize {
+        topic: topic.to_owned(),
+        width,
+        height,
+        stamp_secs: stamp_secs(stamp_nanos),
+        expected: "the color images' camera_info",
+        expected_width: camera.width,
+        expected_height: camera.height,
+    })
+}
+
+struct Matched {
+    color: ImageEntry,
+    depth: ImageEntry,
+    mask: Option<ImageEntry>,
+}

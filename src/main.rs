@@ -1,0 +1,5 @@
+//! The `artitwin` command.
+
+fn main() -> std::process::ExitCode {
+    artitwin::cli::main()
+}

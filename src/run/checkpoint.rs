@@ -1,0 +1,403 @@
+//! Results of finished stages on disk, so that a stopped run continues where it was.
+//!
+//! One file per stage: a header (magic, version, fingerprint, length, checksum) and the postcard bytes of the value. A
+//! file appears under its name only when whole. A damaged file counts as absent: the stage is computed again.
+
+use std::{
+    fs::{self, File, TryLockError},
+    io::{self, BufReader, BufWriter, Read, Seek as _, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+use serde::{Serialize, de::DeserializeOwned};
+
+use super::{Fingerprint, Monitor, checksum::Checksum};
+
+const MAGIC: [u8; 8] = *b"ARTITWIN";
+const VERSION: u32 = 1;
+/// Magic 8, version 4, fingerprint 8, length 8, checksum 8.
+const HEADER_BYTES: usize = 36;
+/// Largest value of one stage, bytes.
+const MAX_BYTES: u64 = 2 << 30;
+/// Largest fingerprint file, bytes.
+const MAX_FINGERPRINT_BYTES: u64 = 1 << 20;
+const FINGERPRINT_FILE: &str = "fingerprint.json";
+const LOCK_FILE: &str = "lock";
+
+/// The checkpoint folder of one run. Held by one process at a time.
+#[derive(Debug)]
+pub struct Checkpoint {
+    folder: PathBuf,
+    digest: u64,
+    continued: bool,
+    /// The lock lasts as long as this file is open.
+    _lock: File,
+}
+
+/// Why a checkpoint cannot be used or written.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The checkpoint is of another run.
+    #[error("{} belongs to another run; give the same inputs and settings, or start anew without --resume: {}", folder.display(), differences.join("; "))]
+    OtherRun {
+        /// The checkpoint folder.
+        folder: PathBuf,
+        /// Sentences about what differs.
+        differences: Vec<String>,
+    },
+    /// Another process works on the same run.
+    #[error("another run is writing to {}; wait for it, or give another --name or --out", folder.display())]
+    InUse {
+        /// The checkpoint folder.
+        folder: PathBuf,
+    },
+    /// The folder holds something else.
+    #[error("{} is not a checkpoint of artitwin; move it away or give another --name", folder.display())]
+    Foreign {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A stage has no valid name.
+    #[error("stage name {0:?}: use a-z, 0-9, '_', '-' and '/'")]
+    StageName(String),
+    /// The value is larger than a checkpoint may be.
+    #[error("stage {stage} is larger than {MAX_BYTES} bytes: lower train.field.log2_table_size")]
+    TooLarge {
+        /// Name of the stage.
+        stage: String,
+    },
+    /// The disk refused.
+    #[error("checkpoint {}", path.display())]
+    Disk {
+        /// File or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl Checkpoint {
+    /// Name of the checkpoint folder of a run called `name` in `out`.
+    #[must_use]
+    pub fn folder(out: &Path, name: &str) -> PathBuf {
+        out.join(format!(".artitwin-{name}.checkpoint"))
+    }
+
+    /// Opens or creates a checkpoint folder. Without `resume`, what an earlier run left is deleted.
+    ///
+    /// # Errors
+    /// If the checkpoint is of a run with another fingerprint and `resume` is asked for, if another process holds it, if
+    /// the folder is no checkpoint, or the disk refuses.
+    pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
+        let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
+        fs::create_dir_all(folder).map_err(fails)?;
+        let names = file_names(folder).map_err(fails)?;
+        if !names.is_empty() && !names.iter().any(|n| n == LOCK_FILE) {
+            return Err(CheckpointError::Foreign { folder: folder.to_owned() });
+        }
+        let lock = File::create(folder.join(LOCK_FILE)).map_err(fails)?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(CheckpointError::InUse { folder: folder.to_owned() }),
+            Err(TryLockError::Error(source)) => return Err(fails(source)),
+        }
+        let earlier = read_fingerprint(&folder.join(FINGERPRINT_FILE));
+        if let Some(earlier) = earlier.as_ref().filter(|e| resume && *e != fingerprint) {
+            let differences = fingerprint.differences(earlier);
+            return Err(CheckpointError::OtherRun { folder: folder.to_owned(), differences });
+        }
+        let continued = resume && earlier.is_some();
+        if !continued {
+            for name in names.iter().filter(|n| is_ours(n)) {
+                fs::remove_file(folder.join(name)).map_err(fails)?;
+            }
+            let write = |file: &mut BufWriter<File>| serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from);
+            write_whole(&folder.join(FINGERPRINT_FILE), write).map_err(fails)?;
+        }
+        Ok(Self { folder: folder.to_owned(), digest: fingerprint.digest(), continued, _lock: lock })
+    }
+
+    /// Whether an earlier run is continued.
+    #[must_use]
+    pub fn is_continued(&self) -> bool {
+        self.continued
+    }
+
+    /// Writes the result of a stage; replaces an earlier one.
+    ///
+    /// # Errors
+    /// If the name is not valid, the value is too large, or the disk refuses; an earlier result stays as it was then.
+    pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
+        let path = self.path(stage)?;
+        let mut too_large = false;
+        let written = write_whole(&path, |file| {
+            file.write_all(&[0; HEADER_BYTES])?;
+            let mut payload = Summed { inner: file, sum: self.sum(stage), length: 0 };
+            let outcome = postcard::to_io(value, &mut payload).map(|_| ()).map_err(io::Error::other);
+            too_large = payload.length > MAX_BYTES;
+            outcome?;
+            let header = header(self.digest, payload.length, payload.sum.value());
+            file.seek(SeekFrom::Start(0))?;
+            file.write_all(&header)
+        });
+        match written {
+            Err(_) if too_large => Err(CheckpointError::TooLarge { stage: stage.to_owned() }),
+            Err(source) => Err(CheckpointError::Disk { path, source }),
+            Ok(()) => Ok(()),
+        }
+    }
+
+    /// The result of a stage, if there is a whole one. Damage is told to `monitor`.
+    pub fn load<T: DeserializeOwned>(&self, stage: &str, monitor: &Monitor) -> Option<T> {
+        let path = self.path(stage).ok()?;
+        match self.read(stage, &path) {
+            Ok(value) => Some(value),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => {
+                monitor.warn(format!("checkpoint {} cannot be used ({error}); {stage} is computed again", path.display()));
+                None
+            }
+        }
+    }
+
+    /// Deletes the checkpoint: the run is complete.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn remove(self) -> Result<(), CheckpointError> {
+        let fails = |source| CheckpointError::Disk { path: self.folder.clone(), source };
+        for name in file_names(&self.folder).map_err(fails)?.iter().filter(|n| is_ours(n)) {
+            fs::remove_file(self.folder.join(name)).map_err(fails)?;
+        }
+        fs::remove_file(self.folder.join(LOCK_FILE)).map_err(fails)?;
+        fs::remove_dir(&self.folder).map_err(fails)
+    }
+
+    fn path(&self, stage: &str) -> Result<PathBuf, CheckpointError> {
+        let valid = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "_-/".contains(c);
+        if stage.is_empty() || stage.len() > 64 || !stage.chars().all(valid) {
+            return Err(CheckpointError::StageName(stage.to_owned()));
+        }
+        Ok(self.folder.join(format!("{}.ckpt", stage.replace('/', "."))))
+    }
+
+    /// The checksum starts with what the bytes belong to, so that a renamed file is found out.
+    fn sum(&self, stage: &str) -> Checksum {
+        let mut sum = Checksum::default();
+        sum.update(&self.digest.to_le_bytes());
+        sum.update(stage.as_bytes());
+        sum
+    }
+
+    fn read<T: DeserializeOwned>(&self, stage: &str, path: &Path) -> io::Result<T> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len().saturating_sub(HEADER_BYTES as u64);
+        let mut file = BufReader::new(file);
+        let mut head = [0; HEADER_BYTES];
+        file.read_exact(&mut head)?;
+        if length > MAX_BYTES {
+            return Err(io::Error::other("too large"));
+        }
+        let mut payload = Vec::with_capacity(length as usize);
+        file.take(MAX_BYTES).read_to_end(&mut payload)?;
+        let mut sum = self.sum(stage);
+        sum.update(&payload);
+        if head != header(self.digest, payload.len() as u64, sum.value()) {
+            return Err(io::Error::other("damaged, or of another run or version"));
+        }
+        match postcard::take_from_bytes(&payload) {
+            Ok((value, [])) => Ok(value),
+            Ok(_) => Err(io::Error::other("holds more than was asked for")),
+            Err(error) => Err(io::Error::other(error)),
+        }
+    }
+}
+
+fn header(digest: u64, length: u64, checksum: u64) -> [u8; HEADER_BYTES] {
+    let mut header = [0; HEADER_BYTES];
+    header[..8].copy_from_slice(&MAGIC);
+    header[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    for (slot, value) in header[12..].chunks_exact_mut(8).zip([digest, length, checksum]) {
+        slot.copy_from_slice(&value.to_le_bytes());
+    }
+    header
+}
+
+/// Counts and sums what passes; refuses more than [`MAX_BYTES`].
+struct Summed<'a> {
+    inner: &'a mut BufWriter<File>,
+    sum: Checksum,
+    length: u64,
+}
+
+impl Write for Summed<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.length += bytes.len() as u64;
+        if self.length > MAX_BYTES {
+            return Err(io::Error::other("too large"));
+        }
+        self.inner.write_all(bytes)?;
+        self.sum.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+/// Writes a file under a temporary name, flushes it to the disk, gives it its name.
+fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+    let temporary = path.with_extension("tmp");
+    let written = File::create(&temporary).and_then(|file| {
+        let mut file = BufWriter::with_capacity(1 << 20, file);
+        write(&mut file)?;
+        file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+    });
+    match written {
+        Ok(()) => fs::rename(&temporary, path),
+        Err(error) => {
+            fs::remove_file(&temporary).ok();
+            Err(error)
+        }
+    }
+}
+
+fn read_fingerprint(path: &Path) -> Option<Fingerprint> {
+    let file = File::open(path).ok()?;
+    serde_json::from_reader(BufReader::new(file.take(MAX_FINGERPRINT_BYTES))).ok()
+}
+
+fn file_names(folder: &Path) -> io::Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        names.push(entry?.file_name().to_string_lossy().into_owned());
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// Whether a file was written here; nothing else is ever deleted.
+fn is_ours(name: &str) -> bool {
+    name == FINGERPRINT_FILE || name.ends_with(".ckpt") || name.ends_with(".tmp")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, mpsc};
+
+    use super::*;
+    use crate::run::Event;
+
+    struct Fixture {
+        folder: PathBuf,
+    }
+
+    impl Fixture {
+        fn new(name: &str) -> Self {
+            let folder = std::env::temp_dir().join(format!("artitwin-checkpoint-{name}-{}", std::process::id()));
+            fs::remove_dir_all(&folder).ok();
+            Self { folder }
+        }
+
+        fn open(&self, seed: u64, resume: bool) -> Result<Checkpoint, CheckpointError> {
+            Checkpoint::open(&self.folder, &Fingerprint::default().with("seed", seed), resume)
+        }
+
+        /// What `load` gives and warns after the stored bytes were changed.
+        fn after(&self, change: impl FnOnce(&mut Vec<u8>)) -> (Option<Vec<f32>>, usize) {
+            let checkpoint = self.open(1, true).unwrap();
+            checkpoint.save("field/state0", &vec![1.0f32, 2.0, 3.0]).unwrap();
+            let path = self.folder.join("field.state0.ckpt");
+            let mut bytes = fs::read(&path).unwrap();
+            change(&mut bytes);
+            fs::write(&path, bytes).unwrap();
+            let (sender, receiver) = mpsc::channel();
+            let value = checkpoint.load("field/state0", &Monitor::new(sender, Arc::default()));
+            (value, receiver.iter().filter(|e| matches!(e, Event::Warning { .. })).count())
+        }
+    }
+
+    impl Drop for Fixture {
+        fn drop(&mut self) {
+            fs::remove_dir_all(&self.folder).ok();
+        }
+    }
+
+    #[test]
+    fn a_stopped_run_finds_its_stages_again() {
+        let fixture = Fixture::new("again");
+        let first = fixture.open(1, false).unwrap();
+        assert!(!first.is_continued());
+        let value = (vec![0.5f32; 100_000], "x".to_owned());
+        first.save("field/state0", &value).unwrap();
+        drop(first);
+        let second = fixture.open(1, true).unwrap();
+        assert!(second.is_continued());
+        assert_eq!(second.load("field/state0", &Monitor::silent()), Some(value));
+        assert_eq!(second.load::<u8>("field/state1", &Monitor::silent()), None);
+        second.remove().unwrap();
+        assert!(!fixture.folder.exists());
+    }
+
+    #[test]
+    fn another_run_is_refused_when_continuing_and_deleted_when_not() {
+        let fixture = Fixture::new("other");
+        fixture.open(1, false).unwrap().save("a", &1u8).unwrap();
+        let message = fixture.open(2, true).unwrap_err().to_string();
+        assert!(message.contains("seed is 2, was 1") && message.contains("--resume"), "{message}");
+        assert_eq!(fixture.open(1, true).unwrap().load("a", &Monitor::silent()), Some(1u8));
+        assert_eq!(fixture.open(1, false).unwrap().load::<u8>("a", &Monitor::silent()), None);
+    }
+
+    #[test]
+    fn damage_is_told_and_counts_as_absent() {
+        let fixture = Fixture::new("damage");
+        assert_eq!(fixture.after(|_| {}), (Some(vec![1.0, 2.0, 3.0]), 0));
+        let length = HEADER_BYTES + 13;
+        fixture.after(|bytes| assert_eq!(bytes.len(), length));
+        for at in 0..length {
+            assert_eq!(fixture.after(|bytes| bytes[at] ^= 0x10), (None, 1), "byte {at}");
+            assert_eq!(fixture.after(|bytes| bytes.truncate(at)), (None, 1), "length {at}");
+        }
+        assert_eq!(fixture.after(|bytes| bytes.push(0)), (None, 1));
+    }
+
+    #[test]
+    fn a_result_of_another_stage_or_type_is_not_taken() {
+        let fixture = Fixture::new("stage");
+        let checkpoint = fixture.open(1, false).unwrap();
+        checkpoint.save("a", &vec![1u8, 2]).unwrap();
+        assert_eq!(checkpoint.load::<u8>("a", &Monitor::silent()), None);
+        fs::rename(fixture.folder.join("a.ckpt"), fixture.folder.join("b.ckpt")).unwrap();
+        assert_eq!(checkpoint.load::<Vec<u8>>("b", &Monitor::silent()), None);
+    }
+
+    #[test]
+    fn a_folder_is_held_by_one_and_foreign_files_are_left_alone() {
+        let fixture = Fixture::new("held");
+        let held = fixture.open(1, false).unwrap();
+        assert!(matches!(fixture.open(1, true), Err(CheckpointError::InUse { .. })));
+        fs::write(fixture.folder.join("notes.txt"), "mine").unwrap();
+        assert!(held.remove().is_err());
+        assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
+        assert_eq!(fs::read_to_string(fixture.folder.join("notes.txt")).unwrap(), "mine");
+    }
+
+    #[test]
+    fn a_value_that_cannot_be_written_leaves_the_earlier_one() {
+        struct Broken;
+        impl Serialize for Broken {
+            fn serialize<S: serde::Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
+                Err(serde::ser::Error::custom("broken"))
+            }
+        }
+        let fixture = Fixture::new("broken");
+        let checkpoint = fixture.open(1, false).unwrap();
+        checkpoint.save("a", &7u8).unwrap();
+        assert!(matches!(checkpoint.save("a", &Broken), Err(CheckpointError::Disk { .. })));
+        assert_eq!(checkpoint.load("a", &Monitor::silent()), Some(7u8));
+        assert!(matches!(checkpoint.save("../a", &7u8), Err(CheckpointError::StageName(_))));
+        assert_eq!(file_names(&fixture.folder).unwrap(), ["a.ckpt", FINGERPRINT_FILE, LOCK_FILE]);
+    }
+}

@@ -1,0 +1,190 @@
+//! What a checkpoint belongs to: recordings, settings, seed, version.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{self, Read as _, Seek as _, SeekFrom},
+    path::Path,
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::checksum::Checksum;
+
+/// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
+const WHOLE_BYTES: u64 = 64 << 20;
+/// Number of pieces.
+const SAMPLES: u64 = 64;
+/// Length of a piece, bytes.
+const SAMPLE_BYTES: u64 = 1 << 20;
+/// Most files of one recording.
+const MAX_FILES: usize = 100_000;
+
+/// Named facts about a run. Two runs whose facts are equal compute the same.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Fingerprint(BTreeMap<String, String>);
+
+impl Fingerprint {
+    /// Adds a fact.
+    #[must_use]
+    pub fn with(mut self, name: impl Into<String>, value: impl ToString) -> Self {
+        self.0.insert(name.into(), value.to_string());
+        self
+    }
+
+    /// Adds every leaf of a serializable value, e.g. of a configuration, as `name.key`.
+    ///
+    /// # Errors
+    /// If it cannot be serialized.
+    pub fn with_settings(mut self, name: &str, settings: &impl Serialize) -> io::Result<Self> {
+        self.add(name, &serde_json::to_value(settings)?);
+        Ok(self)
+    }
+
+    /// Adds the content of a file, or of all files of a folder; names and sizes count, times and places do not.
+    ///
+    /// # Errors
+    /// If something cannot be read, or the folder holds more than 100,000 files.
+    pub fn with_source(mut self, name: &str, path: &Path) -> io::Result<Self> {
+        let mut files = Vec::new();
+        if path.is_dir() {
+            list(path, "", &mut files)?
+        } else {
+            files.push(String::new())
+        }
+        files.sort();
+        let mut sum = Checksum::default();
+        let mut total = 0;
+        for file in &files {
+            let bytes = if file.is_empty() { add_content(path, &mut sum)? } else { add_content(&path.join(file), &mut sum)? };
+            sum.update(file.as_bytes());
+            total += bytes;
+        }
+        let value = format!("{} files, {total} bytes, content {:016x}", files.len(), sum.value());
+        self.0.insert(name.to_owned(), value);
+        Ok(self)
+    }
+
+    /// Sentences about what differs from `other`, named by this one's facts.
+    #[must_use]
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let names: std::collections::BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
+        let show = |value: Option<&String>| value.map_or("absent", String::as_str).to_owned();
+        let differs = |name: &&String| self.0.get(*name) != other.0.get(*name);
+        names.into_iter().filter(differs).map(|n| format!("{n} is {}, was {}", show(self.0.get(n)), show(other.0.get(n)))).collect()
+    }
+
+    /// A 64-bit digest of all facts.
+    #[must_use]
+    pub fn digest(&self) -> u64 {
+        let mut sum = Checksum::default();
+        for text in self.0.iter().flat_map(|(name, value)| [name, value]) {
+            sum.update(&(text.len() as u64).to_le_bytes());
+            sum.update(text.as_bytes());
+        }
+        sum.value()
+    }
+
+    fn add(&mut self, name: &str, value: &serde_json::Value) {
+        match value {
+            serde_json::Value::Object(map) => map.iter().for_each(|(key, inner)| self.add(&format!("{name}.{key}"), inner)),
+            _ => drop(self.0.insert(name.to_owned(), value.to_string())),
+        }
+    }
+}
+
+/// Relative paths of all files below a folder.
+fn list(folder: &Path, prefix: &str, files: &mut Vec<String>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        // Links are followed as files only: a link to a folder could lead around in circles.
+        if entry.file_type()?.is_dir() {
+            list(&entry.path(), &format!("{name}/"), files)?;
+        } else if entry.path().is_file() {
+            files.push(name);
+        }
+        if files.len() > MAX_FILES {
+            return Err(io::Error::other(format!("{} holds more than {MAX_FILES} files: not a recording", folder.display())));
+        }
+    }
+    Ok(())
+}
+
+/// Adds size and content of a file; gives its size.
+fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
+    let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+    let mut file = File::open(path).map_err(named)?;
+    let bytes = file.metadata().map_err(named)?.len();
+    sum.update(&bytes.to_le_bytes());
+    let pieces = if bytes <= WHOLE_BYTES { 1 } else { SAMPLES };
+    let length = if pieces == 1 { bytes } else { SAMPLE_BYTES };
+    let mut buffer = vec![0; 1 << 16];
+    for piece in 0..pieces {
+        // The last piece ends where the file does.
+        let start = u128::from(bytes - length) * u128::from(piece) / u128::from((pieces - 1).max(1));
+        file.seek(SeekFrom::Start(start as u64)).map_err(named)?;
+        let mut rest = (&mut file).take(length);
+        loop {
+            match rest.read(&mut buffer).map_err(named)? {
+                0 => break,
+                n => sum.update(&buffer[..n]),
+            }
+        }
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_named() {
+        let a = Fingerprint::default().with("seed", 1).with_settings("config", &serde_json::json!({"field": {"levels": 8}})).unwrap();
+        let b = Fingerprint::default().with("seed", 2).with_settings("config", &serde_json::json!({"field": {"levels": 12}})).unwrap();
+        assert_eq!(a.differences(&b), ["config.field.levels is 8, was 12", "seed is 1, was 2"]);
+        assert_eq!(a.differences(&a), [""; 0]);
+        assert_ne!(a.digest(), b.digest());
+        assert_eq!(a.clone().with("extra", 3).differences(&a), ["extra is 3, was absent"]);
+        assert_ne!(Fingerprint::default().with("ab", "c").digest(), Fingerprint::default().with("a", "bc").digest());
+    }
+
+    #[test]
+    fn the_content_of_a_recording_counts_and_its_place_does_not() {
+        let root = std::env::temp_dir().join(format!("artitwin-fingerprint-{}", std::process::id()));
+        let make = |folder: &str, files: &[(&str, &str)]| {
+            let folder = root.join(folder);
+            for (name, text) in files {
+                let path = folder.join(name);
+                fs::create_dir_all(path.parent().unwrap()).unwrap();
+                fs::write(path, text).unwrap();
+            }
+            Fingerprint::default().with_source("input", &folder).unwrap()
+        };
+        let a = make("a", &[("state0/x.mcap", "abc"), ("state1/x.mcap", "defg")]);
+        assert_eq!(a, make("b", &[("state1/x.mcap", "defg"), ("state0/x.mcap", "abc")]));
+        assert_ne!(a, make("c", &[("state0/x.mcap", "abd"), ("state1/x.mcap", "defg")]));
+        assert_ne!(a, make("d", &[("state0/y.mcap", "abc"), ("state1/x.mcap", "defg")]));
+        assert_ne!(a, make("e", &[("state0/x.mcap", "abcd"), ("state1/x.mcap", "efg")]));
+        let file = |name: &str| Fingerprint::default().with_source("input", &root.join(name));
+        assert!(file("a/state0/x.mcap").is_ok());
+        assert!(file("a/missing").unwrap_err().to_string().contains("missing"));
+        fs::remove_dir_all(&root).unwrap();
+    }
+
+    #[test]
+    fn a_large_file_is_sampled_to_its_end() {
+        let path = std::env::temp_dir().join(format!("artitwin-large-{}.bin", std::process::id()));
+        let digest = |tail: u8| {
+            let mut file = File::create(&path).unwrap();
+            file.set_len(3 * WHOLE_BYTES).unwrap();
+            file.seek(SeekFrom::End(-1)).unwrap();
+            io::Write::write_all(&mut file, &[tail]).unwrap();
+            Fingerprint::default().with_source("input", &path).unwrap().digest()
+        };
+        assert_ne!(digest(0), digest(1));
+        fs::remove_file(&path).unwrap();
+    }
+}

@@ -1,0 +1,23 @@
+//! The pipeline: stages in order, progress, cancellation, checkpoints.
+
+mod articulation;
+mod checkpoint;
+mod checksum;
+mod fields;
+mod fingerprint;
+mod monitor;
+mod outcome;
+mod pictures;
+mod reconstruct;
+mod seed;
+mod stage;
+mod state_surface;
+mod twin;
+
+pub use checkpoint::{Checkpoint, CheckpointError};
+pub use fingerprint::Fingerprint;
+pub use monitor::{Cancelled, Event, Monitor};
+pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError};
+pub use reconstruct::{Twin, reconstruct, reconstruct_twin};
+pub use seed::stage_rng;
+pub use stage::Stages;

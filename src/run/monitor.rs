@@ -1,0 +1,99 @@
+//! What a running pipeline tells, and how it is asked to stop.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+    mpsc::Sender,
+};
+
+use serde::Serialize;
+
+/// One thing that happened. Serialised as a line of JSON by `--json`.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// A stage began.
+    StageStarted {
+        /// Name, e.g. `field/state0`.
+        stage: String,
+        /// Number of steps it will take, where known.
+        steps: Option<usize>,
+    },
+    /// A step of a stage was done.
+    Step {
+        /// Name of the stage.
+        stage: String,
+        /// Steps done.
+        done: usize,
+        /// Steps in all.
+        total: usize,
+        /// Current loss.
+        loss: f64,
+    },
+    /// A stage ended.
+    StageFinished {
+        /// Name of the stage.
+        stage: String,
+        /// Wall time, seconds.
+        seconds: f64,
+    },
+    /// The run is degraded.
+    Warning {
+        /// A sentence.
+        message: String,
+    },
+    /// Something worth telling.
+    Note {
+        /// A sentence.
+        message: String,
+    },
+    /// A file is in its place.
+    Artifact {
+        /// Its path.
+        path: String,
+    },
+}
+
+/// The run was asked to stop.
+#[derive(Debug, thiserror::Error)]
+#[error("stopped on request; continue with --resume")]
+pub struct Cancelled;
+
+/// Passed to every stage loop.
+#[derive(Clone)]
+pub struct Monitor {
+    events: Sender<Event>,
+    cancel: Arc<AtomicBool>,
+}
+
+impl Monitor {
+    /// A monitor that tells `events` and stops once `cancel` is set.
+    #[must_use]
+    pub fn new(events: Sender<Event>, cancel: Arc<AtomicBool>) -> Self {
+        Self { events, cancel }
+    }
+
+    /// A monitor that nobody listens to.
+    #[must_use]
+    pub fn silent() -> Self {
+        Self::new(std::sync::mpsc::channel().0, Arc::default())
+    }
+
+    /// Reports an event to whoever still listens.
+    pub fn tell(&self, event: Event) {
+        self.events.send(event).ok();
+    }
+
+    /// Reports a warning.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.tell(Event::Warning { message: message.into() });
+    }
+
+    /// Returns early from a loop once a stop was requested.
+    ///
+    /// # Errors
+    /// [`Cancelled`], so that `monitor.check()?` ends the stage.
+    pub fn check(&self) -> Result<(), Cancelled> {
+        if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
+    }
+}

@@ -1,0 +1,157 @@
+//! What is asked of a run and what it gives back.
+
+use std::path::PathBuf;
+
+use super::{Cancelled, CheckpointError};
+use crate::{
+    config::{Config, Origins},
+    model::{ArticulatedModel, JointKind},
+};
+
+/// What is asked of a reconstruction.
+#[derive(Clone, Debug)]
+pub struct ReconstructRequest {
+    /// One recording, or one per state.
+    pub sources: Vec<PathBuf>,
+    /// Folder that gets the run folder.
+    pub out: PathBuf,
+    /// Name of the twin, `[A-Za-z][A-Za-z0-9_]*`; default: from the recording.
+    pub name: Option<String>,
+    /// Settings.
+    pub config: Config,
+    /// Where the settings came from.
+    pub origins: Origins,
+    /// Whether an interrupted run is continued.
+    pub resume: bool,
+}
+
+/// What a finished run gives back.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The run folder.
+    pub folder: PathBuf,
+    /// The joints found.
+    pub joints: Vec<JointSummary>,
+    /// Sentences about what was lost or is uncertain.
+    pub warnings: Vec<String>,
+    /// Whether something was lost: data, or confidence in a joint.
+    pub degraded: bool,
+}
+
+/// A joint as it stands in state 0, in the world frame of the recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointSummary {
+    /// Name.
+    pub name: String,
+    /// What it lets the child do.
+    pub kind: JointKind,
+    /// Unit direction of the axis.
+    pub axis_in_world: [f64; 3],
+    /// Origin of the joint frame, a point of the axis, meters.
+    pub point_in_world_m: [f64; 3],
+    /// Position in state 1 minus position in state 0, radians or meters.
+    pub motion: f64,
+}
+
+/// Why a run ended without a result. Nothing stands under the final name then.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// Stopped on request.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The checkpoint cannot be used or written.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A stage failed.
+    #[error("{stage}")]
+    Stage {
+        /// Name of the stage, e.g. `field/state0`.
+        stage: String,
+        /// Why.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}
+
+impl RunError {
+    /// The failure of a stage.
+    pub fn stage(stage: impl Into<String>, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::Stage { stage: stage.into(), source: source.into() }
+    }
+}
+
+impl JointSummary {
+    /// Summaries of all joints of a model that was observed in two states.
+    #[must_use]
+    pub fn of(model: &ArticulatedModel) -> Vec<Self> {
+        let [state0, state1] = model.states.as_slice() else { return Vec::new() };
+        let summary = |(j, joint): (usize, &crate::model::Joint)| {
+            let world_from_joint = model.world_from_link(joint.child, state0);
+            Self {
+                name: joint.name.clone(),
+                kind: joint.kind,
+                axis_in_world: (world_from_joint.rotation * joint.axis).into_inner().into(),
+                point_in_world_m: world_from_joint.translation.vector.into(),
+                motion: state1[j] - state0[j],
+            }
+        };
+        model.joints.iter().enumerate().map(summary).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{geometry::Pose, model};
+    use approx::assert_relative_eq;
+    use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
+
+    fn link(name: &str) -> model::Link {
+        let inertial =
+            model::Inertial { mass_kg: 1.0, center_of_mass: Point3::origin(), inertia: Matrix3::identity(), assumption: String::new() };
+        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), inertial }
+    }
+
+    #[test]
+    fn the_axis_is_given_in_the_world_as_it_stands_in_state_0() {
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let evidence = model::JointEvidence {
+            covariance: SMatrix::zeros(),
+            state1_from_state0: Pose::identity(),
+            inliers: 0,
+            tried: 0,
+            residual_rms_m: 0.0,
+            type_scores: std::collections::BTreeMap::new(),
+            cautions: Vec::new(),
+        };
+        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed };
+        let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {
+            name: name.to_owned(),
+            kind,
+            parent,
+            child,
+            parent_from_joint: Pose::translation(at[0], at[1], at[2]),
+            axis,
+            limit,
+            evidence: evidence.clone(),
+        };
+        // A door turned by 90 degrees carries a drawer that slides along its x axis.
+        let model = ArticulatedModel {
+            name: "box".to_owned(),
+            links: ["body", "door", "drawer"].map(link).into(),
+            joints: vec![
+                joint("hinge", JointKind::Revolute, 0, 1, [1.0, 0.0, 0.0], Vector3::z_axis()),
+                joint("slide", JointKind::Prismatic, 1, 2, [0.5, 0.0, 0.0], Vector3::x_axis()),
+            ],
+            states: vec![vec![quarter, 0.0], vec![0.0, 0.2]],
+        };
+        let joints = JointSummary::of(&model);
+        assert_eq!(joints[0].name, "hinge");
+        assert_relative_eq!(joints[0].motion, -quarter);
+        assert_relative_eq!(joints[1].motion, 0.2);
+        let check = |got: [f64; 3], expected: [f64; 3]| assert_relative_eq!(Vector3::from(got), Vector3::from(expected), epsilon = 1e-12);
+        check(joints[0].axis_in_world, [0.0, 0.0, 1.0]);
+        check(joints[0].point_in_world_m, [1.0, 0.0, 0.0]);
+        check(joints[1].axis_in_world, [0.0, 1.0, 0.0]);
+        check(joints[1].point_in_world_m, [1.0, 0.5, 0.0]);
+    }
+}

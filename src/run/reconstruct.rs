@@ -1,0 +1,198 @@
+//! The pipeline, in the order of the method: frames, matches, fields, surfaces, parts and motions, joints, model, files.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use super::{
+    Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
+    articulation::Search,
+    fields::train_field,
+    pictures::pictures,
+    state_surface::{Band, StateSurface, fuse, state_surface},
+    twin::{assemble, joints},
+};
+use crate::{
+    articulate::{ColorField, LiftedMatch, lift, match_states},
+    capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
+    config::{Config, Engine, Init},
+    export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
+    field::{InstructionSet, Occupancy, TrainInput},
+    geometry::{Pose, SceneBox},
+    io,
+    model::{ArticulatedModel, validate},
+    surface::SurfaceSource,
+};
+
+/// A model and what the report tells of how it came about.
+pub struct Twin {
+    /// The model.
+    pub model: ArticulatedModel,
+    /// `state1_from_state0` that each moving part's refinement started from, in the order of the joints.
+    pub starts: Vec<Pose>,
+    /// Sentences about evidence that is weak.
+    pub warnings: Vec<String>,
+}
+
+/// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
+///
+/// # Errors
+/// If a stage fails or the monitor asks to stop; nothing stands under the final name then.
+pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
+    let config = &request.config;
+    let mut stages = Stages::new(monitor);
+    let capture = stages.run("capture", None, |_| {
+        io::open(&request.sources, &CaptureConfig { seed: config.run.seed, ..config.capture.clone() })
+            .map_err(|e| RunError::stage("capture", e))
+    })?;
+    capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
+    capture.warnings.iter().for_each(|w| monitor.warn(w));
+    let name = request.name.clone().unwrap_or_else(|| capture.name.clone());
+    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
+    let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
+    let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
+    let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
+    let folder = write(&twin.model, &report, &images, request)?;
+    checkpoint.remove()?;
+    monitor.tell(Event::Artifact { path: folder.display().to_string() });
+    let warnings = report.run.warnings;
+    Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
+}
+
+/// From frames to a model; touches no disk but the checkpoint's.
+///
+/// # Errors
+/// If a stage fails or is asked to stop.
+pub fn reconstruct_twin(
+    name: &str,
+    capture: &Capture,
+    config: &Config,
+    checkpoint: Option<&Checkpoint>,
+    stages: &mut Stages,
+) -> Result<Twin, RunError> {
+    let frames = [&capture.states[0][..], &capture.states[1][..]];
+    // The noise model scaled to what the recording shows.
+    let config = &Config { capture: CaptureConfig { noise: capture.noise, ..config.capture.clone() }, ..config.clone() };
+    let noise = &config.capture.noise;
+    let parts = config
+        .run
+        .parts
+        .ok_or_else(|| RunError::stage("parts", "the number of rigid parts is not given; add --parts N (static part included)"))?;
+    let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
+    let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
+    let band = Band::of(frames, &scene, noise, &config.surface);
+    let matches = stages.run("match", None, |_| Ok::<_, RunError>(matches(capture, config)))?;
+    let occupancy = occupancy(frames, &scene, &band);
+    let mut fields = Vec::with_capacity(2);
+    let mut surfaces = Vec::with_capacity(2);
+    for state in [0, 1] {
+        let input = TrainInput { frames: frames[state], scene, occupancy: &occupancy };
+        let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
+            Ok::<_, RunError>(fuse(frames[state], &scene, &band, noise, config.surface.nodes))
+        })?;
+        let field = stages
+            .run(&format!("field/state{state}"), Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?;
+        let geometry = (config.surface.source == SurfaceSource::Field).then_some(&field);
+        let surface = stages.run(&format!("surface/state{state}"), None, |_| {
+            state_surface(frames[state], &volume, geometry, &scene, &band, noise, &config.surface)
+        })?;
+        fields.push(field);
+        surfaces.push(surface);
+    }
+    let (Ok([field0, field1]), Ok([surface0, surface1])) = (<[_; 2]>::try_from(fields), <[_; 2]>::try_from(surfaces)) else {
+        return Err(RunError::stage("surface", "a state is missing"));
+    };
+    let surfaces: [&StateSurface; 2] = [&surface0, &surface1];
+    let colors: [&dyn ColorField; 2] = [&field0, &field1];
+    let search = Search { frames, surfaces, colors, matches: &matches, scene, truncation_m: band.truncation_m, parts };
+    let registration = stages.run("register", None, |_| search.register(config))?;
+    registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
+    let articulation = search.optimise(&registration, config, checkpoint, stages)?;
+    let joints = stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, &matches, &scene, config)))?;
+    let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
+    let findings = validate(&model);
+    if !findings.is_empty() {
+        let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+        return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
+    }
+    Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings })
+}
+
+/// Matches that came with the recording, else those found; lifted to 3D.
+fn matches(capture: &Capture, config: &Config) -> Vec<LiftedMatch> {
+    let frames = [&capture.states[0][..], &capture.states[1][..]];
+    let found = if capture.matches.is_empty() { match_states(frames, &config.matching) } else { capture.matches.clone() };
+    lift(frames, &found, &config.capture.noise)
+}
+
+/// Cells near the object in either state.
+fn occupancy(frames: [&[RgbdFrame]; 2], scene: &SceneBox, band: &Band) -> Occupancy {
+    const EVERY: usize = 7;
+    let points: Vec<_> = frames
+        .iter()
+        .flat_map(|s| s.iter())
+        .flat_map(|f| (0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.is_object(i)).filter_map(|i| f.world_point(i)))
+        .collect();
+    let cell_m = band.truncation_m.max(0.02 * scene.extent_m());
+    Occupancy::new(scene, &points, cell_m, 2)
+}
+
+/// What a checkpoint belongs to.
+fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
+    let failed = |e| RunError::stage("checkpoint", e);
+    let mut all =
+        Fingerprint::default().with("version", env!("CARGO_PKG_VERSION")).with_settings("config", &request.config).map_err(failed)?;
+    for (i, source) in request.sources.iter().enumerate() {
+        all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
+    }
+    Ok(all)
+}
+
+fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &Stages) -> RunFacts {
+    let source = match request.config.run.init {
+        Init::Registration => "registration",
+        Init::Identity => "identity",
+    };
+    let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
+    RunFacts {
+        input: InputFacts {
+            paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
+            frames: capture.states.iter().map(Vec::len).collect(),
+        },
+        initialization: compare_start(&twin.model, source, &twin.starts),
+        stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
+        versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        seed: request.config.run.seed,
+        config_digest: config_digest(&request.config),
+        device: device(request.config.run.engine),
+        notes: capture.notes.clone(),
+        warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
+    }
+}
+
+/// A short digest of all settings.
+fn config_digest(config: &Config) -> String {
+    let text = serde_json::to_string(config).unwrap_or_default();
+    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+    format!("{hash:016x}")
+}
+
+fn device(engine: Engine) -> String {
+    let threads = rayon::current_num_threads();
+    match engine {
+        Engine::Cpu => format!("cpu engine ({}), {threads} threads", InstructionSet::detect().name()),
+        Engine::Burn => format!("burn on the CPU, {threads} threads"),
+        Engine::Gpu => format!("burn on the GPU, {threads} threads"),
+    }
+}
+
+/// Puts the run folder in its place, whole.
+fn write(model: &ArticulatedModel, report: &Report, images: &ReportPictures, request: &ReconstructRequest) -> Result<PathBuf, RunError> {
+    let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage("output", e);
+    let dir = io::RunDir::create(&request.out, &model.name).map_err(|e| failed(e.into()))?;
+    for file in urdf_package(model) {
+        dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
+    }
+    let html = report_html(report, images).map_err(|e| failed(e.into()))?;
+    dir.put("report.json", report.to_json().as_bytes()).map_err(|e| failed(e.into()))?;
+    dir.put("report.html", html.as_bytes()).map_err(|e| failed(e.into()))?;
+    dir.commit().map_err(|e| failed(e.into()))
+}

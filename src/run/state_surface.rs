@@ -1,0 +1,128 @@
+//! The surface of one state: field, mesh, distance field, visibility, points.
+
+use nalgebra::Vector3;
+
+use super::RunError;
+use crate::{
+    articulate::{SurfaceSamples, mesh_samples},
+    capture::{NoiseConfig, RgbdFrame, pixel_weights},
+    field::ObjectField,
+    geometry::{Grid3, Pose, SceneBox},
+    surface::{
+        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
+        marching_cubes, object_roles, signed_distance, visibility_grid,
+    },
+};
+
+/// What one state's recording says about scale and noise.
+#[derive(Clone, Copy, Debug)]
+pub struct Band {
+    /// Truncation distance, metres.
+    pub truncation_m: f64,
+    /// Observation weight from which a node counts.
+    pub min_weight: f32,
+}
+
+impl Band {
+    /// From the median depth of the object's pixels in both states.
+    #[must_use]
+    pub fn of(states: [&[RgbdFrame]; 2], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
+        const EVERY: usize = 97;
+        let depths = |f: &RgbdFrame| -> Vec<f32> {
+            (0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.depth_m[i] > 0.0 && f.is_object(i)).map(|i| f.depth_m[i]).collect()
+        };
+        let mut all: Vec<f32> = states.iter().flat_map(|s| s.iter()).flat_map(depths).collect();
+        let middle = all.len() / 2;
+        let median_m = if all.is_empty() { 1.0 } else { f64::from(*all.select_nth_unstable_by(middle, f32::total_cmp).1) };
+        let sigma_m = noise.sigma_m(median_m);
+        Self {
+            truncation_m: config.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
+            min_weight: (config.min_readings * (noise.sigma_m(1.0) / sigma_m).powi(2)) as f32,
+        }
+    }
+}
+
+/// Everything later stages need of one state.
+pub struct StateSurface {
+    /// Truncated signed distance, metres, NaN where unobserved.
+    pub tsdf: Grid3<f32>,
+    /// Observation weight at the same nodes.
+    pub weight: Grid3<f32>,
+    /// Whole surface, colored.
+    pub mesh: TriangleMesh,
+    /// Untruncated signed distance, metres.
+    pub sdf: Grid3<f32>,
+    /// Nodes that some view sees (same nodes as `sdf`).
+    pub visible: Grid3<bool>,
+    /// Nodes that are certainly empty (same nodes as `sdf`).
+    pub free: Grid3<bool>,
+    /// Points on the surface.
+    pub samples: SurfaceSamples,
+}
+
+/// Fuses the frames of one state into a truncated distance volume.
+#[must_use]
+pub fn fuse(frames: &[RgbdFrame], scene: &SceneBox, band: &Band, noise: &NoiseConfig, nodes: usize) -> TsdfVolume {
+    let grid = Grid3::over(scene, nodes, ());
+    let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
+    for frame in frames {
+        let weights = pixel_weights(frame, noise);
+        let roles = object_roles(frame, &weights);
+        volume.integrate(&TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() }, noise);
+    }
+    volume
+}
+
+/// The surface of one state from its fused volume and its field (`None`: fusion alone).
+///
+/// # Errors
+/// A state without a surface.
+pub fn state_surface(
+    frames: &[RgbdFrame],
+    volume: &TsdfVolume,
+    field: Option<&ObjectField>,
+    scene: &SceneBox,
+    band: &Band,
+    noise: &NoiseConfig,
+    config: &SurfaceConfig,
+) -> Result<StateSurface, RunError> {
+    let failed = |e| RunError::stage("surface", e);
+    let mut tsdf = volume.tsdf(band.min_weight);
+    if let Some(field) = field {
+        replace_by_field(&mut tsdf, field);
+    }
+    let weight = Grid3 { origin: tsdf.origin, spacing_m: tsdf.spacing_m, dims: tsdf.dims, values: volume.weights().to_vec() };
+    let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), config.min_component);
+    match field {
+        Some(field) => paint(&mut mesh, field),
+        None => volume.paint(&mut mesh),
+    }
+    let nodes = Grid3::over(scene, config.distance_nodes, ());
+    let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
+    let visible = visibility_grid(frames, &nodes, band.truncation_m);
+    let sdf = signed_distance(&mesh, &nodes, Some(&free), &DistanceOptions::default()).map_err(failed)?;
+    let samples = mesh_samples(&mesh, config.points);
+    Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
+}
+
+/// Takes the field's distances at all observed nodes near a fused surface; elsewhere the fused free space stands.
+fn replace_by_field(tsdf: &mut Grid3<f32>, field: &ObjectField) {
+    let limit = field.truncation_m as f32;
+    let near: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i].abs() < 0.999 * limit).collect();
+    let points: Vec<_> = near.iter().map(|&i| tsdf.position(i)).collect();
+    for (i, d) in near.into_iter().zip(field.tsdf(&points)) {
+        tsdf.values[i] = d.clamp(-limit, limit);
+    }
+}
+
+/// Colors a mesh by a field seen along the inward normals.
+fn paint(mesh: &mut TriangleMesh, field: &ObjectField) {
+    let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
+    for t in 0..mesh.triangles.len() {
+        let n = mesh.area_normal(t).cast();
+        mesh.triangles[t].iter().for_each(|&v| normals[v as usize] += n);
+    }
+    let directions: Vec<_> = normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
+    let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
+    mesh.colors = field.rgb(&points, &directions).iter().map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8)).collect();
+}

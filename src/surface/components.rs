@@ -1,0 +1,73 @@
+//! Connected components of a mesh.
+
+use super::{TriangleMesh, drop_unused_vertices};
+
+/// Number of the component of each triangle, and the number of triangles of each component. Triangles that share a
+/// vertex are connected; components are numbered by their first triangle.
+#[must_use]
+pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
+    let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+    for &[a, b, c] in &mesh.triangles {
+        for other in [b, c] {
+            let (p, q) = (root(&mut parent, a), root(&mut parent, other));
+            parent[p.max(q) as usize] = p.min(q);
+        }
+    }
+    let mut number = vec![u32::MAX; parent.len()];
+    let mut sizes = Vec::new();
+    let mut label = |t: &[u32; 3]| {
+        let n = &mut number[root(&mut parent, t[0]) as usize];
+        if *n == u32::MAX {
+            *n = sizes.len() as u32;
+            sizes.push(0);
+        }
+        sizes[*n as usize] += 1;
+        *n
+    };
+    let labels = mesh.triangles.iter().map(&mut label).collect();
+    (labels, sizes)
+}
+
+/// Representative of a vertex's set; halves the path on the way.
+fn root(parent: &mut [u32], mut v: u32) -> u32 {
+    while parent[v as usize] != v {
+        parent[v as usize] = parent[parent[v as usize] as usize];
+        v = parent[v as usize];
+    }
+    v
+}
+
+/// The mesh without the components that have fewer triangles than `min_share` of the largest one's (method.md 2.7:
+/// 0.1).
+#[must_use]
+pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
+    let (labels, sizes) = components(mesh);
+    let least = min_share * sizes.iter().max().copied().unwrap_or(0) as f64;
+    let kept = mesh.triangles.iter().zip(labels).filter(|(_, label)| sizes[*label as usize] as f64 >= least);
+    drop_unused_vertices(&TriangleMesh { triangles: kept.map(|(t, _)| *t).collect(), ..mesh.clone() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Pose,
+        surface::{
+            merge,
+            shapes::{box_mesh, sphere_mesh},
+        },
+    };
+    use nalgebra::Vector3;
+
+    #[test]
+    fn small_components_go() {
+        let speck = box_mesh(Vector3::repeat(0.01)).transformed(&Pose::translation(2.0, 0.0, 0.0));
+        let mesh = merge(&[&speck, &sphere_mesh(0.3, 20), &speck.transformed(&Pose::translation(1.0, 0.0, 0.0))]);
+        let (labels, sizes) = components(&mesh);
+        assert_eq!(sizes, [12, 40 * 38, 12]);
+        assert_eq!((labels[0], labels[12], labels[labels.len() - 1]), (0, 1, 2));
+        assert_eq!(keep_components(&mesh, 0.1), sphere_mesh(0.3, 20));
+        assert_eq!(keep_components(&mesh, 12.0 / 1520.0).triangles.len(), mesh.triangles.len());
+        assert!(keep_components(&TriangleMesh::default(), 0.1).is_empty());
+    }
+}

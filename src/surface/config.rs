@@ -1,0 +1,49 @@
+//! Settings of the surfaces.
+
+use serde::{Deserialize, Serialize};
+
+/// Settings of the surfaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfaceConfig {
+    /// What surfaces are made of.
+    pub source: SurfaceSource,
+    /// Nodes along each side of the scene cube for meshes.
+    pub nodes: usize,
+    /// Nodes along each side for distance fields and visibility (method.md 3: 201).
+    pub distance_nodes: usize,
+    /// Points sampled on each state's surface.
+    pub points: usize,
+    /// Components with a smaller share of the largest one's triangles are dropped.
+    pub min_component: f64,
+    /// Truncation distance in metres; null = the larger of 2 % of the object's extent and four standard deviations of the
+    /// depth noise at the median depth.
+    pub truncation_m: Option<f64>,
+    /// A node counts as observed from this many head-on readings at the median depth.
+    pub min_readings: f64,
+}
+
+/// What the surface of a state is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceSource {
+    /// The zero level of the neural field, where frames observed it.
+    #[default]
+    Field,
+    /// The fused depth images alone.
+    Fusion,
+}
+
+impl Default for SurfaceConfig {
+    fn default() -> Self {
+        Self {
+            source: SurfaceSource::Field,
+            nodes: 224,
+            distance_nodes: 201,
+            points: 25_000,
+            min_component: 0.02,
+            truncation_m: None,
+            min_readings: 0.2,
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Triangle meshes.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::geometry::Pose;
+
+/// An indexed triangle mesh; triangles turn counter-clockwise seen from outside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriangleMesh {
+    /// Vertex positions, metres.
+    pub vertices: Vec<Point3<f32>>,
+    /// Vertex indices.
+    pub triangles: Vec<[u32; 3]>,
+    /// sRGB colour per vertex; empty where there is none.
+    pub colors: Vec<[u8; 3]>,
+}
+
+impl TriangleMesh {
+    /// Whether there is no triangle.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// The three corners of a triangle.
+    #[must_use]
+    pub fn corners(&self, triangle: usize) -> [Point3<f32>; 3] {
+        self.triangles[triangle].map(|i| self.vertices[i as usize])
+    }
+
+    /// Twice the area times the unit normal of a triangle.
+    #[must_use]
+    pub fn area_normal(&self, triangle: usize) -> Vector3<f32> {
+        let [a, b, c] = self.corners(triangle);
+        (b - a).cross(&(c - a))
+    }
+
+    /// Surface area, square metres.
+    #[must_use]
+    pub fn area_m2(&self) -> f64 {
+        (0..self.triangles.len()).map(|t| 0.5 * f64::from(self.area_normal(t).norm())).sum()
+    }
+
+    /// Lower and upper corner of the axis-aligned bounding box; `None` without vertices.
+    #[must_use]
+    pub fn bounds(&self) -> Option<(Point3<f32>, Point3<f32>)> {
+        let first = *self.vertices.first()?;
+        Some(self.vertices.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p))))
+    }
+
+    /// The mesh moved by a rigid motion.
+    #[must_use]
+    pub fn transformed(&self, target_from_source: &Pose) -> Self {
+        let m: nalgebra::Isometry3<f32> = target_from_source.cast();
+        Self { vertices: self.vertices.iter().map(|p| m * p).collect(), ..self.clone() }
+    }
+}

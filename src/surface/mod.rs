@@ -1,0 +1,40 @@
+//! Surfaces: meshes, marching cubes, TSDF fusion, distance fields, visibility, rendering, shell inertia.
+
+mod closest;
+mod components;
+mod config;
+mod cube_table;
+mod distance;
+mod edt;
+mod inertia;
+mod marching_cubes;
+mod mesh;
+mod normals;
+mod overlay;
+mod pseudonormal;
+mod raster;
+mod rows;
+mod sample;
+#[cfg(test)]
+mod shapes;
+mod simplify;
+mod triangle;
+mod tsdf;
+mod visibility;
+mod weld;
+
+pub use closest::{ClosestPoint, MeshDistance};
+pub use components::{components, keep_components};
+pub use config::{SurfaceConfig, SurfaceSource};
+pub use distance::{DistanceError, DistanceOptions, signed_distance};
+pub use inertia::{ShellInertia, shell_inertia};
+pub use marching_cubes::marching_cubes;
+pub use mesh::TriangleMesh;
+pub use normals::vertex_normals;
+pub use overlay::{LineStyle, Occlusion};
+pub use raster::{BACKGROUND, RenderItem, Rendered, render};
+pub use sample::{SurfaceSamples, sample_surface};
+pub use simplify::simplify;
+pub use tsdf::{PixelRole, TsdfView, TsdfVolume, object_roles};
+pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
+pub use weld::{EdgeDefects, drop_unused_vertices, edge_defects, is_watertight, merge, weld};

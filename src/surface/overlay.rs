@@ -1,0 +1,175 @@
+//! Lines and arrows in a rendered image: joint axes.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Rendered;
+
+/// Nothing nearer than this is drawn, metres.
+const NEAR_M: f64 = 0.01;
+/// Share of an arrow's length that its head takes, and of the head's length that its half width takes.
+const HEAD_LENGTH: f64 = 0.12;
+const HEAD_HALF_WIDTH: f64 = 0.35;
+/// Share of its color that a hidden stretch keeps.
+const HIDDEN_SHARE: f32 = 0.35;
+
+/// What a surface in front of a line does to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Occlusion {
+    /// Nothing: the line is on top.
+    Ignore,
+    /// The line shines through.
+    Fade,
+    /// The line is hidden.
+    Hide,
+}
+
+/// How a line looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineStyle {
+    /// sRGB.
+    pub color: [u8; 3],
+    /// Width in pixels.
+    pub width_px: f64,
+    /// What surfaces in front do.
+    pub occlusion: Occlusion,
+}
+
+impl Rendered {
+    /// Draws the straight line between two points of the world.
+    pub fn draw_line(&mut self, from: &Point3<f64>, to: &Point3<f64>, style: &LineStyle) {
+        let camera = self.world_from_camera;
+        let (mut a, mut b) = (camera.inverse_transform_point(from), camera.inverse_transform_point(to));
+        if a.z > b.z {
+            std::mem::swap(&mut a, &mut b);
+        }
+        if b.z <= NEAR_M {
+            return;
+        }
+        if a.z < NEAR_M {
+            a += (b - a) * ((NEAR_M - a.z) / (b.z - a.z));
+        }
+        let (Some(p), Some(q)) = (self.intrinsics.project(&a), self.intrinsics.project(&b)) else { return };
+        let ends = [(p.0, p.1, 1.0 / a.z), (q.0, q.1, 1.0 / b.z)];
+        if let Some([p, q]) = clipped(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px) {
+            self.stroke(p, q, style);
+        }
+    }
+
+    /// Draws an arrow between two points of the world, its head at `to`, flat towards the camera.
+    pub fn draw_arrow(&mut self, from: &Point3<f64>, to: &Point3<f64>, style: &LineStyle) {
+        self.draw_line(from, to, style);
+        let along = to - from;
+        let view = to - Point3::from(self.world_from_camera.translation.vector);
+        let Some(across) = along.cross(&view).try_normalize(1e-12) else { return };
+        let head = along * HEAD_LENGTH;
+        for side in [-1.0, 1.0] {
+            let barb: Vector3<f64> = across * (side * HEAD_HALF_WIDTH * head.norm());
+            self.draw_line(&(to - head + barb), to, style);
+        }
+    }
+
+    /// Draws between two pixel positions with inverse depths; each pixel once.
+    fn stroke(&mut self, p: (f64, f64, f64), q: (f64, f64, f64), style: &LineStyle) {
+        let (width, height) = (self.intrinsics.width, self.intrinsics.height);
+        let radius = 0.5 * style.width_px.max(1.0);
+        let range = |a: f64, b: f64, count: usize| {
+            let (low, high) = (a.min(b) - radius, a.max(b) + radius);
+            low.ceil().max(0.0) as usize..(high.floor() + 1.0).clamp(0.0, count as f64) as usize
+        };
+        let (du, dv) = (q.0 - p.0, q.1 - p.1);
+        let length2 = du * du + dv * dv;
+        for y in range(p.1, q.1, height) {
+            for x in range(p.0, q.0, width) {
+                let (u, v) = (x as f64 - p.0, y as f64 - p.1);
+                let share = if length2 > 0.0 { ((u * du + v * dv) / length2).clamp(0.0, 1.0) } else { 0.0 };
+                if (u - share * du).hypot(v - share * dv) > radius {
+                    continue;
+                }
+                let i = y * width + x;
+                let depth_m = 1.0 / (p.2 + (q.2 - p.2) * share);
+                let surface_m = f64::from(self.depth_m[i]);
+                let hidden = style.occlusion != Occlusion::Ignore && surface_m > 0.0 && surface_m < depth_m;
+                let keep = match (hidden, style.occlusion) {
+                    (true, Occlusion::Hide) => continue,
+                    (true, _) => HIDDEN_SHARE,
+                    _ => 1.0,
+                };
+                for k in 0..3 {
+                    let (old, new) = (f32::from(self.rgb[i][k]), f32::from(style.color[k]));
+                    self.rgb[i][k] = (old + (new - old) * keep).round() as u8;
+                }
+            }
+        }
+    }
+}
+
+/// The part of a line near the image (Liang and Barsky 1984); inverse depth is linear along it.
+fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> Option<[(f64, f64, f64); 2]> {
+    let [p, q] = ends;
+    let (mut first, mut last) = (0.0f64, 1.0f64);
+    for (from, step, limit) in [(p.0, q.0 - p.0, width), (p.1, q.1 - p.1, height)] {
+        for (delta, room) in [(-step, from + margin), (step, limit + margin - from)] {
+            if delta == 0.0 && room < 0.0 {
+                return None;
+            } else if delta < 0.0 {
+                first = first.max(room / delta);
+            } else if delta > 0.0 {
+                last = last.min(room / delta);
+            }
+        }
+    }
+    let at = |t: f64| (p.0 + (q.0 - p.0) * t, p.1 + (q.1 - p.1) * t, p.2 + (q.2 - p.2) * t);
+    (first <= last).then(|| [at(first), at(last)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::{Intrinsics, Pose},
+        surface::{RenderItem, render, shapes::box_mesh},
+    };
+
+    const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 150.0, cx: 80.0, cy: 60.0 };
+    const RED: [u8; 3] = [255, 0, 0];
+
+    /// A box 0.5 m ahead with a line 1 m ahead behind it, from left to right.
+    fn drawn(occlusion: Occlusion) -> Rendered {
+        let mesh = box_mesh(Vector3::new(0.1, 0.1, 0.1));
+        let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::translation(0.0, 0.0, 0.6), tint: None };
+        let mut image = render(&[item], &K, &Pose::identity(), false);
+        let style = LineStyle { color: RED, width_px: 3.0, occlusion };
+        image.draw_line(&Point3::new(-0.4, 0.0, 1.0), &Point3::new(0.4, 0.0, 1.0), &style);
+        image
+    }
+
+    #[test]
+    fn surfaces_in_front_hide_fade_or_leave_a_line() {
+        let (beside, behind) = (60 * 160 + 25, 60 * 160 + 80);
+        for occlusion in [Occlusion::Ignore, Occlusion::Fade, Occlusion::Hide] {
+            let image = drawn(occlusion);
+            assert_eq!(image.rgb[beside], RED);
+            assert_eq!(image.rgb[beside + 2 * 160], super::super::BACKGROUND);
+            let expected = match occlusion {
+                Occlusion::Ignore => RED,
+                Occlusion::Fade => [206, 117, 117],
+                Occlusion::Hide => [180; 3],
+            };
+            assert_eq!(image.rgb[behind], expected);
+        }
+    }
+
+    #[test]
+    fn lines_out_of_view_and_through_the_camera_do_no_harm() {
+        let mut image = drawn(Occlusion::Hide);
+        let before = image.clone();
+        let style = LineStyle { color: RED, width_px: 3.0, occlusion: Occlusion::Ignore };
+        image.draw_line(&Point3::new(0.0, 0.0, -1.0), &Point3::new(0.3, 0.0, -0.5), &style);
+        image.draw_line(&Point3::new(5.0, 9.0, 1.0), &Point3::new(9.0, 5.0, 1.0), &style);
+        assert_eq!(image, before);
+        image.draw_arrow(&Point3::new(0.0, 0.1, -1.0), &Point3::new(0.0, 0.0, 2.0), &style);
+        assert_eq!(image.rgb[60 * 160 + 80], RED);
+        // A line of sight is a point.
+        image.draw_arrow(&Point3::new(0.0, 0.0, 1.0), &Point3::new(0.0, 0.0, 2.0), &style);
+    }
+}

@@ -1,0 +1,189 @@
+//! Normals of the faces, sides and corners of a mesh whose sign tells inside from outside at any closest point
+//! (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
+
+use nalgebra::Vector3;
+
+use super::{
+    TriangleMesh,
+    triangle::{Feature, closest_on_triangle},
+};
+
+/// No triangle.
+const NONE: u32 = u32::MAX;
+/// Longest walk over the mesh.
+const MAX_STEPS: usize = 64;
+
+/// Faces, sides and corners of a mesh in the coordinates of its caller.
+pub(super) struct Pseudonormals {
+    /// Corner positions of each triangle.
+    pub corners: Vec<[Vector3<f32>; 3]>,
+    faces: Vec<Vector3<f32>>,
+    sides: Vec<[Vector3<f32>; 3]>,
+    vertices: Vec<Vector3<f32>>,
+    triangles: Vec<[u32; 3]>,
+    /// Triangle across each side; [`NONE`] where there is none or more than one.
+    across: Vec<[u32; 3]>,
+    /// Triangles around each vertex: `rings[first..next]` of consecutive `ring_starts`.
+    rings: Vec<u32>,
+    ring_starts: Vec<u32>,
+    /// Bit `i`: side `i` has no other triangle; bit `3 + i`: corner `i` lies on such a side.
+    open: Vec<u8>,
+}
+
+impl Pseudonormals {
+    /// For a mesh whose vertices were moved to `positions`.
+    pub fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
+        let corners: Vec<[Vector3<f32>; 3]> = mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
+        let face = |[a, b, c]: &[Vector3<f32>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let faces: Vec<Vector3<f32>> = corners.iter().map(face).collect();
+        let mut vertices = vec![Vector3::zeros(); positions.len()];
+        for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
+            for k in 0..3 {
+                let (u, v) = (c[(k + 1) % 3] - c[k], c[(k + 2) % 3] - c[k]);
+                vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
+            }
+        }
+        let (rings, ring_starts) = rings(&mesh.triangles, positions.len());
+        let count = corners.len();
+        let sides = faces.iter().map(|n| [*n; 3]).collect();
+        let triangles = mesh.triangles.clone();
+        let mut all =
+            Self { corners, faces, sides, vertices, triangles, across: vec![[NONE; 3]; count], rings, ring_starts, open: vec![0; count] };
+        all.join_sides();
+        all
+    }
+
+    /// Sums the face normals over the triangles of each side, and marks open sides and their corners.
+    fn join_sides(&mut self) {
+        let mut sides: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * self.triangles.len());
+        for (t, corners) in self.triangles.iter().enumerate() {
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                sides.push((a.min(b), a.max(b), (3 * t + k) as u32));
+            }
+        }
+        sides.sort_unstable();
+        let mut open_vertices = vec![false; self.vertices.len()];
+        for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
+            let sum: Vector3<f32> = same.iter().map(|s| self.faces[s.2 as usize / 3]).sum();
+            for s in same {
+                self.sides[s.2 as usize / 3][s.2 as usize % 3] = sum;
+            }
+            if let [s, r] = same {
+                self.across[s.2 as usize / 3][s.2 as usize % 3] = r.2 / 3;
+                self.across[r.2 as usize / 3][r.2 as usize % 3] = s.2 / 3;
+            }
+            if let [s] = same {
+                self.open[s.2 as usize / 3] |= 1 << (s.2 % 3);
+                open_vertices[s.0 as usize] = true;
+                open_vertices[s.1 as usize] = true;
+            }
+        }
+        for (t, corners) in self.triangles.iter().enumerate() {
+            for k in 0..3 {
+                self.open[t] |= u8::from(open_vertices[corners[k] as usize]) << (3 + k);
+            }
+        }
+    }
+
+    /// Unit normal of a triangle; zero without area.
+    pub fn face(&self, triangle: usize) -> &Vector3<f32> {
+        &self.faces[triangle]
+    }
+
+    /// Normal of a feature, of any length.
+    pub fn normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
+        match feature {
+            Feature::Face => self.faces[triangle],
+            Feature::Edge(i) => self.sides[triangle][i as usize],
+            Feature::Corner(i) => self.vertices[self.triangles[triangle][i as usize] as usize],
+        }
+    }
+
+    /// Whether a feature lies on the border of an open mesh.
+    pub fn is_open(&self, triangle: usize, feature: Feature) -> bool {
+        match feature {
+            Feature::Face => false,
+            Feature::Edge(i) => self.open[triangle] >> i & 1 == 1,
+            Feature::Corner(i) => self.open[triangle] >> (3 + i) & 1 == 1,
+        }
+    }
+
+    /// Squared distance of a point to a triangle.
+    pub fn distance2(&self, p: &Vector3<f32>, triangle: u32) -> f32 {
+        (p - closest_on_triangle(p, &self.corners[triangle as usize]).0).norm_squared()
+    }
+
+    /// Triangles around a vertex.
+    fn ring(&self, vertex: u32) -> &[u32] {
+        &self.rings[self.ring_starts[vertex as usize] as usize..self.ring_starts[vertex as usize + 1] as usize]
+    }
+
+    /// Walks over the mesh from the closer of two triangles to neighbours that are closer to the point, until none is.
+    pub fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
+        let measure = |t: u32| {
+            let (q, feature) = closest_on_triangle(p, &self.corners[t as usize]);
+            ((p - q).norm_squared(), t, feature)
+        };
+        let mut best = measure(starts[0]);
+        if starts[1] != starts[0] {
+            let other = measure(starts[1]);
+            if other.0 < best.0 {
+                best = other;
+            }
+        }
+        for _ in 0..MAX_STEPS {
+            let (before, t) = (best.0, best.1 as usize);
+            match best.2 {
+                Feature::Face => break,
+                Feature::Edge(i) => {
+                    let next = self.across[t][i as usize];
+                    if next != NONE {
+                        let other = measure(next);
+                        if other.0 < best.0 {
+                            best = other;
+                        }
+                    }
+                }
+                Feature::Corner(i) => {
+                    let corner = self.corners[t][i as usize];
+                    let away = p - corner;
+                    for &next in self.ring(self.triangles[t][i as usize]) {
+                        // The corner is the closest point of this triangle too unless one of its sides leads closer.
+                        if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {
+                            continue;
+                        }
+                        let other = measure(next);
+                        if other.0 < best.0 {
+                            best = other;
+                        }
+                    }
+                }
+            }
+            if best.0 >= before {
+                break;
+            }
+        }
+        best.1
+    }
+}
+
+/// Triangles around each vertex, ascending, and where each vertex's begin.
+fn rings(triangles: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0u32; vertices + 1];
+    for &v in triangles.iter().flatten() {
+        starts[v as usize + 1] += 1;
+    }
+    for v in 0..vertices {
+        starts[v + 1] += starts[v];
+    }
+    let mut next = starts.clone();
+    let mut rings = vec![0; 3 * triangles.len()];
+    for (t, corners) in triangles.iter().enumerate() {
+        for &v in corners {
+            rings[next[v as usize] as usize] = t as u32;
+            next[v as usize] += 1;
+        }
+    }
+    (rings, starts)
+}

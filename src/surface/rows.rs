@@ -1,0 +1,127 @@
+//! Rows of grid nodes seen by a camera: along x a node's position in the camera is linear, so a row is clipped to the
+//! image once and then walked.
+
+use std::ops::Range;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::geometry::{Intrinsics, Pose};
+
+/// Nodes closer to the camera plane than this are not seen, metres.
+const NEAR_M: f64 = 0.01;
+
+/// A node-aligned grid in front of one camera.
+pub(super) struct RowCamera {
+    intrinsics: Intrinsics,
+    /// Node (0, 0, 0) in the optical frame, metres.
+    origin: Vector3<f64>,
+    /// Steps along x, y, z in the optical frame, metres.
+    steps: [Vector3<f64>; 3],
+    focal: [f32; 2],
+    center: [f32; 2],
+}
+
+/// The nodes of one row that fall into the image.
+pub(super) struct Row {
+    /// Their x.
+    pub range: Range<usize>,
+    start: Vector3<f32>,
+    step: Vector3<f32>,
+}
+
+impl Row {
+    /// Position of node x in the optical frame, metres.
+    pub fn at(&self, x: usize) -> Vector3<f32> {
+        self.start + self.step * x as f32
+    }
+}
+
+impl RowCamera {
+    /// A camera on the grid with the given node (0, 0, 0) and spacing, both in the grid's frame.
+    pub fn new(intrinsics: &Intrinsics, camera_from_grid: &Pose, origin: &Point3<f64>, spacing_m: f64) -> Self {
+        let step = |axis: Vector3<f64>| camera_from_grid * (axis * spacing_m);
+        Self {
+            intrinsics: *intrinsics,
+            origin: (camera_from_grid * origin).coords,
+            steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
+            focal: [intrinsics.fx as f32, intrinsics.fy as f32],
+            // Half a pixel more, so that truncation gives the pixel whose centre is nearest.
+            center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
+        }
+    }
+
+    /// The part of row (y, z) of `nx` nodes inside the image and in front of the camera.
+    pub fn row(&self, y: usize, z: usize, nx: usize) -> Row {
+        let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
+        let k = &self.intrinsics;
+        let (left, right) = (k.cx + 0.5, k.width as f64 - 0.5 - k.cx);
+        let (top, bottom) = (k.cy + 0.5, k.height as f64 - 0.5 - k.cy);
+        // Each is `at least zero` inside the view.
+        let planes = [
+            Vector3::new(k.fx, 0.0, left),
+            Vector3::new(-k.fx, 0.0, right),
+            Vector3::new(0.0, k.fy, top),
+            Vector3::new(0.0, -k.fy, bottom),
+            Vector3::z(),
+        ];
+        let (mut first, mut last) = (0.0f64, nx as f64 - 1.0);
+        for (i, plane) in planes.iter().enumerate() {
+            let value = plane.dot(&start) - if i == 4 { NEAR_M } else { 0.0 };
+            let slope = plane.dot(&self.steps[0]);
+            if slope > 0.0 {
+                first = first.max(-value / slope);
+            } else if slope < 0.0 {
+                last = last.min(-value / slope);
+            } else if value < 0.0 {
+                last = -1.0;
+            }
+        }
+        let range = if first <= last { first.ceil() as usize..last.floor() as usize + 1 } else { 0..0 };
+        Row { range, start: start.cast(), step: self.steps[0].cast() }
+    }
+
+    /// Pixel coordinates plus one half of a point of a [`Row`], so that the integer part is the pixel.
+    pub fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
+        let inverse = 1.0 / p.z;
+        [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
+    }
+
+    /// Index of the pixel that holds a point of a [`Row`].
+    pub fn pixel(&self, p: &Vector3<f32>) -> usize {
+        let [u, v] = self.project(p);
+        // Rounding may put a point of the row's ends just outside.
+        let (x, y) = ((u as usize).min(self.intrinsics.width - 1), (v as usize).min(self.intrinsics.height - 1));
+        y * self.intrinsics.width + x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn rows_hold_exactly_the_nodes_that_project_into_the_image() {
+        let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 58.0, cx: 30.3, cy: 25.1 };
+        let origin = Point3::new(-0.5, -0.4, -0.3);
+        for (angle, t) in [([0.0, 0.0, 0.0], [0.0, 0.0, 0.9]), ([0.7, -0.3, 2.0], [0.1, 0.0, 0.5]), ([0.0, 1.5, 0.0], [0.0, 0.1, 0.1])] {
+            let pose = Pose::from_parts(Vector3::from(t).into(), UnitQuaternion::from_scaled_axis(Vector3::from(angle)));
+            let camera = RowCamera::new(&k, &pose, &origin, 0.03);
+            let mut seen = 0;
+            for (y, z) in (0..30).flat_map(|y| (0..25).map(move |z| (y, z))) {
+                let row = camera.row(y, z, 35);
+                for x in 0..35 {
+                    let p = pose * (origin + Vector3::new(x as f64, y as f64, z as f64) * 0.03);
+                    let expected = if p.z > NEAR_M { k.pixel(&p) } else { None };
+                    let got = row.range.contains(&x).then(|| camera.pixel(&row.at(x)));
+                    // A node whose projection is within rounding of a pixel border may go either way.
+                    let (u, v) = k.project(&p).unwrap_or_default();
+                    let near_border = |c: f64| (c + 0.5 - (c + 0.5).round()).abs() < 1e-3;
+                    assert!(got == expected || near_border(u) || near_border(v), "{x} {y} {z}: {got:?} {expected:?}");
+                    seen += usize::from(got.is_some());
+                }
+            }
+            assert!(seen > 500);
+        }
+    }
+}

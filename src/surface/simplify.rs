@@ -1,0 +1,302 @@
+//! Fewer triangles for the same shape: edge collapse by quadric error (Garland and Heckbert 1997).
+
+use std::{cmp::Reverse, collections::BinaryHeap};
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::{TriangleMesh, drop_unused_vertices};
+
+/// Weight of the planes that hold open borders in place, against the surface.
+const BORDER_WEIGHT: f64 = 10.0;
+/// Pull towards the middle of a collapsed edge, relative to the quadric: decides where the surface is flat.
+const CENTERING: f64 = 1e-4;
+/// A collapse may not turn a triangle's normal by more than this cosine.
+const MIN_TURN_COSINE: f64 = 0.3;
+
+/// The mesh with at most `max_triangles` triangles, or as few as collapses allow that keep its topology and turn no
+/// triangle over. Collapses the edge that changes the shape least, one after the other; stops early when the next
+/// would move the surface by more than `max_error_m` (root mean square over the area it stands for). Colors are
+/// interpolated. Deterministic.
+#[must_use]
+pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
+    let mut work = Collapse::of(mesh);
+    while work.alive > max_triangles {
+        let Some(Reverse(candidate)) = work.queue.pop() else { break };
+        if candidate.cost() > max_error_m * max_error_m {
+            break;
+        }
+        work.try_collapse(&candidate);
+    }
+    work.finish()
+}
+
+/// Weighted squared distances to planes: `x^T a x + 2 b^T x + c`, and the weight.
+#[derive(Clone, Copy, Default)]
+struct Quadric {
+    a: Matrix3<f64>,
+    b: Vector3<f64>,
+    c: f64,
+    weight: f64,
+}
+
+impl Quadric {
+    fn plane(normal: &Vector3<f64>, point: &Vector3<f64>, weight: f64) -> Self {
+        let d = -normal.dot(point);
+        Self { a: normal * normal.transpose() * weight, b: normal * (d * weight), c: d * d * weight, weight }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.a += other.a;
+        self.b += other.b;
+        self.c += other.c;
+        self.weight += other.weight;
+    }
+
+    /// Mean squared distance of a point to the planes.
+    fn error(&self, x: &Vector3<f64>) -> f64 {
+        let sum = x.dot(&(self.a * x)) + 2.0 * self.b.dot(x) + self.c;
+        if self.weight > 0.0 { (sum / self.weight).max(0.0) } else { 0.0 }
+    }
+
+    /// The point with the least error, near `middle` where many have it.
+    fn best(&self, middle: &Vector3<f64>) -> Vector3<f64> {
+        let pull = CENTERING * self.a.trace();
+        let system = self.a + Matrix3::identity() * pull;
+        system.cholesky().map_or(*middle, |c| c.solve(&(middle * pull - self.b)))
+    }
+}
+
+/// An edge in the queue; stale once one of its ends has changed.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Candidate {
+    /// Bits of the cost, which is not negative, so that they sort like it.
+    cost_bits: u64,
+    ends: [u32; 2],
+    versions: [u32; 2],
+}
+
+impl Candidate {
+    fn cost(&self) -> f64 {
+        f64::from_bits(self.cost_bits)
+    }
+}
+
+/// The mesh while it shrinks. Positions are relative to the first vertex.
+struct Collapse {
+    origin: Vector3<f64>,
+    positions: Vec<Vector3<f64>>,
+    colors: Vec<Vector3<f64>>,
+    quadrics: Vec<Quadric>,
+    versions: Vec<u32>,
+    triangles: Vec<Option<[u32; 3]>>,
+    /// Triangles around each vertex.
+    rings: Vec<Vec<u32>>,
+    alive: usize,
+    queue: BinaryHeap<Reverse<Candidate>>,
+}
+
+impl Collapse {
+    fn of(mesh: &TriangleMesh) -> Self {
+        let origin = mesh.vertices.first().map(|p| p.coords.cast()).unwrap_or_default();
+        let has_colors = mesh.colors.len() == mesh.vertices.len();
+        let colors = if has_colors { mesh.colors.iter().map(|c| Vector3::from(c.map(f64::from))).collect() } else { Vec::new() };
+        let count = mesh.vertices.len();
+        let mut work = Self {
+            origin,
+            positions: mesh.vertices.iter().map(|p| p.coords.cast() - origin).collect(),
+            colors,
+            quadrics: vec![Quadric::default(); count],
+            versions: vec![0; count],
+            triangles: mesh.triangles.iter().map(|t| Some(*t)).collect(),
+            rings: vec![Vec::new(); count],
+            alive: mesh.triangles.len(),
+            queue: BinaryHeap::new(),
+        };
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            let normal = work.area_normal(corners);
+            for &v in corners {
+                work.rings[v as usize].push(t as u32);
+                if let Some(unit) = normal.try_normalize(0.0) {
+                    let plane = Quadric::plane(&unit, &work.positions[corners[0] as usize], normal.norm());
+                    work.quadrics[v as usize].add(&plane);
+                }
+            }
+        }
+        work.hold_borders(mesh);
+        work
+    }
+
+    /// Adds planes through open sides, across their triangle, and queues all edges.
+    fn hold_borders(&mut self, mesh: &TriangleMesh) {
+        let mut sides: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
+        for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
+            sides.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), t as u32)));
+        }
+        sides.sort_unstable();
+        for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
+            let (a, b, t) = same[0];
+            if same.len() == 1 {
+                let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
+                let across = (q - p).cross(&self.area_normal(&mesh.triangles[t as usize]));
+                if let Some(unit) = across.try_normalize(0.0) {
+                    let plane = Quadric::plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());
+                    self.quadrics[a as usize].add(&plane);
+                    self.quadrics[b as usize].add(&plane);
+                }
+            }
+        }
+        let edges: Vec<[u32; 2]> = sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)).map(|same| [same[0].0, same[0].1]).collect();
+        for edge in edges {
+            self.enqueue(edge);
+        }
+    }
+
+    /// Twice the area times the unit normal.
+    fn area_normal(&self, corners: &[u32; 3]) -> Vector3<f64> {
+        let [a, b, c] = corners.map(|v| self.positions[v as usize]);
+        (b - a).cross(&(c - a))
+    }
+
+    /// Summed quadric of an edge's ends and the best place for the vertex that replaces it.
+    fn target(&self, [a, b]: [u32; 2]) -> (Quadric, Vector3<f64>) {
+        let mut quadric = self.quadrics[a as usize];
+        quadric.add(&self.quadrics[b as usize]);
+        let middle = (self.positions[a as usize] + self.positions[b as usize]) * 0.5;
+        (quadric, quadric.best(&middle))
+    }
+
+    fn enqueue(&mut self, [a, b]: [u32; 2]) {
+        let ends = [a.min(b), a.max(b)];
+        let (quadric, place) = self.target(ends);
+        let versions = ends.map(|v| self.versions[v as usize]);
+        self.queue.push(Reverse(Candidate { cost_bits: quadric.error(&place).to_bits(), ends, versions }));
+    }
+
+    /// Neighbours of a vertex, ascending.
+    fn neighbors(&self, v: u32) -> Vec<u32> {
+        let corners = self.rings[v as usize].iter().filter_map(|&t| self.triangles[t as usize]).flatten();
+        let mut found: Vec<u32> = corners.filter(|&u| u != v).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// Collapses the edge unless it is stale, would change the topology or turn a triangle over.
+    fn try_collapse(&mut self, candidate: &Candidate) {
+        let [a, b] = candidate.ends;
+        if candidate.versions != [self.versions[a as usize], self.versions[b as usize]] {
+            return;
+        }
+        let shared = |t: &&u32| self.triangles[**t as usize].is_some_and(|c| c.contains(&b));
+        let between: Vec<u32> = self.rings[a as usize].iter().filter(shared).copied().collect();
+        let others = self.neighbors(b);
+        let common = self.neighbors(a).iter().filter(|v| others.binary_search(v).is_ok()).count();
+        // The link condition: only the triangles at the edge may join both ends.
+        if common != between.len() || between.is_empty() || between.len() > 2 {
+            return;
+        }
+        let (quadric, place) = self.target([a, b]);
+        if self.turns_over(a, b, &place) || self.turns_over(b, a, &place) {
+            return;
+        }
+        if !self.colors.is_empty() {
+            let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
+            let share = ((place - p).dot(&(q - p)) / (q - p).norm_squared().max(1e-300)).clamp(0.0, 1.0);
+            self.colors[a as usize] = self.colors[a as usize].lerp(&self.colors[b as usize], share);
+        }
+        self.positions[a as usize] = place;
+        self.quadrics[a as usize] = quadric;
+        for t in between {
+            self.triangles[t as usize] = None;
+            self.alive -= 1;
+        }
+        for t in std::mem::take(&mut self.rings[b as usize]) {
+            if let Some(corners) = &mut self.triangles[t as usize] {
+                *corners = corners.map(|v| if v == b { a } else { v });
+                self.rings[a as usize].push(t);
+            }
+        }
+        let triangles = &self.triangles;
+        self.rings[a as usize].retain(|&t| triangles[t as usize].is_some());
+        self.versions[a as usize] += 1;
+        self.versions[b as usize] += 1;
+        for v in self.neighbors(a) {
+            self.enqueue([a, v]);
+        }
+    }
+
+    /// Whether moving a vertex turns a triangle that stays (one without `gone`) too far.
+    fn turns_over(&self, moved: u32, gone: u32, place: &Vector3<f64>) -> bool {
+        self.rings[moved as usize].iter().filter_map(|&t| self.triangles[t as usize]).filter(|c| !c.contains(&gone)).any(|corners| {
+            let before = self.area_normal(&corners);
+            let [p, q, r] = corners.map(|v| if v == moved { *place } else { self.positions[v as usize] });
+            let after = (q - p).cross(&(r - p));
+            after.dot(&before) <= MIN_TURN_COSINE * after.norm() * before.norm()
+        })
+    }
+
+    fn finish(self) -> TriangleMesh {
+        let vertices = self.positions.iter().map(|p| Point3::from((p + self.origin).cast::<f32>())).collect();
+        let colors = self.colors.iter().map(|c| [c.x, c.y, c.z].map(|v| v.round() as u8)).collect();
+        drop_unused_vertices(&TriangleMesh { vertices, triangles: self.triangles.into_iter().flatten().collect(), colors })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::{
+        edge_defects, is_watertight, marching_cubes,
+        shapes::{color_of, cuboid, grid_of, sphere, torus, volume_m3},
+    };
+
+    #[test]
+    fn a_box_of_many_triangles_keeps_its_shape_with_few() {
+        let shape = cuboid(Vector3::new(0.305, 0.205, 0.155));
+        let mesh = marching_cubes(&grid_of(0.5, 61, &shape), 0.0);
+        let small = simplify(&mesh, 200, f64::INFINITY);
+        assert!(mesh.triangles.len() > 5000 && small.triangles.len() <= 200);
+        assert!(is_watertight(&small));
+        assert!((volume_m3(&small) / volume_m3(&mesh) - 1.0).abs() < 0.01);
+        assert!(small.vertices.iter().all(|p| shape(&p.cast()).abs() < 0.008));
+    }
+
+    #[test]
+    fn topology_and_colors_stay() {
+        let mut mesh = marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.1)), 0.0);
+        mesh.colors = mesh.vertices.iter().map(|p| color_of(&p.cast())).collect();
+        let small = simplify(&mesh, 1000, f64::INFINITY);
+        assert!(is_watertight(&small) && small.triangles.len() <= 1000);
+        assert_eq!(small.vertices.len() * 2, small.triangles.len());
+        for (p, c) in small.vertices.iter().zip(&small.colors) {
+            let expected = color_of(&p.cast());
+            assert!((0..3).all(|k| c[k].abs_diff(expected[k]) < 12), "{c:?} {expected:?}");
+        }
+        assert_eq!(small, simplify(&mesh, 1000, f64::INFINITY));
+    }
+
+    #[test]
+    fn the_error_bound_stops_it() {
+        let mesh = marching_cubes(&grid_of(0.5, 41, sphere(0.4)), 0.0);
+        let small = simplify(&mesh, 0, 0.002);
+        assert!(small.triangles.len() > 100 && small.triangles.len() < mesh.triangles.len() / 4);
+        assert!(small.vertices.iter().all(|p| (p.coords.norm() - 0.4).abs() < 0.01));
+        assert_eq!(simplify(&mesh, mesh.triangles.len(), 1.0).triangles, mesh.triangles);
+    }
+
+    #[test]
+    fn open_borders_stay_where_they_are() {
+        let mut grid = grid_of(0.5, 41, sphere(0.4));
+        for i in 0..grid.values.len() {
+            if grid.position(i).z < -0.01 {
+                grid.values[i] = f32::NAN;
+            }
+        }
+        let mesh = marching_cubes(&grid, 0.0);
+        let small = simplify(&mesh, 300, f64::INFINITY);
+        assert!(small.triangles.len() <= 300 && edge_defects(&small).non_manifold == 0);
+        let (lower, upper) = small.bounds().unwrap();
+        assert!(lower.z.abs() < 0.02 && (upper.z - 0.4).abs() < 0.01 && (upper.x - 0.4).abs() < 0.015);
+        assert!((small.area_m2() / mesh.area_m2() - 1.0).abs() < 0.02);
+    }
+}

@@ -1,0 +1,167 @@
+//! The program as a process: help, messages, exit codes, streams.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+
+use std::{
+    fs,
+    path::PathBuf,
+    process::{Command, Output},
+};
+
+fn artitwin(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_artitwin")).args(args).output().unwrap()
+}
+
+/// Exit code, stdout, stderr.
+fn run(args: &[&str]) -> (i32, String, String) {
+    let output = artitwin(args);
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    (output.status.code().unwrap(), text(&output.stdout), text(&output.stderr))
+}
+
+/// A folder of this test alone, deleted at its end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("artitwin-cli-{name}-{}", std::process::id()));
+        fs::remove_dir_all(&path).ok();
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str, text: &str) -> String {
+        let path = self.0.join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).ok();
+    }
+}
+
+#[test]
+fn help_is_a_result_and_names_every_verb() {
+    let (code, out, err) = run(&["--help"]);
+    assert_eq!((code, err.as_str()), (0, ""));
+    for word in ["reconstruct", "inspect", "evaluate", "config", "doctor", "Exit codes: 0 done", "130 stopped"] {
+        assert!(out.contains(word), "{word} not in\n{out}");
+    }
+    let (code, out, _) = run(&["reconstruct", "--help"]);
+    assert_eq!(code, 0);
+    for option in [
+        "--out",
+        "--name",
+        "--parts",
+        "--seed",
+        "--split",
+        "--marker-topic",
+        "--workspace",
+        "--topic",
+        "--preset",
+        "--config",
+        "--set",
+        "--init",
+        "--engine",
+        "--resume",
+        "--json",
+    ] {
+        assert!(out.contains(option), "{option} not in\n{out}");
+    }
+    assert_eq!(run(&["--version"]).1, format!("artitwin {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn wrong_usage_is_told_on_stderr_with_code_2() {
+    for args in [&["--colour"][..], &[], &["reconstruct"], &["reconstruct", "bag", "--out", "x", "--engine", "abacus"], &["config", "hide"]]
+    {
+        let (code, out, err) = run(args);
+        assert_eq!((code, out.as_str()), (2, ""), "{args:?}");
+        assert!(!err.is_empty(), "{args:?}");
+    }
+}
+
+#[test]
+fn a_wrong_key_is_named_with_its_place_and_the_nearest_one() {
+    let folder = Folder::new("key");
+    let file = folder.file("mine.yaml", "# mine\ntrain:\n  field:\n    level: 8\n");
+    let (code, out, err) = run(&["config", "show", "--config", &file]);
+    assert_eq!((code, out.as_str()), (2, ""));
+    assert_eq!(err, format!("error: {file}:4: unknown key train.field.level; did you mean train.field.levels?\n"));
+    let (code, _, err) = run(&["reconstruct", "bag", "--out", folder.0.to_str().unwrap(), "--set", "train.field.levels=many"]);
+    assert_eq!((code, err.as_str()), (2, "error: --set: train.field.levels = many: invalid type: string \"many\", expected usize\n"));
+    let (code, _, err) = run(&["config", "show", "--preset", "papr"]);
+    assert!(code == 2 && err.contains("default, preview, paper"), "{err}");
+    let (code, _, err) = run(&["config", "show", "--config", "/nowhere/x.yaml"]);
+    assert!(code == 2 && err.contains("cannot read /nowhere/x.yaml: "), "{err}");
+    let (code, _, err) = run(&["reconstruct", "bag", "--out", "x", "--parts", "1"]);
+    assert!(code == 2 && err.starts_with("error: run.parts: "), "{err}");
+    let (code, _, err) = run(&["reconstruct", "bag", "--out", "x", "--topic", "colour=/x"]);
+    assert!(code == 2 && err.contains("capture.topics.colour; did you mean capture.topics.color?"), "{err}");
+}
+
+#[test]
+fn origins_are_shown_and_later_layers_win() {
+    let folder = Folder::new("origin");
+    let file = folder.file("mine.yaml", "run:\n  seed: 3\ntrain: {field: {hidden: 32}}\n");
+    let (code, out, err) = run(&["config", "show", "--origin", "--preset", "preview", "--config", &file, "--set", "run.seed=9"]);
+    assert_eq!((code, err.as_str()), (0, ""));
+    let line = |key: &str| {
+        let line = out.lines().find(|l| l.starts_with(&format!("{key} = "))).unwrap();
+        line.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    assert_eq!(line("run.seed"), "run.seed = 9 # --set");
+    assert_eq!(line("run.init"), "run.init = registration # default");
+    assert_eq!(line("train.field.hidden"), format!("train.field.hidden = 32 # {file}:3"));
+    let preset = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/preview.yaml")).unwrap();
+    let number = 1 + preset.lines().position(|l| l.trim_start().starts_with("levels:")).unwrap();
+    assert!(line("train.field.levels").ends_with(&format!("# launch_configs/preview.yaml:{number}")), "{}", line("train.field.levels"));
+}
+
+#[test]
+fn what_config_shows_can_be_given_back() {
+    let folder = Folder::new("back");
+    let (code, shown, _) = run(&["config", "show", "--preset", "preview", "--set", "run.parts=3"]);
+    assert_eq!(code, 0);
+    let file = folder.file("shown.yaml", &shown);
+    assert_eq!(run(&["config", "show", "--config", &file]).1, shown);
+}
+
+#[test]
+fn the_doctor_reports_the_machine_and_the_engine() {
+    let (code, out, err) = run(&["doctor"]);
+    assert_eq!((code, err.as_str()), (0, ""));
+    for name in ["artitwin ", "processor ", "memory ", "disk ", "gpu ", "engine     cpu, "] {
+        assert!(out.lines().any(|l| l.starts_with(name)), "{name} not in\n{out}");
+    }
+    #[cfg(not(feature = "gpu"))]
+    {
+        assert!(out.contains("built without the gpu feature"), "{out}");
+        let (code, _, err) = run(&["doctor", "--set", "run.engine=gpu"]);
+        assert!(code == 1 && err.contains("--features gpu"), "{err}");
+    }
+}
+
+#[test]
+fn a_missing_recording_is_an_error_that_names_it() {
+    for args in [&["inspect", "/nowhere/bag"][..], &["reconstruct", "/nowhere/bag", "--out", "/nowhere/out", "--parts", "2"]] {
+        let (code, out, err) = run(args);
+        assert_eq!((code, out.as_str()), (1, ""), "{args:?}: {err}");
+        assert!(err.contains("/nowhere/bag"), "{args:?}: {err}");
+    }
+}
+
+#[test]
+fn json_leaves_nothing_but_events_on_stdout() {
+    let folder = Folder::new("json");
+    let (code, out, err) = run(&["reconstruct", "/nowhere/bag", "--out", folder.0.to_str().unwrap(), "--parts", "2", "--json"]);
+    assert!(code == 1 && err.starts_with("error: "), "{err}");
+    let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact"];
+    for line in out.lines() {
+        let event: serde_json::Value = serde_json::from_str(line).unwrap();
+        assert!(known.contains(&event["event"].as_str().unwrap()), "{line}");
+    }
+}

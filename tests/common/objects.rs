@@ -1,0 +1,190 @@
+//! Objects with known truth, as models and as truth folders.
+
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
+
+use artitwin::{
+    geometry::Pose,
+    io::{RunDir, read_mesh},
+    model::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
+    surface::TriangleMesh,
+};
+use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
+
+/// Axis-aligned box with outward triangles, metres; every side is cut into `cells * cells` squares.
+pub fn box_mesh(lower: [f64; 3], upper: [f64; 3], color: [u8; 3], cells: u32) -> TriangleMesh {
+    let (lower, side) = (Vector3::from(lower), Vector3::from(upper) - Vector3::from(lower));
+    let mut mesh = TriangleMesh::default();
+    for axis in 0..3 {
+        for top in [0.0, 1.0] {
+            let first = mesh.vertices.len() as u32;
+            for i in 0..=cells {
+                for j in 0..=cells {
+                    let mut unit = Vector3::zeros();
+                    (unit[axis], unit[(axis + 1) % 3], unit[(axis + 2) % 3]) =
+                        (top, f64::from(i) / f64::from(cells), f64::from(j) / f64::from(cells));
+                    mesh.vertices.push(Point3::from(lower + side.component_mul(&unit)).cast());
+                }
+            }
+            let at = |i: u32, j: u32| first + i * (cells + 1) + j;
+            for (i, j) in (0..cells).flat_map(|i| (0..cells).map(move |j| (i, j))) {
+                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                mesh.triangles.extend(if top > 0.5 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+            }
+        }
+    }
+    mesh.colors = vec![color; mesh.vertices.len()];
+    mesh
+}
+
+/// A link with a box's mass properties.
+pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
+    let (lower, upper) = visual.bounds().expect("a mesh");
+    let side = (upper - lower).cast::<f64>();
+    let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
+    let inertia = Matrix3::from_diagonal(&Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y)));
+    let inertial = Inertial { mass_kg, center_of_mass: nalgebra::center(&lower, &upper).cast(), inertia, assumption: "solid box".into() };
+    Link { name: name.into(), visual, inertial }
+}
+
+/// A joint with evidence of no meaning.
+pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_from_joint: Pose, axis: [f64; 3], range: [f64; 2]) -> Joint {
+    let evidence = JointEvidence {
+        covariance: SMatrix::identity() * 1e-8,
+        state1_from_state0: Pose::identity(),
+        inliers: 900,
+        tried: 1000,
+        residual_rms_m: 0.001,
+        type_scores: BTreeMap::new(),
+        cautions: vec![],
+    };
+    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed };
+    Joint { name: name.into(), kind, parent, child, parent_from_joint, axis: Unit::new_normalize(axis.into()), limit, evidence }
+}
+
+/// A desk with a chain of two turning arms and a drawer: joint frames turned and off the world's origin.
+pub fn desk() -> ArticulatedModel {
+    let turned = |xyz: [f64; 3], rpy: [f64; 3]| {
+        Pose::from_parts(Vector3::from(xyz).into(), UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]))
+    };
+    ArticulatedModel {
+        name: "desk".into(),
+        links: vec![
+            link("body", box_mesh([-0.3, -0.5, 0.0], [0.3, 0.5, 0.5], [120, 110, 100], 4), 12.0),
+            link("arm", box_mesh([-0.03, -0.03, 0.0], [0.03, 0.03, 0.4], [200, 70, 50], 4), 0.8),
+            link("head", box_mesh([0.0, -0.06, -0.04], [0.2, 0.06, 0.04], [230, 190, 60], 4), 0.4),
+            link("drawer", box_mesh([-0.15, -0.08, 0.02], [0.15, 0.08, 0.3], [60, 100, 190], 4), 2.0),
+        ],
+        joints: vec![
+            joint("arm_joint", JointKind::Revolute, 0, 1, turned([-0.2, 0.3, 0.5], [0.1, -0.2, 0.3]), [0.0, 1.0, 0.0], [-0.5, 1.1]),
+            joint("head_joint", JointKind::Revolute, 1, 2, turned([0.0, 0.0, 0.4], [0.2, 0.1, -0.4]), [0.6, 0.0, 0.8], [-1.0, 1.2]),
+            joint(
+                "drawer_joint",
+                JointKind::Prismatic,
+                0,
+                3,
+                turned([0.3, 0.0, 0.25], [0.0, std::f64::consts::FRAC_PI_2, 0.0]),
+                [0.0, 0.0, 1.0],
+                [0.0, 0.25],
+            ),
+        ],
+        states: vec![vec![0.1, -0.4, 0.02], vec![0.8, 0.5, 0.2]],
+    }
+}
+
+/// A model made of the true meshes of the small drawer in `bags/`, with its true joint.
+pub fn true_drawer() -> ArticulatedModel {
+    let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0");
+    let mesh = |part: usize| read_mesh(&truth.join(format!("part_{part}.ply"))).expect("a true mesh");
+    // The drawer slides along x; its frame is turned so that this is the joint's z axis.
+    let world_from_joint =
+        Pose::from_parts(Vector3::new(0.1, -0.2, 0.3).into(), UnitQuaternion::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.0));
+    let mut model = ArticulatedModel {
+        name: "drawer".into(),
+        links: vec![link("carcass", mesh(0), 5.0), link("drawer", mesh(1), 1.0)],
+        joints: vec![joint("drawer_joint", JointKind::Prismatic, 0, 1, world_from_joint, [0.0, 0.0, 1.0], [0.03, 0.19])],
+        states: vec![vec![0.03], vec![0.19]],
+    };
+    let world_from_drawer = model.world_from_link(1, &model.states[0]);
+    model.links[1].visual = mesh(1).transformed(&world_from_drawer.inverse());
+    model
+}
+
+/// Writes a model as a run: URDF, meshes and the states of the report.
+pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
+    assert_eq!(validate(model), []);
+    let run = RunDir::create(out, &model.name).expect("an output folder");
+    for file in artitwin::export::urdf_package(model) {
+        run.put(&file.path, &file.bytes).expect("a written file");
+    }
+    let state = |q: &Vec<f64>| {
+        let joints: BTreeMap<&str, f64> = model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
+        serde_json::json!({ "joints": joints })
+    };
+    let report = serde_json::json!({ "states": model.states.iter().map(state).collect::<Vec<_>>() });
+    run.put("report.json", report.to_string().as_bytes()).expect("a written file");
+    run.commit().expect("a finished folder")
+}
+
+/// Writes a model as ground truth, without seen points.
+pub fn write_truth(model: &ArticulatedModel, folder: &Path) {
+    let mut parts = vec![serde_json::json!({ "index": 0, "name": model.links[0].name, "parent": -1, "type": "fixed" })];
+    for joint in &model.joints {
+        let [q0, q1] = [&model.states[0], &model.states[1]];
+        let motion = model.world_from_link(joint.child, q1) * model.world_from_link(joint.child, q0).inverse();
+        let world_from_joint = model.world_from_link(joint.parent, q0) * joint.parent_from_joint;
+        let rows: Vec<Vec<f64>> = motion.to_homogeneous().row_iter().map(|r| r.iter().copied().collect()).collect();
+        parts.push(serde_json::json!({
+            "index": joint.child, "name": model.links[joint.child].name, "parent": joint.parent,
+            "type": if joint.kind == JointKind::Revolute { "revolute" } else { "prismatic" },
+            "axis": (world_from_joint.rotation * joint.axis.into_inner()).as_slice(),
+            "origin": world_from_joint.translation.vector.as_slice(), "state1_from_state0": rows,
+        }));
+    }
+    fs::create_dir_all(folder).expect("a folder");
+    fs::write(folder.join("truth.json"), serde_json::json!({ "parts": parts }).to_string()).expect("a written file");
+    for (s, positions) in model.states.iter().enumerate() {
+        let state = folder.join(format!("truth/state{s}"));
+        fs::create_dir_all(&state).expect("a folder");
+        let placed: Vec<TriangleMesh> =
+            (0..model.links.len()).map(|l| model.links[l].visual.transformed(&model.world_from_link(l, positions))).collect();
+        for (l, mesh) in placed.iter().enumerate() {
+            fs::write(state.join(format!("part_{l}.ply")), ply(mesh)).expect("a written file");
+        }
+        let whole = artitwin::surface::merge(&placed.iter().collect::<Vec<_>>());
+        fs::write(state.join("whole.ply"), ply(&whole)).expect("a written file");
+    }
+}
+
+fn ply(mesh: &TriangleMesh) -> String {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    );
+    for p in &mesh.vertices {
+        writeln!(text, "{} {} {}", p.x, p.y, p.z).expect("text");
+    }
+    for [a, b, c] in &mesh.triangles {
+        writeln!(text, "3 {a} {b} {c}").expect("text");
+    }
+    text
+}
+
+/// A folder that goes away at the end of a test.
+pub struct Temp(pub std::path::PathBuf);
+
+impl Temp {
+    /// A fresh empty folder.
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("artitwin-test-{name}-{}", std::process::id()));
+        fs::remove_dir_all(&path).ok();
+        fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+}
+
+impl Drop for Temp {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).ok();
+    }
+}

@@ -1,0 +1,50 @@
+//! The main job on a recording that ships here.
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use artitwin::evaluate::{EvaluateOptions, run};
+
+fn reconstruct(out: &Path, options: &[&str]) -> (i32, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
+        .args(["reconstruct", "bags/drawer", "--preset", "preview", "--out"])
+        .arg(out)
+        .args(options)
+        .output()
+        .unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::remove_dir_all(&folder).ok();
+    folder
+}
+
+#[test]
+fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
+    let outs = [folder("reconstruct-a"), folder("reconstruct-b")];
+    for out in &outs {
+        let (code, told) = reconstruct(out, &["--parts", "2"]);
+        assert!(code == 0 || code == 3, "{told}");
+    }
+    let read = |out: &PathBuf, file: &str| std::fs::read(out.join("drawer").join(file)).unwrap();
+    for file in ["drawer.urdf", "meshes/visual/base.obj", "meshes/visual/part_1.obj"] {
+        assert_eq!(read(&outs[0], file), read(&outs[1], file), "{file} differs between two runs with one seed");
+    }
+    let report = run(&[outs[0].join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
+    let joint = &report.trials[0].joints[0];
+    assert_eq!(joint.type_right, Some(true), "{joint:?}");
+    assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");
+}
+
+#[test]
+fn a_run_without_the_number_of_parts_is_refused_and_leaves_nothing() {
+    let out = folder("reconstruct-none");
+    let (code, told) = reconstruct(&out, &[]);
+    assert_eq!(code, 1, "{told}");
+    assert!(told.contains("--parts N"), "{told}");
+    assert!(!out.join("drawer").exists());
+}
