@@ -1,5 +1,7 @@
 //! The main job on a recording that ships here.
 
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 use std::{
     path::{Path, PathBuf},
     process::Command,
