@@ -33,6 +33,8 @@ pub struct CaptureConfig {
     pub noise: NoiseConfig,
     /// Whether the noise model is scaled to what the recording shows.
     pub measure_noise: bool,
+    /// Whether the object's depth is replaced by that of local planes, where they explain it.
+    pub denoise: bool,
     /// Seed of the random choices made here.
     pub seed: u64,
 }
@@ -90,6 +92,7 @@ impl Default for CaptureConfig {
             isolate: IsolateConfig::default(),
             noise: NoiseConfig::default(),
             measure_noise: true,
+            denoise: true,
             seed: 0,
         }
     }

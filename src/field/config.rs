@@ -119,10 +119,10 @@ impl Default for TrainConfig {
 
 impl TrainConfig {
     /// The truncation in metres: the configured one, else the larger of 2 % of the object's longest side and four
-    /// times the expected noise at the median depth. (The published 3 cm suit objects of 1 to 2 m.)
+    /// times the median of the expected noise. (The published 3 cm suit objects of 1 to 2 m.)
     #[must_use]
-    pub fn derived_truncation_m(&self, scene: &SceneBox, median_depth_m: f64) -> f64 {
-        self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * self.noise.sigma_m(median_depth_m)))
+    pub fn derived_truncation_m(&self, scene: &SceneBox, median_sigma_m: f64) -> f64 {
+        self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
     }
 
     /// Refuses values that cannot be trained with.

@@ -80,7 +80,7 @@ impl FieldTrainer {
         let n = params.parameters();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
         Ok(Self {
-            truncation_m: config.derived_truncation_m(&input.scene, pool.median_depth_m),
+            truncation_m: config.derived_truncation_m(&input.scene, pool.median_sigma_m),
             trust: vec![u8::MAX; pool.surface.len()],
             config: config.clone(),
             scene: input.scene,

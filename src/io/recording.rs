@@ -11,7 +11,7 @@ use super::{
     views::{View, Views},
 };
 use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, isolate, noise_factor, spread_views},
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, denoise, isolate, noise_factor, spread_views},
     geometry::Pose,
     run::stage_rng,
 };
@@ -37,6 +37,10 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Capt
     check_depth(&capture, config)?;
     measure_noise(&mut capture, config);
     isolate(&mut capture, config, &mut stage_rng(config.seed, "capture/isolate", 0))?;
+    if config.denoise {
+        let noise = capture.noise;
+        capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
+    }
     Ok(capture)
 }
 

@@ -133,7 +133,7 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
         origin: frame.world_from_camera.translation.vector.into(),
         direction: frame.world_from_camera * frame.intrinsics.ray(u as f64, v as f64),
         depth_m,
-        sigma_m: noise.sigma_m(depth_m),
+        sigma_m: frame.sigma_m(pixel, noise),
         frame: index,
         rgb: frame.rgb[pixel].map(|c| f32::from(c) / 255.0),
     }
