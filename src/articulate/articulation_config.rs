@@ -85,6 +85,9 @@ pub struct Compatibility {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ArticulationConfig {
+    /// Whether parts and motions that registration found are refined by consistency between the two states' fields. Motions
+    /// that start from the identity always are.
+    pub refine: bool,
     /// Optimizer steps where motions start from the identity.
     pub identity_steps: usize,
     /// Optimizer steps where motions start from a registration.
@@ -132,6 +135,7 @@ pub struct ArticulationConfig {
 impl Default for ArticulationConfig {
     fn default() -> Self {
         Self {
+            refine: false,
             identity_steps: 2000,
             refine_steps: 400,
             label_steps: 200,

@@ -26,7 +26,7 @@ use crate::{
     capture::CaptureConfig,
     field::TrainConfig,
     model::ModelConfig,
-    surface::SurfaceConfig,
+    surface::{SurfaceConfig, SurfaceSource},
 };
 
 /// What was asked of a run: one group per layer.
@@ -62,5 +62,17 @@ impl Config {
         let refused = |error| ConfigError::Refused(Box::new(error));
         self.run.check()?;
         self.capture.check().map_err(refused)
+    }
+
+    /// Whether parts and motions are sought by consistency between the states' fields (method.md 4).
+    #[must_use]
+    pub fn seeks_consistency(&self) -> bool {
+        self.articulation.refine || self.run.init == Init::Identity
+    }
+
+    /// Whether the run needs neural fields.
+    #[must_use]
+    pub fn trains_fields(&self) -> bool {
+        self.surface.source == SurfaceSource::Field || self.seeks_consistency()
     }
 }

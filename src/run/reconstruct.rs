@@ -11,7 +11,7 @@ use super::{
     twin::{assemble, joints},
 };
 use crate::{
-    articulate::{ColorField, LiftedMatch, lift, match_states},
+    articulate::{LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
     export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
@@ -88,9 +88,13 @@ pub fn reconstruct_twin(
         let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
             Ok::<_, RunError>(fuse(frames[state], &scene, &band, noise, config.surface.nodes))
         })?;
-        let field = stages
-            .run(&format!("field/state{state}"), Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?;
-        let geometry = (config.surface.source == SurfaceSource::Field).then_some(&field);
+        let field = if config.trains_fields() {
+            let stage = format!("field/state{state}");
+            Some(stages.run(&stage, Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?)
+        } else {
+            None
+        };
+        let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
         let surface = stages.run(&format!("surface/state{state}"), None, |_| {
             state_surface(frames[state], &volume, geometry, &scene, &band, noise, &config.surface)
         })?;
@@ -101,11 +105,18 @@ pub fn reconstruct_twin(
         return Err(RunError::stage("surface", "a state is missing"));
     };
     let surfaces: [&StateSurface; 2] = [&surface0, &surface1];
-    let colors: [&dyn ColorField; 2] = [&field0, &field1];
-    let search = Search { frames, surfaces, colors, matches: &matches, scene, truncation_m: band.truncation_m, parts };
+    let search = Search {
+        frames,
+        surfaces,
+        fields: [field0.as_ref(), field1.as_ref()],
+        matches: &matches,
+        scene,
+        truncation_m: band.truncation_m,
+        parts,
+    };
     let registration = stages.run("register", None, |_| search.register(config))?;
     registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
-    let articulation = search.optimise(&registration, config, checkpoint, stages)?;
+    let articulation = search.articulate(&registration, config, checkpoint, stages)?;
     let joints = stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, &matches, &scene, config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);

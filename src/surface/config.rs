@@ -27,17 +27,17 @@ pub struct SurfaceConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceSource {
-    /// The zero level of the neural field, where frames observed it.
+    /// The fused depth images.
     #[default]
-    Field,
-    /// The fused depth images alone.
     Fusion,
+    /// The zero level of the neural field, where frames observed it.
+    Field,
 }
 
 impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
-            source: SurfaceSource::Field,
+            source: SurfaceSource::default(),
             nodes: 224,
             distance_nodes: 201,
             points: 25_000,
