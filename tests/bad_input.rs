@@ -175,7 +175,7 @@ fn more_parts_than_the_recording_carries() {
 
 #[test]
 fn all_depth_invalid() {
-    let words = ["state 0: all depth is invalid", "16 frames", "16UC1 is millimeters", "capture.depth_max_m"];
+    let words = ["state 0: all depth is invalid", "10 frames", "16UC1 is millimeters", "capture.depth_max_m"];
     // Twelve bytes stand before the picture of a compressedDepth message.
     let blacken = |picture: &mut image::DynamicImage| picture.as_mut_luma16().unwrap().fill(0);
     refused_drawer("no-readings", &words, |_, m| {
@@ -378,7 +378,8 @@ fn what_stands_under_the_final_name_is_never_harmed() {
 #[test]
 fn settings_that_no_run_can_use_are_refused_before_any_work() {
     let folder = TempDir::new("settings");
-    for (setting, key) in [("train.rays=0", "train.rays: 0;"), ("surface.nodes=2", "surface.nodes: 2;"), ("model.effort=0", "model.effort: 0;")]
+    for (setting, key) in
+        [("train.rays=0", "train.rays: 0;"), ("surface.nodes=2", "surface.nodes: 2;"), ("model.effort=0", "model.effort: 0;")]
     {
         let ended = refused(&folder, &[&shipped("drawer")], &["--parts", "2", "--set", setting], 2, &[key, "(--set)"]);
         assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);

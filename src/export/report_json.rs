@@ -276,7 +276,11 @@ fn round3(v: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::start::{compare_starts, nearest_starts}, geometry::Pose, model::example::cabinet};
+    use crate::{
+        export::start::{compare_starts, nearest_starts},
+        geometry::Pose,
+        model::example::cabinet,
+    };
 
     fn facts() -> RunFacts {
         RunFacts {

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::PathBuf};
 use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
-    outcome::OUTPUT_STAGE,
     fields::train_field,
+    outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},

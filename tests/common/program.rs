@@ -1,5 +1,7 @@
 //! The program as a process, and copies of a shipped recording with their messages changed.
 
+#![allow(dead_code, reason = "every test binary uses its own part of this")]
+
 use std::{
     path::{Path, PathBuf},
     process::Command,
@@ -39,7 +41,9 @@ pub fn shipped(path: &str) -> PathBuf {
 pub fn reconstruct(sources: &[&Path], out: &Path, options: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
     command.arg("reconstruct").args(sources).arg("--out").arg(out).args(["--preset", "preview"]);
-    SMALL.iter().for_each(|s| drop(command.args(["--set", s])));
+    for setting in SMALL {
+        command.args(["--set", setting]);
+    }
     command.args(options);
     command
 }
