@@ -159,7 +159,7 @@ fn json_leaves_nothing_but_events_on_stdout() {
     let folder = Folder::new("json");
     let (code, out, err) = run(&["reconstruct", "/nowhere/bag", "--out", folder.0.to_str().unwrap(), "--parts", "2", "--json"]);
     assert!(code == 1 && err.starts_with("error: "), "{err}");
-    let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact"];
+    let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact", "error"];
     for line in out.lines() {
         let event: serde_json::Value = serde_json::from_str(line).unwrap();
         assert!(known.contains(&event["event"].as_str().unwrap()), "{line}");

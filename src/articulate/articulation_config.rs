@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::trainer_input::{MIN_PARTS, TrainerError, check_settings};
+
 /// Which of two readings of the method to follow where the published text and the released program differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -130,6 +132,16 @@ pub struct ArticulationConfig {
     pub weights: LossWeights,
     /// Published text or released program.
     pub compatibility: Compatibility,
+}
+
+impl ArticulationConfig {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// [`TrainerError::Setting`] with the key.
+    pub fn check(&self) -> Result<(), TrainerError> {
+        check_settings(self, MIN_PARTS, 1.0)
+    }
 }
 
 impl Default for ArticulationConfig {

@@ -35,8 +35,6 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
-    /// Seed of the random choices made here.
-    pub seed: u64,
 }
 
 /// Topic names that replace those found by type and name.
@@ -93,7 +91,6 @@ impl Default for CaptureConfig {
             noise: NoiseConfig::default(),
             measure_noise: true,
             denoise: true,
-            seed: 0,
         }
     }
 }

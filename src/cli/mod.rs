@@ -37,7 +37,7 @@ pub fn main() -> ExitCode {
         Ok(exit) => exit.into(),
         Err(error) => {
             let exit = error.exit();
-            tell(&format!("error: {:#}", anyhow::Error::from(error)));
+            tell(&format!("error: {}", error.chain()));
             exit.into()
         }
     }

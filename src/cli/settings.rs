@@ -52,6 +52,6 @@ impl ReconstructArgs {
 
 fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
     let resolved: Resolved<Config> = layers.resolve()?;
-    resolved.config.check()?;
+    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
     Ok(resolved)
 }

@@ -7,6 +7,7 @@
 //! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is serialized
 //! (no `skip_serializing_if`): the serialized default is the list of valid keys.
 
+mod check;
 mod error;
 mod layers;
 mod lines;
@@ -57,11 +58,9 @@ impl Config {
     /// Refuses values that no run can use.
     ///
     /// # Errors
-    /// [`ConfigError::Unusable`] or [`ConfigError::Refused`] with the key.
+    /// [`ConfigError::Unusable`] with the key of the first one.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let refused = |error| ConfigError::Refused(Box::new(error));
-        self.run.check()?;
-        self.capture.check().map_err(refused)
+        check::check(self)
     }
 
     /// Whether parts and motions are sought by consistency between the states' fields (method.md 4).

@@ -16,5 +16,5 @@ pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
     InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
 };
-pub use start::{InitialMotion, compare_start};
+pub use start::{InitialMotion, compare_starts, nearest_starts};
 pub use urdf::{escape, roll_pitch_yaw, urdf, urdf_with_collision, visual_path};

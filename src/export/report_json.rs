@@ -276,7 +276,11 @@ fn round3(v: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::start::compare_start, geometry::Pose, model::example::cabinet};
+    use crate::{
+        export::start::{compare_starts, nearest_starts},
+        geometry::Pose,
+        model::example::cabinet,
+    };
 
     fn facts() -> RunFacts {
         RunFacts {
@@ -336,10 +340,20 @@ mod tests {
     fn the_start_is_compared_with_the_end() {
         let model = cabinet();
         let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
-        let same = compare_start(&model, "registration", &[end(1), end(2)]);
+        let same = compare_starts(&model, "registration", true, &[end(1), end(2)]);
         assert!(same.iter().all(|m| m.rotation_deg < 1e-6 && m.displacement_mm < 1e-6), "{same:?}");
-        let off = compare_start(&model, "identity", &[Pose::identity(), Pose::identity()]);
+        let off = compare_starts(&model, "identity", false, &[Pose::identity(), Pose::identity()]);
         assert!((off[0].rotation_deg - 1.25f64.to_degrees()).abs() < 1e-9 && off[0].joint == "door_hinge");
-        assert!((off[1].displacement_mm - 180.0).abs() < 1e-9 && off[1].source == "identity");
+        assert!((off[1].displacement_mm - 180.0).abs() < 1e-9 && off[1].source == "identity" && !off[1].used);
+        assert_eq!((off[1].start_displacement_mm, off[1].start_rotation_deg), (0.0, 0.0));
+        assert!((same[1].start_displacement_mm - 180.0).abs() < 1e-9 && same[1].used);
+    }
+
+    #[test]
+    fn motions_of_another_order_are_matched_with_the_joints() {
+        let model = cabinet();
+        let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
+        let near = |i: usize| Pose::translation(0.001, 0.0, 0.0) * end(i);
+        assert_eq!(nearest_starts(&model, &[near(2), near(1)]), [near(1), near(2)]);
     }
 }

@@ -40,7 +40,9 @@ pub struct TrainConfig {
     pub color_share: f64,
     /// Sharpness of the bell of colour weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
     pub color_sharpness: f64,
-    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`].
+    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`]. Not a setting: a run has one
+    /// truncation for fields and surfaces, whose key is `surface.truncation_m`.
+    #[serde(skip)]
     pub truncation_m: Option<f64>,
     /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where nothing was
     /// observed, the field stays near it.
@@ -55,7 +57,9 @@ pub struct TrainConfig {
     pub outlier_sigmas: f64,
     /// Share of the steps after which outliers are looked for.
     pub outlier_from: f64,
-    /// Depth noise.
+    /// Depth noise. Not a setting: a run gives what it measured, whose keys are `capture.noise` and
+    /// `capture.measure_noise`.
+    #[serde(skip)]
     pub noise: NoiseConfig,
 }
 

@@ -28,4 +28,4 @@ mod topics;
 mod views;
 
 pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
-pub use recording::open;
+pub use recording::{object_name, open};

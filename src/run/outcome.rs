@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 use super::{Cancelled, CheckpointError};
 use crate::{
-    config::{Config, Origins},
+    config::{Config, ConfigError, Origins},
     model::{ArticulatedModel, JointKind},
 };
+
+/// Name under which the writing of the run folder fails.
+pub(super) const OUTPUT_STAGE: &str = "output";
 
 /// What is asked of a reconstruction.
 #[derive(Clone, Debug)]
@@ -56,6 +59,9 @@ pub struct JointSummary {
 /// Why a run ended without a result. Nothing stands under the final name then.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
+    /// The settings cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// Stopped on request.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -76,6 +82,17 @@ impl RunError {
     /// The failure of a stage.
     pub fn stage(stage: impl Into<String>, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Stage { stage: stage.into(), source: source.into() }
+    }
+
+    /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be written. After any
+    /// other failure it would fail again.
+    #[must_use]
+    pub fn can_continue(&self) -> bool {
+        match self {
+            Self::Cancelled(_) | Self::Checkpoint(_) => true,
+            Self::Config(_) => false,
+            Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
+        }
     }
 }
 

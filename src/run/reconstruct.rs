@@ -6,6 +6,7 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
     fields::train_field,
+    outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},
@@ -14,7 +15,7 @@ use crate::{
     articulate::{LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
-    export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
+    export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_starts, nearest_starts, report_html, urdf_package},
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
@@ -28,6 +29,8 @@ pub struct Twin {
     pub model: ArticulatedModel,
     /// `state1_from_state0` that each moving part's refinement started from, in the order of the joints.
     pub starts: Vec<Pose>,
+    /// The motions that registration found, in its own order.
+    pub registered: Vec<Pose>,
     /// Sentences about evidence that is weak.
     pub warnings: Vec<String>,
 }
@@ -35,24 +38,52 @@ pub struct Twin {
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
 ///
 /// # Errors
-/// If a stage fails or the monitor asks to stop; nothing stands under the final name then.
+/// If the request cannot be fulfilled, which is told before any work, a stage fails or the monitor asks to stop; nothing
+/// stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
+    let name = checked_name(request)?;
+    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
+    if request.resume && !checkpoint.is_continued() {
+        let message = format!("there is no usable checkpoint of {name} in {}; the run starts anew", request.out.display());
+        monitor.tell(Event::Note { message });
+    }
+    match reconstruct_files(&name, request, &checkpoint, monitor) {
+        Ok(outcome) => {
+            checkpoint.remove()?;
+            monitor.tell(Event::Artifact { path: outcome.folder.display().to_string() });
+            Ok(outcome)
+        }
+        Err(error) => {
+            if !error.can_continue() {
+                checkpoint.discard()?;
+            }
+            Err(error)
+        }
+    }
+}
+
+/// Refuses what no recording could make right; the name of the twin.
+fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
+    request.config.check().and_then(|()| request.config.run.needed_parts()).map_err(|e| e.with_origin(&request.origins))?;
+    let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    let name = request.name.clone().unwrap_or(found);
+    io::RunDir::check(&request.out, &name).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    Ok(name)
+}
+
+/// All stages, and the run folder in its place.
+fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Checkpoint, monitor: &Monitor) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
     let capture = stages.run("capture", None, |_| {
-        io::open(&request.sources, &CaptureConfig { seed: config.run.seed, ..config.capture.clone() })
-            .map_err(|e| RunError::stage("capture", e))
+        io::open(&request.sources, &config.capture, config.run.seed).map_err(|e| RunError::stage("capture", e))
     })?;
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
-    let name = request.name.clone().unwrap_or_else(|| capture.name.clone());
-    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
-    let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(name, &capture, config, Some(checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
     let folder = write(&twin.model, &report, &images, request)?;
-    checkpoint.remove()?;
-    monitor.tell(Event::Artifact { path: folder.display().to_string() });
     let warnings = report.run.warnings;
     Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
 }
@@ -72,10 +103,7 @@ pub fn reconstruct_twin(
     // The noise model scaled to what the recording shows.
     let config = &Config { capture: CaptureConfig { noise: capture.noise, ..config.capture.clone() }, ..config.clone() };
     let noise = &config.capture.noise;
-    let parts = config
-        .run
-        .parts
-        .ok_or_else(|| RunError::stage("parts", "the number of rigid parts is not given; add --parts N (static part included)"))?;
+    let parts = config.run.needed_parts()?;
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
     let band = Band::of(frames, &scene, noise, &config.surface);
@@ -124,7 +152,8 @@ pub fn reconstruct_twin(
         let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
-    Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings })
+    let (starts, registered) = (articulation.starts[1..].to_vec(), registration.motions[1..].to_vec());
+    Ok(Twin { model, starts, registered, warnings: registration.warnings })
 }
 
 /// Matches that came with the recording, else those found; lifted to 3D.
@@ -158,9 +187,13 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
 }
 
 fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &Stages) -> RunFacts {
-    let source = match request.config.run.init {
-        Init::Registration => "registration",
-        Init::Identity => "identity",
+    let initialization = match request.config.run.init {
+        Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
+        Init::Identity => {
+            let alone = nearest_starts(&twin.model, &twin.registered);
+            let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
+            [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
+        }
     };
     let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
     RunFacts {
@@ -168,7 +201,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
             paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
             frames: capture.states.iter().map(Vec::len).collect(),
         },
-        initialization: compare_start(&twin.model, source, &twin.starts),
+        initialization,
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
@@ -197,7 +230,7 @@ fn device(engine: Engine) -> String {
 
 /// Puts the run folder in its place, whole.
 fn write(model: &ArticulatedModel, report: &Report, images: &ReportPictures, request: &ReconstructRequest) -> Result<PathBuf, RunError> {
-    let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage("output", e);
+    let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
     let dir = io::RunDir::create(&request.out, &model.name).map_err(|e| failed(e.into()))?;
     for file in urdf_package(model) {
         dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
