@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn an_island_without_evidence_joins_what_surrounds_it() {
         let strong = [0.0, 0.9];
-        let costs = [strong, [0.9, 0.85], strong, strong, [0.9, 0.0], [0.9, 0.0]].concat();
+        let costs = [strong, [0.9, 0.89], strong, strong, [0.9, 0.0], [0.9, 0.0]].concat();
         let mut labels = vec![0, 1, 0, 0, 1, 1];
         chain().join_islands(&mut labels, &costs, 2);
         assert_eq!(labels, vec![0, 0, 0, 0, 1, 1]);
