@@ -71,6 +71,19 @@ pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     (frame.depth_m, frame.readings) = cleaned.into_iter().unzip();
 }
 
+/// Over which distance on the object the errors of denoised depth are alike, metres: half a side of the largest window at
+/// the median depth; 0 for raw depth.
+#[must_use]
+pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
+    const EVERY: usize = 97;
+    let reach = |f: &RgbdFrame, i: usize| f64::from(WINDOWS[WINDOWS.len() - 1].radius) * f64::from(f.depth_m[i]) / f.intrinsics.fx;
+    let usable = |f: &RgbdFrame, i: usize| f.depth_m[i] > 0.0 && f.is_object(i) && !f.readings.is_empty();
+    let of = |f: &RgbdFrame| (0..f.depth_m.len()).step_by(EVERY).filter(|&i| usable(f, i)).map(|i| reach(f, i)).collect::<Vec<_>>();
+    let mut all: Vec<f64> = frames.iter().flat_map(of).collect();
+    let middle = all.len() / 2;
+    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
 /// The plane of the largest window that holds one.
 fn local_plane(inverse: &[f32], width: usize, pixel: usize, sigma: f64) -> Option<Plane> {
     let mut best: Option<Plane> = None;

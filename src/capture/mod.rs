@@ -15,7 +15,7 @@ mod tf;
 mod undistort;
 
 pub use config::{CaptureConfig, IsolateConfig, TopicConfig};
-pub use denoise::denoise;
+pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub use frame::{Capture, PixelMatch, RgbdFrame};
 pub use isolate::isolate;
