@@ -6,12 +6,13 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
     fields::train_field,
+    matching::{pairs, pixel_matches},
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},
 };
 use crate::{
-    articulate::{ColorField, LiftedMatch, lift, match_states},
+    articulate::{ColorField, lift},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
     export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
@@ -30,6 +31,8 @@ pub struct Twin {
     pub starts: Vec<Pose>,
     /// Sentences about evidence that is weak.
     pub warnings: Vec<String>,
+    /// Why the CPU engine took over from the one that was asked for, by state.
+    pub replaced_engines: Vec<String>,
 }
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
@@ -39,6 +42,8 @@ pub struct Twin {
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
+    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
+    let matcher = config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))?;
     let capture = stages.run("capture", None, |_| {
         io::open(&request.sources, &CaptureConfig { seed: config.run.seed, ..config.capture.clone() })
             .map_err(|e| RunError::stage("capture", e))
@@ -47,7 +52,7 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     let name = request.name.clone().unwrap_or_else(|| capture.name.clone());
     let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
-    let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(&name, &capture, matcher.as_ref(), config, Some(&checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
     let folder = write(&twin.model, &report, &images, request)?;
@@ -64,6 +69,7 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
 pub fn reconstruct_twin(
     name: &str,
     capture: &Capture,
+    matcher: Option<&io::OnnxMatcher>,
     config: &Config,
     checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
@@ -79,17 +85,22 @@ pub fn reconstruct_twin(
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
     let band = Band::of(frames, &scene, noise, &config.surface);
-    let matches = stages.run("match", None, |_| Ok::<_, RunError>(matches(capture, config)))?;
+    let matches =
+        stages.run("match", matcher.map(|_| pairs(capture, &config.matching)), |m| pixel_matches(capture, matcher, &config.matching, m))?;
+    let matches = lift(frames, &matches, noise);
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
+    let mut replaced_engines = Vec::new();
     for state in [0, 1] {
         let input = TrainInput { frames: frames[state], scene, occupancy: &occupancy };
         let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
             Ok::<_, RunError>(fuse(frames[state], &scene, &band, noise, config.surface.nodes))
         })?;
-        let field = stages
+        let trained = stages
             .run(&format!("field/state{state}"), Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?;
+        replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+        let field = trained.field;
         let geometry = (config.surface.source == SurfaceSource::Field).then_some(&field);
         let surface = stages.run(&format!("surface/state{state}"), None, |_| {
             state_surface(frames[state], &volume, geometry, &scene, &band, noise, &config.surface)
@@ -113,14 +124,7 @@ pub fn reconstruct_twin(
         let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
-    Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings })
-}
-
-/// Matches that came with the recording, else those found; lifted to 3D.
-fn matches(capture: &Capture, config: &Config) -> Vec<LiftedMatch> {
-    let frames = [&capture.states[0][..], &capture.states[1][..]];
-    let found = if capture.matches.is_empty() { match_states(frames, &config.matching) } else { capture.matches.clone() };
-    lift(frames, &found, &config.capture.noise)
+    Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings, replaced_engines })
 }
 
 /// Cells near the object in either state.
@@ -140,6 +144,9 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     let failed = |e| RunError::stage("checkpoint", e);
     let mut all =
         Fingerprint::default().with("version", env!("CARGO_PKG_VERSION")).with_settings("config", &request.config).map_err(failed)?;
+    if let Some(path) = &request.config.matching.onnx {
+        all = all.with_source("matcher", path).map_err(failed)?;
+    }
     for (i, source) in request.sources.iter().enumerate() {
         all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
     }
@@ -162,8 +169,8 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
         config_digest: config_digest(&request.config),
-        device: device(request.config.run.engine),
-        notes: capture.notes.clone(),
+        device: device(request.config.run.engine, twin.replaced_engines.len()),
+        notes: capture.notes.iter().chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
 }
@@ -175,13 +182,17 @@ fn config_digest(config: &Config) -> String {
     format!("{hash:016x}")
 }
 
-fn device(engine: Engine) -> String {
+/// What trained the fields, of which the CPU engine finished `replaced`.
+fn device(engine: Engine, replaced: usize) -> String {
     let threads = rayon::current_num_threads();
-    match engine {
-        Engine::Cpu => format!("cpu engine ({}), {threads} threads", InstructionSet::detect().name()),
-        Engine::Burn => format!("burn on the CPU, {threads} threads"),
-        Engine::Gpu => format!("burn on the GPU, {threads} threads"),
-    }
+    let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
+    let asked = match engine {
+        Engine::Cpu => return format!("{cpu}, {threads} threads"),
+        Engine::Burn => "burn on the CPU",
+        Engine::Gpu => "burn on the GPU",
+    };
+    let by_cpu = if replaced > 0 { format!(", {replaced} of 2 fields finished by the {cpu}") } else { String::new() };
+    format!("{asked}, {threads} threads{by_cpu}")
 }
 
 /// Puts the run folder in its place, whole.
