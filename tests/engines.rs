@@ -17,8 +17,8 @@ use artitwin::{
 };
 use nalgebra::Point3;
 
-/// Largest difference of the loss of a step, as a share.
-const LOSS_TOLERANCE: f64 = 0.02;
+/// Largest difference of the loss of a step, as a share; 1.2e-5 was seen in 120 steps.
+const LOSS_TOLERANCE: f64 = 1e-3;
 /// Largest root mean square difference of the trained signed distances at observed points, truncations.
 const DISTANCE_TOLERANCE: f64 = 0.02;
 
@@ -97,7 +97,17 @@ fn reconstruct(out: &str, engine: &str, environment: &[(&str, &str)]) -> Run {
     std::fs::remove_dir_all(&out).ok();
     let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
         .args(["reconstruct", "bags/drawer", "--preset", "preview", "--parts", "2", "--json", "--engine", engine])
-        .args(["--set", "train.steps=120", "--set", "train.rays=256", "--set", "train.field.log2_table_size=14", "--out"])
+        .args([
+            "--set",
+            "train.steps=120",
+            "--set",
+            "train.rays=256",
+            "--set",
+            "surface.source=field",
+            "--set",
+            "train.field.log2_table_size=14",
+            "--out",
+        ])
         .arg(&out)
         .envs(environment.iter().copied())
         .output()
@@ -120,7 +130,8 @@ fn reconstruct(out: &str, engine: &str, environment: &[(&str, &str)]) -> Run {
     run
 }
 
-/// The same joint: direction within 0.2 degrees, motion within 1 mm; losses within [`LOSS_TOLERANCE`].
+/// The same joint: direction within 0.1 degrees, motion within 0.2 mm (0.03 degrees and 0.03 mm were seen); losses within
+/// [`LOSS_TOLERANCE`].
 fn same_result(run: &Run, expected: &Run) {
     assert_eq!(run.losses.len(), expected.losses.len());
     for ((stage, done, loss), (_, _, other)) in run.losses.iter().zip(&expected.losses) {
@@ -133,8 +144,8 @@ fn same_result(run: &Run, expected: &Run) {
     };
     let ((kind0, axis0, motion0), (kind1, axis1, motion1)) = (joint(run), joint(expected));
     assert_eq!(kind0, kind1);
-    assert!(axis0.angle(&axis1).to_degrees() < 0.2, "{axis0} {axis1}");
-    assert!((motion0 - motion1).abs() < 0.001, "{motion0} {motion1}");
+    assert!(axis0.angle(&axis1).to_degrees() < 0.1, "{axis0} {axis1}");
+    assert!((motion0 - motion1).abs() < 0.0002, "{motion0} {motion1}");
 }
 
 #[test]

@@ -148,7 +148,7 @@ mod tests {
                 let Some(pixel) = image.frame_pixel([u as f32, v as f32]) else { panic!("{u} {v}") };
                 let at = v * image.width + u;
                 let shown = [image.values[at] * 255.0, image.values[plane + at] * 255.0];
-                assert!((shown[0] - pixel[0]).abs() < 0.02 && (shown[1] - pixel[1]).abs() < 0.02, "{format:?}: {shown:?} {pixel:?}");
+                assert!((shown[0] - pixel[0]).abs() < 0.06 && (shown[1] - pixel[1]).abs() < 0.06, "{format:?}: {shown:?} {pixel:?}");
                 assert_eq!(image.values[2 * plane + at], 0.0);
             }
             assert_eq!(image.frame_pixel([inner[0] as f32 + 1.0, 0.0]), None);

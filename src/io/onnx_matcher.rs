@@ -8,7 +8,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use tract_onnx::prelude::*;
+use tract_onnx::{prelude::*, tract_hir::infer::Factoid as _};
 
 use super::onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 use crate::{
@@ -182,7 +182,7 @@ fn format(model: &InferenceModel, name: &str) -> Option<ImageFormat> {
 
 /// Sizes of all dimensions, `None` where the model leaves them open.
 fn dims(fact: &InferenceFact) -> Vec<Option<usize>> {
-    fact.shape.dims().map(|d| d.concretize().and_then(|d| d.to_usize().ok())).collect()
+    fact.shape.dims().map(|d| d.concretize().and_then(|d| usize::try_from(d.as_i64()?).ok())).collect()
 }
 
 /// Inputs and outputs in words.
