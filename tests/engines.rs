@@ -3,7 +3,7 @@
 //! With the `gpu` feature also on the default adapter; without one these tests say that they are skipped. Debian's
 //! `mesa-vulkan-drivers` has one in software; `VK_ICD_FILENAMES=/usr/share/vulkan/icd.d/lvp_icd.x86_64.json` chooses it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "a test may panic, and tells what it measured")]
 
 use std::{path::Path, process::Command};
 
