@@ -97,15 +97,14 @@ impl<W: Write> Listener for Lines<W> {
                     None => format!("{stage}: started"),
                 }
             }
-            Event::Step { stage, done, total, .. } | Event::Count { stage, done, total } => {
+            Event::Step { stage, done, total, loss } => {
                 let (began, shown) = self.stages.entry(stage.clone()).or_insert((at, at));
                 if at < *shown + LINE_INTERVAL {
                     return;
                 }
                 *shown = at;
                 let left = time_left(at.saturating_sub(*began), *done, *total);
-                let loss = if let Event::Step { loss, .. } = event { format!(", loss {loss:.4e}") } else { String::new() };
-                format!("{stage}: {done} of {total}{loss}{left}")
+                format!("{stage}: {done} of {total}, loss {loss:.4e}{left}")
             }
             other => match sentence(other) {
                 Some(line) => line,
@@ -154,9 +153,6 @@ impl Listener for Bars {
                 bar.set_position(*done as u64);
                 bar.set_message(format!("loss {loss:.3e}"));
             }
-            Event::Count { stage, done, total } => {
-                self.bar(stage, Some(*total)).set_position(*done as u64);
-            }
             other => {
                 if let Event::StageFinished { stage, .. } = other
                     && let Some(bar) = self.running.remove(stage)
@@ -183,7 +179,7 @@ impl Drop for Bars {
 /// What an event says; steps and starts are shown in their own way.
 fn sentence(event: &Event) -> Option<String> {
     match event {
-        Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } => None,
+        Event::StageStarted { .. } | Event::Step { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
         Event::Warning { message } => Some(format!("warning: {message}")),
         Event::Note { message } => Some(message.clone()),

@@ -61,11 +61,6 @@ impl Config {
     pub fn check(&self) -> Result<(), ConfigError> {
         let refused = |error| ConfigError::Refused(Box::new(error));
         self.run.check()?;
-        self.matching.check().map_err(|(key, reason)| ConfigError::Unusable { key, reason })?;
-        if self.matching.onnx.is_some() && !cfg!(feature = "onnx") {
-            let reason = "this binary was built without ONNX models; build it with `cargo build --release --features onnx`".to_owned();
-            return Err(ConfigError::Unusable { key: "matching.onnx", reason });
-        }
         self.capture.check().map_err(refused)
     }
 }

@@ -5,7 +5,6 @@ mod checkpoint;
 mod checksum;
 mod fields;
 mod fingerprint;
-mod matching;
 mod monitor;
 mod outcome;
 mod pictures;

@@ -6,13 +6,12 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
     fields::train_field,
-    matching::{pairs, pixel_matches},
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},
 };
 use crate::{
-    articulate::{ColorField, lift},
+    articulate::{ColorField, LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
     export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
@@ -42,8 +41,6 @@ pub struct Twin {
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
-    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
-    let matcher = config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))?;
     let capture = stages.run("capture", None, |_| {
         io::open(&request.sources, &CaptureConfig { seed: config.run.seed, ..config.capture.clone() })
             .map_err(|e| RunError::stage("capture", e))
@@ -52,7 +49,7 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     let name = request.name.clone().unwrap_or_else(|| capture.name.clone());
     let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
-    let twin = reconstruct_twin(&name, &capture, matcher.as_ref(), config, Some(&checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
     let folder = write(&twin.model, &report, &images, request)?;
@@ -69,7 +66,6 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
 pub fn reconstruct_twin(
     name: &str,
     capture: &Capture,
-    matcher: Option<&io::OnnxMatcher>,
     config: &Config,
     checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
@@ -85,9 +81,7 @@ pub fn reconstruct_twin(
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
     let band = Band::of(frames, &scene, noise, &config.surface);
-    let matches =
-        stages.run("match", matcher.map(|_| pairs(capture, &config.matching)), |m| pixel_matches(capture, matcher, &config.matching, m))?;
-    let matches = lift(frames, &matches, noise);
+    let matches = stages.run("match", None, |_| Ok::<_, RunError>(matches(capture, config)))?;
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
@@ -127,6 +121,13 @@ pub fn reconstruct_twin(
     Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings, replaced_engines })
 }
 
+/// Matches that came with the recording, else those found; lifted to 3D.
+fn matches(capture: &Capture, config: &Config) -> Vec<LiftedMatch> {
+    let frames = [&capture.states[0][..], &capture.states[1][..]];
+    let found = if capture.matches.is_empty() { match_states(frames, &config.matching) } else { capture.matches.clone() };
+    lift(frames, &found, &config.capture.noise)
+}
+
 /// Cells near the object in either state.
 fn occupancy(frames: [&[RgbdFrame]; 2], scene: &SceneBox, band: &Band) -> Occupancy {
     const EVERY: usize = 7;
@@ -144,9 +145,6 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     let failed = |e| RunError::stage("checkpoint", e);
     let mut all =
         Fingerprint::default().with("version", env!("CARGO_PKG_VERSION")).with_settings("config", &request.config).map_err(failed)?;
-    if let Some(path) = &request.config.matching.onnx {
-        all = all.with_source("matcher", path).map_err(failed)?;
-    }
     for (i, source) in request.sources.iter().enumerate() {
         all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
     }
