@@ -193,6 +193,12 @@ pub enum FieldError {
         /// Frames given.
         frames: usize,
     },
+    /// The optimisation ran away.
+    #[error("the loss or a parameter is not a finite number after {step} steps; lower train.learning_rate, or report this")]
+    NotFinite {
+        /// Steps done.
+        step: usize,
+    },
     /// A checkpoint belongs to other data or another configuration.
     #[error("field: the checkpoint has {found} {what}, this run {expected}; start again without it")]
     Checkpoint {

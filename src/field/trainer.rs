@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::pool::RayPool;
 use super::sample::Sampler;
-use super::{CpuEngine, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
+use super::{CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
 use crate::capture::RgbdFrame;
 use crate::geometry::SceneBox;
 use crate::run::stage_rng;
@@ -179,6 +179,12 @@ impl FieldTrainer {
     #[must_use]
     pub fn total(&self) -> usize {
         self.config.steps
+    }
+
+    /// Why the engine stopped working, if it did. Go on from an earlier checkpoint, on another engine.
+    #[must_use]
+    pub fn failure(&self) -> Option<&EngineError> {
+        self.engine.failure()
     }
 
     /// The truncation, metres.

@@ -33,6 +33,8 @@ pub struct Twin {
     pub registered: Vec<Pose>,
     /// Sentences about evidence that is weak.
     pub warnings: Vec<String>,
+    /// Why the CPU engine took over from the one that was asked for, by state.
+    pub replaced_engines: Vec<String>,
 }
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
@@ -111,6 +113,7 @@ pub fn reconstruct_twin(
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
+    let mut replaced_engines = Vec::new();
     for state in [0, 1] {
         let input = TrainInput { frames: frames[state], scene, occupancy: &occupancy };
         let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
@@ -118,7 +121,10 @@ pub fn reconstruct_twin(
         })?;
         let field = if config.trains_fields() {
             let stage = format!("field/state{state}");
-            Some(stages.run(&stage, Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?)
+            let train = |m: &Monitor| train_field(state, &input, &band, config, checkpoint, m);
+            let trained = stages.run(&stage, Some(config.train.steps), train)?;
+            replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+            Some(trained.field)
         } else {
             None
         };
@@ -153,7 +159,7 @@ pub fn reconstruct_twin(
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
     let (starts, registered) = (articulation.starts[1..].to_vec(), registration.motions[1..].to_vec());
-    Ok(Twin { model, starts, registered, warnings: registration.warnings })
+    Ok(Twin { model, starts, registered, warnings: registration.warnings, replaced_engines })
 }
 
 /// Matches that came with the recording, else those found; lifted to 3D.
@@ -206,8 +212,8 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
         config_digest: config_digest(&request.config),
-        device: device(request.config.run.engine),
-        notes: capture.notes.clone(),
+        device: device(request.config.run.engine, twin.replaced_engines.len()),
+        notes: capture.notes.iter().chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
 }
@@ -219,13 +225,17 @@ fn config_digest(config: &Config) -> String {
     format!("{hash:016x}")
 }
 
-fn device(engine: Engine) -> String {
+/// What trained the fields, of which the CPU engine finished `replaced`.
+fn device(engine: Engine, replaced: usize) -> String {
     let threads = rayon::current_num_threads();
-    match engine {
-        Engine::Cpu => format!("cpu engine ({}), {threads} threads", InstructionSet::detect().name()),
-        Engine::Burn => format!("burn on the CPU, {threads} threads"),
-        Engine::Gpu => format!("burn on the GPU, {threads} threads"),
-    }
+    let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
+    let asked = match engine {
+        Engine::Cpu => return format!("{cpu}, {threads} threads"),
+        Engine::Burn => "burn on the CPU",
+        Engine::Gpu => "burn on the GPU",
+    };
+    let by_cpu = if replaced > 0 { format!(", {replaced} of 2 fields finished by the {cpu}") } else { String::new() };
+    format!("{asked}, {threads} threads{by_cpu}")
 }
 
 /// Puts the run folder in its place, whole.
