@@ -25,6 +25,7 @@ use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
     capture::CaptureConfig,
     field::TrainConfig,
+    export::LookConfig,
     model::ModelConfig,
     surface::SurfaceConfig,
 };
@@ -51,6 +52,8 @@ pub struct Config {
     pub joint: JointConfig,
     /// What no camera measures: density, thickness, effort.
     pub model: ModelConfig,
+    /// Visual meshes and textures.
+    pub look: LookConfig,
 }
 
 impl Config {

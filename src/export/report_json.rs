@@ -229,6 +229,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
             velocity: l.velocity,
             source: match l.source {
                 LimitSource::Observed => "observed".into(),
+                LimitSource::Swept => "swept".into(),
             },
         },
         axis_std_deg: round_significant(deviation.axis_rad.to_degrees(), 4),

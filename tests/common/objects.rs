@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 use artitwin::{
     geometry::Pose,
     io::{RunDir, read_mesh},
-    model::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
+    model::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
     surface::TriangleMesh,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
@@ -42,8 +42,8 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let side = (upper - lower).cast::<f64>();
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
     let inertia = Matrix3::from_diagonal(&Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y)));
-    let inertial = Inertial { mass_kg, center_of_mass: nalgebra::center(&lower, &upper).cast(), inertia, assumption: "solid box".into() };
-    Link { name: name.into(), visual, inertial }
+    let inertial = Inertial { mass_kg, center_of_mass: nalgebra::center(&lower, &upper).cast(), inertia, assumption: "solid box".into(), mass_range_kg: [mass_kg; 2] };
+    Link { name: name.into(), visual, collision: vec![], inertial }
 }
 
 /// A joint with evidence of no meaning.
@@ -57,8 +57,8 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         type_scores: BTreeMap::new(),
         cautions: vec![],
     };
-    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed };
-    Joint { name: name.into(), kind, parent, child, parent_from_joint, axis: Unit::new_normalize(axis.into()), limit, evidence }
+    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
+    Joint { name: name.into(), kind, parent, child, parent_from_joint, axis: Unit::new_normalize(axis.into()), limit, dynamics: JointDynamics::default(), evidence }
 }
 
 /// A desk with a chain of two turning arms and a drawer: joint frames turned and off the world's origin.
