@@ -16,6 +16,9 @@ use crate::{
 /// Settings that every body shares. Collision geoms carry no mass: the bodies state theirs.
 const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
   <option timestep="0.002" integrator="implicitfast"/>
+  <visual>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/>
+  </visual>
   <default>
     <default class="visual">
       <geom type="mesh" contype="0" conaffinity="0" group="2" density="0"/>

@@ -20,12 +20,12 @@ mod viewer;
 pub use check::{CheckFinding, Folder, Level, check_folder};
 pub use look::{Corner, Look, LookConfig, look, looks};
 pub use mjcf::mjcf;
-pub use obj::{mean_color, mtl, solid_obj, textured_obj};
+pub use obj::{mtl, solid_obj, textured_obj};
 pub use package::{ExportFile, package, urdf_package};
 pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
-    InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
+    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
 };
 pub use sdf::sdf;
 pub use start::{InitialMotion, compare_start};

@@ -69,23 +69,6 @@ fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
     text.push('\n');
 }
 
-/// Mean colour of a mesh, weighted by triangle area, in `[0, 1]`; `None` without colours or area.
-#[must_use]
-pub fn mean_color(mesh: &TriangleMesh) -> Option<[f64; 3]> {
-    if mesh.colors.len() != mesh.vertices.len() {
-        return None;
-    }
-    let (mut sum, mut area) = (Vector3::<f64>::zeros(), 0.0);
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let a = f64::from(mesh.area_normal(t).norm());
-        for &i in triangle {
-            sum += Vector3::from(mesh.colors[i as usize].map(f64::from)) * a;
-        }
-        area += a;
-    }
-    (area > 0.0).then(|| (sum / (3.0 * 255.0 * area)).into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -115,16 +98,5 @@ mod tests {
         let text = solid_obj(&ConvexSolid::cuboid(&Point3::origin(), &Point3::new(1.0, 2.0, 0.5)), "lid_0");
         assert_eq!((text.matches("\nv ").count(), text.matches("\nf ").count()), (8, 12));
         assert!(text.contains("vn 0 0 -1\n") && text.contains("vn 1 0 0\n"));
-    }
-
-    #[test]
-    fn colors_are_weighted_by_area() {
-        let mut mesh = triangle();
-        mesh.vertices.extend([Point3::new(0.0, 0.0, 1.0), Point3::new(0.3, 0.0, 1.0), Point3::new(0.0, 0.25, 1.0)]);
-        mesh.triangles.push([3, 4, 5]);
-        mesh.colors.extend([[0, 255, 0]; 3]);
-        let mean = mean_color(&mesh).unwrap();
-        assert!((mean[0] - 0.25).abs() < 1e-6 && (mean[1] - 0.75).abs() < 1e-6);
-        assert_eq!(mean_color(&TriangleMesh::default()), None);
     }
 }

@@ -1,6 +1,6 @@
 //! Collision solids along the paths of the joints: what stands in the way is cut, and how far a joint gets is measured.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{ArticulatedModel, Joint, JointKind};
 use crate::{
@@ -14,6 +14,8 @@ const STEP_M: f64 = 0.003;
 const MAX_STEPS: usize = 600;
 /// Pieces smaller than this are dropped, cubic metres.
 const MIN_VOLUME_M3: f64 = 1e-8;
+/// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped by it.
+const GRAZE_SHARE: f64 = 0.015;
 /// A revolute joint is swept this far at most, radians.
 const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
@@ -32,13 +34,24 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             if other == joint.child || model.is_below(other, joint.child) {
                 continue;
             }
-            // Between the observed states only the parent is known to be clear.
-            let positions = if other == joint.parent { steps(model, &joint, lower, upper) } else { model.states.iter().map(|s| s[j]).collect() };
-            let poses: Vec<Pose> = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &positions)).collect();
+            let positions = steps(model, &joint, lower, upper);
             let moving = model.links[joint.child].collision.clone();
-            carve(&mut model.links[other].collision, &moving, &poses, config);
+            for state in model.states.clone() {
+                let poses = relative_poses(model, j, other, &state, &positions);
+                // The parent is known to be clear; another part may truly stand in the way, unless it is only grazed.
+                let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
+                carve(&mut model.links[other].collision, &moving, &poses, grazed, config);
+            }
         }
     }
+}
+
+/// Length of the diagonal of the box around some solids, metres.
+fn extent_m(solids: &[ConvexSolid]) -> f64 {
+    let mut bounds = solids.iter().map(ConvexSolid::bounds);
+    let Some(first) = bounds.next() else { return 0.0 };
+    let (lo, hi) = bounds.fold(first, |(lo, hi), (l, h)| (lo.inf(&l), hi.sup(&h)));
+    (hi - lo).norm()
 }
 
 /// The interval around the observed one in which no solid of a joint's child meets one of another link (the other joints
@@ -115,17 +128,28 @@ fn overlaps(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &P
     let bounds: Vec<_> = fixed.iter().map(ConvexSolid::bounds).collect();
     moving.iter().any(|m| {
         let m = m.transformed(fixed_from_moving);
-        let (lo, hi) = m.bounds();
-        let near = |(l, h): &(nalgebra::Point3<f64>, nalgebra::Point3<f64>)| (0..3).all(|k| lo[k] <= h[k] && l[k] <= hi[k]);
-        fixed.iter().zip(&bounds).any(|(f, b)| near(b) && m.penetration_m(f).is_some())
+        let own = m.bounds();
+        fixed.iter().zip(&bounds).any(|(f, b)| boxes_meet(&own, b, 0.0) && m.penetration_m(f).is_some())
     })
 }
 
-/// Cuts the paths of the moving solids out of the fixed ones.
-fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving: &[Pose], config: &ConvexConfig) {
+/// Whether two boxes (lower and upper corners) come closer than a gap.
+fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), gap_m: f64) -> bool {
+    (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
+}
+
+/// Cuts the paths of the moving solids out of the fixed ones, where they do not reach deeper into one than `grazed_m`.
+fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving: &[Pose], grazed_m: f64, config: &ConvexConfig) {
     for solid in moving {
         let path: Vec<ConvexSolid> = fixed_from_moving.iter().map(|p| solid.transformed(p)).collect();
-        *fixed = fixed.drain(..).flat_map(|piece| cut(piece, &path, config)).collect();
+        let met = |piece: &ConvexSolid| {
+            let near = path.iter().filter(|p| boxes_meet(&p.bounds(), &piece.bounds(), config.gap_m));
+            near.filter_map(|p| p.penetration_m(piece)).fold(0.0, f64::max)
+        };
+        let parts = |piece: ConvexSolid| {
+            if grazed_m.is_finite() && met(&piece) > grazed_m { vec![piece] } else { cut(piece, &path, config) }
+        };
+        *fixed = fixed.drain(..).flat_map(parts).collect();
     }
     fixed.sort_by(|a, b| b.volume_m3().total_cmp(&a.volume_m3()));
     fixed.truncate(config.max_solids);
@@ -134,12 +158,11 @@ fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving
 /// What of a solid lies outside the box (along the solid's own axes) around all that a path comes into it.
 fn cut(piece: ConvexSolid, path: &[ConvexSolid], config: &ConvexConfig) -> Vec<ConvexSolid> {
     let grown: Vec<Plane> = piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + config.gap_m, ..p }).collect();
-    let (lower, upper) = piece.bounds();
+    let bounds = piece.bounds();
     let axes = piece.axes();
     let (mut lo, mut hi) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for moved in path {
-        let (l, h) = moved.bounds();
-        if (0..3).any(|k| l[k] > upper[k] + config.gap_m || h[k] < lower[k] - config.gap_m) {
+        if !boxes_meet(&moved.bounds(), &bounds, config.gap_m) {
             continue;
         }
         let Some(inside) = moved.clipped_by(&grown) else { continue };

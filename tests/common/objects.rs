@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 use artitwin::{
     geometry::Pose,
     io::{RunDir, read_mesh},
-    model::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
+    model::{ArticulatedModel, ModelConfig, MovingPart, build, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
     surface::TriangleMesh,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
@@ -107,6 +107,60 @@ pub fn true_drawer() -> ArticulatedModel {
     let world_from_drawer = model.world_from_link(1, &model.states[0]);
     model.links[1].visual = mesh(1).transformed(&world_from_drawer.inverse());
     model
+}
+
+/// Boxes in one mesh: lower and upper corners, metres.
+fn boards(boards: &[[[f64; 3]; 2]], color: [u8; 3]) -> TriangleMesh {
+    let mut all = TriangleMesh::default();
+    for [lower, upper] in boards {
+        let mesh = box_mesh(*lower, *upper, color, 2);
+        let first = all.vertices.len() as u32;
+        all.vertices.extend(&mesh.vertices);
+        all.triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| i + first)));
+        all.colors.extend(&mesh.colors);
+    }
+    all
+}
+
+/// A part as reconstruction gives it: a surface in the world and how it moves.
+fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: TriangleMesh) -> MovingPart {
+    let evidence = joint("unused", kind, 0, 1, Pose::identity(), axis, [0.0, 1.0]).evidence;
+    MovingPart { kind, axis: Unit::new_normalize(axis.into()), point: point.into(), motion, evidence, surface }
+}
+
+/// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The
+/// drawer's front is wider than the opening: it overlaps the boards behind it by 2 mm, as noisy surfaces do.
+pub fn chest() -> ArticulatedModel {
+    let carcass = boards(
+        &[
+            [[-0.3, -0.22, 0.0], [0.1, -0.2, 0.3]],
+            [[-0.3, 0.2, 0.0], [0.1, 0.22, 0.3]],
+            [[-0.3, -0.2, 0.0], [0.1, 0.2, 0.02]],
+            [[-0.3, -0.2, 0.28], [0.1, 0.2, 0.3]],
+            [[-0.3, -0.2, 0.02], [-0.28, 0.2, 0.28]],
+        ],
+        [150, 120, 90],
+    );
+    let drawer = boards(
+        &[
+            [[0.098, -0.21, 0.03], [0.12, 0.21, 0.27]],
+            [[-0.25, -0.19, 0.05], [0.098, -0.18, 0.2]],
+            [[-0.25, 0.18, 0.05], [0.098, 0.19, 0.2]],
+            [[-0.25, -0.18, 0.05], [0.098, 0.18, 0.06]],
+            [[-0.26, -0.19, 0.05], [-0.25, 0.19, 0.2]],
+        ],
+        [200, 170, 120],
+    );
+    let drawer = part(JointKind::Prismatic, [1.0, 0.0, 0.0], [0.0, 0.0, 0.1], 0.2, drawer);
+    build("chest", carcass, vec![drawer], &ModelConfig::default())
+}
+
+/// A foot with a board on a level hinge at its edge, seen at two angles that nothing but friction holds.
+pub fn lamp() -> ArticulatedModel {
+    let foot = boards(&[[[-0.1, -0.1, 0.0], [0.1, 0.1, 0.03]]], [90, 90, 100]);
+    let arm = boards(&[[[0.0, -0.05, 0.045], [0.25, 0.05, 0.06]]], [220, 200, 80]);
+    let arm = part(JointKind::Revolute, [0.0, -1.0, 0.0], [-0.02, 0.0, 0.06], 1.0, arm);
+    build("lamp", foot, vec![arm], &ModelConfig::default())
 }
 
 /// Writes a model as a run: URDF, meshes and the states of the report.

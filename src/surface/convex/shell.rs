@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{ConvexSolid, rectangles::cover};
 use crate::surface::{
-    TriangleMesh,
+    TriangleMesh, keep_components,
     outline::{area, hull_2d, rectangle_direction, with_fewer_corners},
     patches::{Patch, patches},
     simplify,
@@ -16,6 +16,8 @@ use crate::surface::{
 
 /// Triangles that the patches are grown on.
 const TRIANGLES: usize = 6000;
+/// Components with a smaller share of the largest one's triangles are loose fragments.
+const MIN_COMPONENT: f64 = 0.03;
 /// Share of the surface that the solids stand for; smaller patches beyond it are dropped.
 const COVERED: f64 = 0.985;
 /// Share of its hull that a patch fills to count as convex.
@@ -59,7 +61,8 @@ impl Default for ConvexConfig {
 pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
     let Some((lower, upper)) = mesh.bounds() else { return Vec::new() };
     let extent_m = f64::from((upper - lower).norm());
-    let small = simplify(mesh, TRIANGLES, 0.25 * config.tolerance_share * extent_m);
+    let whole = keep_components(mesh, MIN_COMPONENT);
+    let small = simplify(&whole, TRIANGLES, 0.25 * config.tolerance_share * extent_m);
     let mut tolerance_m = config.tolerance_share * extent_m;
     let mut solids = Vec::new();
     // Coarser until few enough; what is still too much loses its smallest.
