@@ -17,9 +17,9 @@ use std::{
 use artitwin::{
     export::{Level, check_folder},
     io::read_model_folder,
-    model::ArticulatedModel,
+    model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig},
 };
-use objects::{Temp, chest, lamp, write_run};
+use objects::{Temp, chest, chest_with, lamp, write_run};
 
 /// Runs a script of `tests/python` and gives the JSON of its last line; `None` without Python.
 fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
@@ -98,6 +98,35 @@ fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
             let share = found[simulator]["open"][&joint.name].as_f64().unwrap();
             assert!(share > 0.95, "{simulator}: {} opens through {share} of its interval", joint.name);
         }
+    }
+}
+
+#[test]
+fn limits_lie_between_what_was_seen_and_what_is_free() {
+    let observed = chest();
+    let limit = &observed.joints[0].limit;
+    let swept = limit.swept.unwrap();
+    assert_eq!(([limit.lower, limit.upper], limit.source), ([0.0, 0.2], LimitSource::Observed));
+    // The front stands before the boards: closed is closed. Open, nothing stops the drawer but its length.
+    assert!((-0.005..=0.0).contains(&swept[0]) && (0.3..0.4).contains(&swept[1]), "{swept:?}");
+    let free = chest_with(&ModelConfig { limits: LimitPolicy::Swept, ..ModelConfig::default() });
+    let limit = &free.joints[0].limit;
+    assert_eq!(([limit.lower, limit.upper], limit.source), (swept, LimitSource::Swept));
+}
+
+#[test]
+fn masses_follow_the_material_and_stay_in_their_range() {
+    let wood = chest();
+    let steel = ModelConfig { part_materials: vec![Material::Wood, Material::Steel], ..ModelConfig::default() };
+    let mixed = chest_with(&steel);
+    let mass = |m: &ArticulatedModel, l: usize| m.links[l].inertial.mass_kg;
+    assert!((mass(&mixed, 0) / mass(&wood, 0) - 1.0).abs() < 1e-9);
+    assert!((mass(&mixed, 1) / mass(&wood, 1) - 7850.0 / 600.0).abs() < 1e-6);
+    // Boards of 2 cm and 1 cm: 2 * (0.4 * 0.02 * 0.3 + 0.4 * 0.4 * 0.02) + 0.02 * 0.4 * 0.26 and the drawer's.
+    for (l, volume) in [(0, 0.013_28), (1, 0.005_084)] {
+        assert!((mass(&wood, l) / (600.0 * volume) - 1.0).abs() < 0.15, "{l}: {} kg of {}", mass(&wood, l), 600.0 * volume);
+        let range = wood.links[l].inertial.mass_range_kg;
+        assert!(range[0] < mass(&wood, l) && mass(&wood, l) < range[1]);
     }
 }
 

@@ -24,8 +24,8 @@ pub use run::{Engine, Init, MAX_PARTS, RunConfig};
 use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
     capture::CaptureConfig,
-    field::TrainConfig,
     export::LookConfig,
+    field::TrainConfig,
     model::ModelConfig,
     surface::SurfaceConfig,
 };

@@ -123,7 +123,11 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
 
 /// `pos` and `quat` (w first) of a pose.
 fn place(pose: &Pose) -> String {
-    format!("pos=\"{}\" quat=\"{}\"", triple(pose.translation.vector.as_ref()), quaternion(&pose.rotation).map(|x| decimal(x, 12)).join(" "))
+    format!(
+        "pos=\"{}\" quat=\"{}\"",
+        triple(pose.translation.vector.as_ref()),
+        quaternion(&pose.rotation).map(|x| decimal(x, 12)).join(" ")
+    )
 }
 
 /// w, x, y, z with w not negative.

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::{look::Look, number::decimal};
-use crate::surface::{ConvexSolid, TriangleMesh};
+use crate::surface::ConvexSolid;
 
 /// Digits after the point of a vertex position: 0.1 micrometre.
 const POSITION_PLACES: usize = 7;
@@ -73,6 +73,7 @@ fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
 mod tests {
     use super::*;
     use crate::export::look::{LookConfig, look};
+    use crate::surface::TriangleMesh;
     use nalgebra::Point3;
 
     fn triangle() -> TriangleMesh {

@@ -1,13 +1,17 @@
 //! Small pictures of the twin: a thumbnail and a turntable on which the joints move.
 
-use image::{Delay, ExtendedColorType, Frame, ImageEncoder as _, RgbaImage, codecs::gif::{GifEncoder, Repeat}, codecs::png::PngEncoder};
+use image::{
+    Delay, ExtendedColorType, Frame, ImageEncoder as _, RgbaImage,
+    codecs::gif::{GifEncoder, Repeat},
+    codecs::png::PngEncoder,
+};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::{
     geometry::Intrinsics,
     model::ArticulatedModel,
-    surface::{RenderItem, render, simplify},
     surface::TriangleMesh,
+    surface::{RenderItem, render, simplify},
 };
 
 /// Sides of the thumbnail, pixels.
@@ -67,7 +71,13 @@ pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
 }
 
 /// The model from a camera that looks at its middle from an azimuth.
-fn view(model: &ArticulatedModel, meshes: &[&TriangleMesh], positions: &[f64], azimuth_rad: f64, [width, height]: [usize; 2]) -> Vec<[u8; 3]> {
+fn view(
+    model: &ArticulatedModel,
+    meshes: &[&TriangleMesh],
+    positions: &[f64],
+    azimuth_rad: f64,
+    [width, height]: [usize; 2],
+) -> Vec<[u8; 3]> {
     let item = |(i, mesh): (usize, &&'_ TriangleMesh)| (i, model.world_from_link(i, positions), mesh.bounds());
     let posed: Vec<_> = meshes.iter().enumerate().map(item).collect();
     // A sphere around all boxes in all states: the camera stands still while the joints move.
@@ -88,7 +98,8 @@ fn view(model: &ArticulatedModel, meshes: &[&TriangleMesh], positions: &[f64], a
     let world_from_camera = Isometry3::face_towards(&eye, &middle, &-Vector3::z());
     let focal = FOCAL * width as f64;
     let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx: 0.5 * (width as f64 - 1.0), cy: 0.5 * (height as f64 - 1.0) };
-    let items: Vec<RenderItem> = posed.iter().zip(meshes).map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None }).collect();
+    let items: Vec<RenderItem> =
+        posed.iter().zip(meshes).map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None }).collect();
     render(&items, &intrinsics, &world_from_camera, true).rgb
 }
 

@@ -43,7 +43,8 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     // Writing to a string cannot fail, here and below.
     writeln!(text, "    <link name=\"{name}\">\n      <pose>{}</pose>", pose(model_from_link)).ok();
     let com = triple(mass.center_of_mass.coords.as_ref());
-    writeln!(text, "      <inertial>\n        <pose>{com} 0 0 0</pose>\n        <mass>{}</mass>\n        <inertia>", short(mass.mass_kg)).ok();
+    writeln!(text, "      <inertial>\n        <pose>{com} 0 0 0</pose>\n        <mass>{}</mass>\n        <inertia>", short(mass.mass_kg))
+        .ok();
     for (tag, k) in [("ixx", (0, 0)), ("ixy", (0, 1)), ("ixz", (0, 2)), ("iyy", (1, 1)), ("iyz", (1, 2)), ("izz", (2, 2))] {
         writeln!(text, "          <{tag}>{}</{tag}>", short(i[k])).ok();
     }
@@ -58,7 +59,8 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
 }
 
 fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
-    writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>\n            <uri>{path}</uri>\n          </mesh>").ok();
+    writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>\n            <uri>{path}</uri>\n          </mesh>")
+        .ok();
     writeln!(text, "        </geometry>\n      </{tag}>").ok();
 }
 
@@ -70,17 +72,18 @@ fn push_joint(text: &mut String, joint: &Joint, model: &ArticulatedModel) {
     let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
     let (l, d) = (&joint.limit, &joint.dynamics);
     writeln!(text, "    <joint name=\"{}\" type=\"{kind}\">\n      <parent>{parent}</parent>", escape(&joint.name)).ok();
-    writeln!(text, "      <child>{child}</child>\n      <axis>\n        <xyz>{}</xyz>\n        <limit>", triple(joint.axis.as_ref().as_ref())).ok();
+    writeln!(
+        text,
+        "      <child>{child}</child>\n      <axis>\n        <xyz>{}</xyz>\n        <limit>",
+        triple(joint.axis.as_ref().as_ref())
+    )
+    .ok();
     for (tag, value) in [("lower", l.lower), ("upper", l.upper), ("effort", l.effort), ("velocity", l.velocity)] {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }
     text.push_str("        </limit>\n        <dynamics>\n");
-    let dynamics = [
-        ("damping", d.damping),
-        ("friction", d.friction),
-        ("spring_reference", d.spring_reference),
-        ("spring_stiffness", d.stiffness),
-    ];
+    let dynamics =
+        [("damping", d.damping), ("friction", d.friction), ("spring_reference", d.spring_reference), ("spring_stiffness", d.stiffness)];
     for (tag, value) in dynamics {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }

@@ -36,7 +36,12 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     for (i, link) in model.links.iter().enumerate() {
         let pose = model.world_from_link(i, &closed);
         // Writing to a string cannot fail, here and below.
-        writeln!(text, "\n    def Xform \"{}\" (\n        prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"PhysicsMassAPI\"]\n    )\n    {{", link.name).ok();
+        writeln!(
+            text,
+            "\n    def Xform \"{}\" (\n        prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"PhysicsMassAPI\"]\n    )\n    {{",
+            link.name
+        )
+        .ok();
         writeln!(text, "        double3 xformOp:translate = {}", tuple(&pose.translation.vector)).ok();
         writeln!(text, "        quatf xformOp:orient = {}", turn(&pose.rotation)).ok();
         text.push_str("        uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]\n");
@@ -51,7 +56,12 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     }
     text.push_str("\n    def Scope \"Joints\"\n    {\n");
     if let Some(root) = model.links.first() {
-        writeln!(text, "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = </{name}/{}>\n        }}", root.name).ok();
+        writeln!(
+            text,
+            "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = </{name}/{}>\n        }}",
+            root.name
+        )
+        .ok();
     }
     for joint in &model.joints {
         push_joint(&mut text, model, joint);

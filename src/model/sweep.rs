@@ -15,7 +15,7 @@ const MAX_STEPS: usize = 600;
 /// Pieces smaller than this are dropped, cubic metres.
 const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped by it.
-const GRAZE_SHARE: f64 = 0.015;
+const GRAZE_SHARE: f64 = 0.05;
 /// A revolute joint is swept this far at most, radians.
 const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 

@@ -106,8 +106,13 @@ mod tests {
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 
     fn link(name: &str) -> model::Link {
-        let inertial =
-            model::Inertial { mass_kg: 1.0, center_of_mass: Point3::origin(), inertia: Matrix3::identity(), assumption: String::new(), mass_range_kg: [1.0; 2] };
+        let inertial = model::Inertial {
+            mass_kg: 1.0,
+            center_of_mass: Point3::origin(),
+            inertia: Matrix3::identity(),
+            assumption: String::new(),
+            mass_range_kg: [1.0; 2],
+        };
         model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), collision: vec![], inertial }
     }
 

@@ -14,7 +14,10 @@ use crate::{
     articulate::{ColorField, LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
-    export::{CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_start, looks, package, report_html},
+    export::{
+        CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_start, looks,
+        package, report_html,
+    },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
@@ -50,7 +53,8 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
     let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
-    let found = stages.run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
+    let found = stages
+        .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
     let folder = write(&twin.model, &files, &found, &report, &images, request)?;
     checkpoint.remove()?;
@@ -209,6 +213,7 @@ fn write(
     if errors.is_empty() {
         return Ok(folder);
     }
-    let message = format!("a simulator would not load the model as it is meant; its files are in {}: {}", folder.display(), errors.join("; "));
+    let message =
+        format!("a simulator would not load the model as it is meant; its files are in {}: {}", folder.display(), errors.join("; "));
     Err(RunError::stage("check", message))
 }

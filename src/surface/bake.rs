@@ -4,10 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Atlas, TriangleMesh};
-use crate::{
-    capture::RgbdFrame,
-    geometry::Pose,
-};
+use crate::{capture::RgbdFrame, geometry::Pose};
 
 /// A point this share of its depth behind what a view shows is hidden there.
 const DEPTH_SHARE: f64 = 0.015;

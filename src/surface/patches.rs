@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::TriangleMesh;
 
-/// Cosine of the largest angle between a triangle and its patch.
+/// Cosine of the largest angle between a triangle and its patch, and the triangle that the patch began with.
 const MIN_COSINE: f64 = 0.82;
 
 /// Triangles near one plane; joined by sides.
@@ -56,6 +56,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
         }
         let (mut sums, mut triangles, mut queue) = (Sums::default(), Vec::new(), VecDeque::from([seed]));
         taken[seed] = true;
+        let first = normals[seed].normalize();
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
             sums.add(&normals[t], &corners[t]);
@@ -63,7 +64,8 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
             for &n in &neighbors[t] {
                 let n = n as usize;
                 let flat = |p: &Point3<f64>| (p.coords - center).dot(&normal).abs() <= tolerance_m;
-                if !taken[n] && normals[n].dot(&normal) >= MIN_COSINE * normals[n].norm() && corners[n].iter().all(flat) {
+                let turned = |normal: &Vector3<f64>| normals[n].dot(normal) < MIN_COSINE * normals[n].norm();
+                if !taken[n] && !turned(&normal) && !turned(&first) && corners[n].iter().all(flat) {
                     taken[n] = true;
                     queue.push_back(n);
                 }

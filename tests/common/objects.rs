@@ -5,7 +5,10 @@ use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 use artitwin::{
     geometry::Pose,
     io::{RunDir, read_mesh},
-    model::{ArticulatedModel, ModelConfig, MovingPart, build, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
+    model::{
+        ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ModelConfig, MovingPart,
+        build, validate,
+    },
     surface::TriangleMesh,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
@@ -42,7 +45,13 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let side = (upper - lower).cast::<f64>();
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
     let inertia = Matrix3::from_diagonal(&Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y)));
-    let inertial = Inertial { mass_kg, center_of_mass: nalgebra::center(&lower, &upper).cast(), inertia, assumption: "solid box".into(), mass_range_kg: [mass_kg; 2] };
+    let inertial = Inertial {
+        mass_kg,
+        center_of_mass: nalgebra::center(&lower, &upper).cast(),
+        inertia,
+        assumption: "solid box".into(),
+        mass_range_kg: [mass_kg; 2],
+    };
     Link { name: name.into(), visual, collision: vec![], inertial }
 }
 
@@ -58,7 +67,17 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         cautions: vec![],
     };
     let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
-    Joint { name: name.into(), kind, parent, child, parent_from_joint, axis: Unit::new_normalize(axis.into()), limit, dynamics: JointDynamics::default(), evidence }
+    Joint {
+        name: name.into(),
+        kind,
+        parent,
+        child,
+        parent_from_joint,
+        axis: Unit::new_normalize(axis.into()),
+        limit,
+        dynamics: JointDynamics::default(),
+        evidence,
+    }
 }
 
 /// A desk with a chain of two turning arms and a drawer: joint frames turned and off the world's origin.
@@ -131,6 +150,11 @@ fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: 
 /// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The
 /// drawer's front is wider than the opening: it overlaps the boards behind it by 2 mm, as noisy surfaces do.
 pub fn chest() -> ArticulatedModel {
+    chest_with(&ModelConfig::default())
+}
+
+/// The chest under other assumptions.
+pub fn chest_with(config: &ModelConfig) -> ArticulatedModel {
     let carcass = boards(
         &[
             [[-0.3, -0.22, 0.0], [0.1, -0.2, 0.3]],
@@ -152,7 +176,7 @@ pub fn chest() -> ArticulatedModel {
         [200, 170, 120],
     );
     let drawer = part(JointKind::Prismatic, [1.0, 0.0, 0.0], [0.0, 0.0, 0.1], 0.2, drawer);
-    build("chest", carcass, vec![drawer], &ModelConfig::default())
+    build("chest", carcass, vec![drawer], config)
 }
 
 /// A foot with a board on a level hinge at its edge, seen at two angles that nothing but friction holds.

@@ -13,7 +13,11 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         match joint.kind.as_str() {
             "fixed" => {}
             "revolute" | "prismatic" | "continuous" => moving(joint, found),
-            other => found.error("joint", &joint.name, format!("is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere")),
+            other => found.error(
+                "joint",
+                &joint.name,
+                format!("is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere"),
+            ),
         }
         if joint.mimic {
             found.warn("joint", &joint.name, "mimics another joint: SDF and PyBullet drop that, MuJoCo before 4 too");

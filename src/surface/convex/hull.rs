@@ -95,7 +95,8 @@ mod tests {
     #[test]
     fn a_box_with_points_on_its_faces_has_its_volume() {
         let line = [-0.3, 0.0, 0.1, 0.3];
-        let points: Vec<_> = line.iter().flat_map(|&x| line.iter().flat_map(move |&y| line.map(|z| Point3::new(x, 0.5 * y, 2.0 * z)))).collect();
+        let points: Vec<_> =
+            line.iter().flat_map(|&x| line.iter().flat_map(move |&y| line.map(|z| Point3::new(x, 0.5 * y, 2.0 * z)))).collect();
         assert!((convex_hull(&points).unwrap().volume_m3() - 0.6f64.powi(3)).abs() < 1e-12);
     }
 

@@ -29,7 +29,11 @@ const CORNERS: usize = 12;
 /// A wall thicker than this many assumed walls is taken for two.
 const MAX_WALLS: f64 = 4.0;
 /// Rays per patch that measure its wall.
-const RAYS: usize = 64;
+const RAYS: usize = 24;
+/// Times that the tolerance may grow, and one.
+const ROUNDS: usize = 7;
+/// More patches than this times the solids that are wanted are not turned into solids.
+const MAX_PATCHES: usize = 4;
 /// The tolerance grows by this until the solids are few enough.
 const COARSER: f64 = 1.5;
 
@@ -66,29 +70,47 @@ pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, config: &ConvexConfig) -> 
     let mut tolerance_m = config.tolerance_share * extent_m;
     let mut solids = Vec::new();
     // Coarser until few enough; what is still too much loses its smallest.
-    for _ in 0..6 {
-        solids = at_tolerance(&small, tolerance_m, wall_m, config);
-        if solids.len() <= config.max_solids {
-            break;
+    for round in 1..=ROUNDS {
+        let found = covering_patches(&small, tolerance_m);
+        // A patch may lie inside another's solid, but not most of them.
+        if round == ROUNDS || found.len() <= MAX_PATCHES * config.max_solids {
+            solids = solids_of(&small, &found, tolerance_m, wall_m, config);
+            if solids.len() <= config.max_solids {
+                break;
+            }
         }
         tolerance_m *= COARSER;
     }
     solids.sort_by(|a, b| b.volume_m3().total_cmp(&a.volume_m3()));
     solids.truncate(config.max_solids);
+    if solids.is_empty() && !mesh.is_empty() {
+        // Too small for slabs: its box.
+        let pad = |a: f32, b: f32| (config.min_thickness_m - f64::from(b - a)).max(0.0) * 0.5;
+        let pads = Vector3::from_fn(|k, _| pad(lower[k], upper[k]));
+        solids.push(ConvexSolid::cuboid(&(lower.cast() - pads), &(upper.cast() + pads)));
+    }
     solids
 }
 
-fn at_tolerance(mesh: &TriangleMesh, tolerance_m: f64, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+/// The patches, largest first, that make up [`COVERED`] of the surface.
+fn covering_patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let all = patches(mesh, tolerance_m);
     let total: f64 = all.iter().map(|p| p.area_m2).sum();
     let mut covered = 0.0;
+    let needed = |p: &Patch| {
+        let before = covered;
+        covered += p.area_m2;
+        before <= COVERED * total
+    };
+    all.into_iter().take_while(needed).collect()
+}
+
+fn solids_of(mesh: &TriangleMesh, patches: &[Patch], tolerance_m: f64, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+    let facets = facets(mesh);
     let mut solids: Vec<ConvexSolid> = Vec::new();
-    for patch in &all {
-        if covered > COVERED * total {
-            break;
-        }
-        covered += patch.area_m2;
-        for solid in patch_solids(mesh, patch, tolerance_m, wall_m, config) {
+    for patch in patches {
+        let depth_m = wall_depth(mesh, &facets, patch, wall_m);
+        for solid in patch_solids(mesh, patch, tolerance_m, depth_m, config) {
             if !solids.iter().any(|other| holds(other, &solid, tolerance_m)) {
                 solids.push(solid);
             }
@@ -133,7 +155,7 @@ impl Flat {
 }
 
 /// The solids of one patch: a prism over its hull where it fills that, else rectangles over what it covers.
-fn patch_solids(mesh: &TriangleMesh, patch: &Patch, tolerance_m: f64, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+fn patch_solids(mesh: &TriangleMesh, patch: &Patch, tolerance_m: f64, depth_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
     let flat = Flat::of(mesh, patch);
     let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
     let hull = hull_2d(&points);
@@ -143,8 +165,7 @@ fn patch_solids(mesh: &TriangleMesh, patch: &Patch, tolerance_m: f64, wall_m: f6
     }
     // The surface is the middle of what scatters around the plane; only a curved patch reaches further.
     let high = flat.range_m[1].min(0.5 * tolerance_m);
-    let depth = wall_depth(mesh, patch, wall_m).max(config.min_thickness_m);
-    let low = (high - depth).min(flat.range_m[0].max(-tolerance_m));
+    let low = (high - depth_m.max(config.min_thickness_m)).min(flat.range_m[0].max(-tolerance_m));
     let flat_area: f64 = flat.triangles.iter().map(|t| area(t).abs()).sum();
     if flat_area >= CONVEX_FILL * hull_area {
         return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
@@ -172,7 +193,8 @@ fn rectangles(flat: &Flat, hull: &[Point2<f64>], config: &ConvexConfig) -> Vec<[
         Point2::from(d * p.x + nalgebra::Vector2::new(-d.y, d.x) * p.y)
     };
     let found = cover(&filled, columns, 3, 0.06, most);
-    let corners = |r: &super::rectangles::Rectangle| [(r.x, r.y), (r.x + r.width, r.y), (r.x + r.width, r.y + r.height), (r.x, r.y + r.height)];
+    let corners =
+        |r: &super::rectangles::Rectangle| [(r.x, r.y), (r.x + r.width, r.y), (r.x + r.width, r.y + r.height), (r.x, r.y + r.height)];
     found.iter().map(|r| corners(r).map(|(x, y)| back(x, y))).collect()
 }
 
@@ -195,12 +217,12 @@ fn fill(triangle: &[Point2<f64>; 3], columns: usize, rows: usize, filled: &mut [
 
 /// How deep the wall behind a patch is: the median distance to where rays leave it, where that is a wall's; else
 /// `wall_m`.
-fn wall_depth(mesh: &TriangleMesh, patch: &Patch, wall_m: f64) -> f64 {
+fn wall_depth(mesh: &TriangleMesh, facets: &[Facet], patch: &Patch, wall_m: f64) -> f64 {
     let step = patch.triangles.len().div_ceil(RAYS);
     let reach = MAX_WALLS * wall_m;
     let ray = |&t: &u32| {
         let origin = mesh.corners(t as usize).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
-        exit(mesh, &Point3::from(origin), &-patch.normal, reach)
+        exit(facets, &Point3::from(origin), &-patch.normal, reach)
     };
     let mut depths: Vec<f64> = patch.triangles.iter().step_by(step).map(ray).collect();
     depths.sort_by(f64::total_cmp);
@@ -208,23 +230,34 @@ fn wall_depth(mesh: &TriangleMesh, patch: &Patch, wall_m: f64) -> f64 {
     if median < reach { median } else { wall_m }
 }
 
+/// A triangle: corners and unit normal.
+struct Facet {
+    corners: [Point3<f64>; 3],
+    normal: Vector3<f64>,
+}
+
+fn facets(mesh: &TriangleMesh) -> Vec<Facet> {
+    let facet = |t: usize| {
+        let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0)?;
+        Some(Facet { corners: mesh.corners(t).map(|c| c.cast::<f64>()), normal })
+    };
+    (0..mesh.triangles.len()).filter_map(facet).collect()
+}
+
 /// Distance along a ray to the first surface that it leaves the object through, metres; infinite beyond `reach`.
-fn exit(mesh: &TriangleMesh, origin: &Point3<f64>, direction: &Vector3<f64>, reach: f64) -> f64 {
+fn exit(facets: &[Facet], origin: &Point3<f64>, direction: &Vector3<f64>, reach: f64) -> f64 {
     let mut nearest = f64::INFINITY;
-    for t in 0..mesh.triangles.len() {
-        let a = mesh.vertices[mesh.triangles[t][0] as usize].cast::<f64>();
-        let normal = mesh.area_normal(t).cast::<f64>();
+    for Facet { corners, normal } in facets {
         let speed = normal.dot(direction);
-        if speed <= 0.2 * normal.norm() {
+        if speed <= 0.2 {
             continue;
         }
-        let s = normal.dot(&(a - origin)) / speed;
+        let s = normal.dot(&(corners[0] - origin)) / speed;
         if s <= 1e-5 || s >= nearest.min(reach) {
             continue;
         }
         let p = origin + direction * s;
-        let corners = mesh.corners(t).map(|c| c.cast::<f64>());
-        let inside = |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(&normal) >= -1e-15;
+        let inside = |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
         if (0..3).all(inside) {
             nearest = s;
         }
@@ -236,9 +269,8 @@ fn exit(mesh: &TriangleMesh, origin: &Point3<f64>, direction: &Vector3<f64>, rea
 mod tests {
     use super::*;
     use crate::surface::{
-        merge,
-        shapes::{box_mesh, sphere_mesh, torus, grid_of},
-        marching_cubes,
+        marching_cubes, merge,
+        shapes::{box_mesh, grid_of, sphere_mesh, torus},
     };
 
     fn holds_point(solids: &[ConvexSolid], p: [f64; 3]) -> bool {
@@ -287,6 +319,8 @@ mod tests {
     fn every_solid_has_volume_and_a_mesh_without_area_has_none() {
         let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, &ConvexConfig::default());
         assert!(!solids.is_empty() && solids.iter().all(|s| s.thickness_m() >= 0.0019 && s.volume_m3() > 0.0));
+        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, &ConvexConfig::default());
+        assert!(!speck.is_empty() && speck.iter().all(|s| s.thickness_m() >= 0.0019));
         assert!(convex_shell(&TriangleMesh::default(), 0.008, &ConvexConfig::default()).is_empty());
     }
 }
