@@ -1,5 +1,7 @@
 //! Objects with known truth, as models and as truth folders.
 
+#![allow(dead_code, reason = "every test uses some of these")]
+
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use artitwin::{
