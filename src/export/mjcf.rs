@@ -29,6 +29,9 @@ const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." auto
   </default>
 "#;
 
+/// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that friction holds.
+const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
+
 /// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world.
 #[must_use]
 pub fn mjcf(model: &ArticulatedModel) -> String {
@@ -107,7 +110,7 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
     writeln!(
         text,
         "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" frictionloss=\"{}\" armature=\"{}\" \
-         stiffness=\"{}\" springref=\"{}\"/>",
+         stiffness=\"{}\" springref=\"{}\" {HARD_FRICTION}/>",
         escape(&joint.name),
         triple(joint.axis.as_ref().as_ref()),
         short(l.lower),

@@ -96,10 +96,11 @@ pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &Mo
     for link in &mut model.links {
         link.collision = convex_shell(&link.visual, config.wall_thickness_m, &config.collision);
     }
-    clear_paths(&mut model, &config.collision);
+    // Before they are shrunk and cut: that is for the simulator, the walls are whole.
     for (i, link) in model.links.iter_mut().enumerate() {
         link.inertial = inertial(link, i, config);
     }
+    clear_paths(&mut model, &config.collision);
     for j in 0..model.joints.len() {
         let swept = swept_interval(&model, j);
         let limit = &mut model.joints[j].limit;
