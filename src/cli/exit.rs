@@ -40,6 +40,9 @@ pub enum CliError {
     /// The runs cannot be measured.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
+    /// The folder cannot be read.
+    #[error(transparent)]
+    Folder(#[from] crate::io::ModelFolderError),
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),

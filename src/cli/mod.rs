@@ -1,6 +1,7 @@
 //! The terminal: arguments, progress, exit codes. Results go to stdout, everything else to stderr.
 
 mod args;
+mod check;
 mod config;
 mod doctor;
 mod evaluate;
@@ -47,6 +48,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
     match command {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),

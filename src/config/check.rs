@@ -39,7 +39,7 @@ fn outside(key: &str, value: f64, low: f64, high: f64) -> ConfigError {
 
 /// Key, value, least and greatest of every number that no group checks itself.
 fn ranges(config: &Config) -> Vec<(&'static str, f64, f64, f64)> {
-    [capture(config), surface(config), matching(config), register(config), joint(config), model(config)].concat()
+    [capture(config), surface(config), matching(config), register(config), joint(config), model(config), look(config)].concat()
 }
 
 type Ranges = Vec<(&'static str, f64, f64, f64)>;
@@ -122,10 +122,19 @@ fn joint(config: &Config) -> Ranges {
 fn model(config: &Config) -> Ranges {
     let m = &config.model;
     vec![
-        ("model.density_kg_m3", m.density_kg_m3, 1e-3, 1e5),
+        ("model.density_kg_m3", m.density_kg_m3.unwrap_or(1.0), 1e-3, 1e5),
         ("model.wall_thickness_m", m.wall_thickness_m, 1e-6, 10.0),
         ("model.effort", m.effort, POSITIVE, 1e9),
         ("model.velocity", m.velocity, POSITIVE, 1e9),
+    ]
+}
+
+fn look(config: &Config) -> Ranges {
+    let l = &config.look;
+    vec![
+        ("look.max_faces", l.max_faces as f64, 100.0, 1e7),
+        ("look.max_error_m", l.max_error_m, 0.0, 1.0),
+        ("look.max_texture_px", l.max_texture_px as f64, 64.0, 16384.0),
     ]
 }
 

@@ -25,6 +25,7 @@ pub use run::{Engine, Init, MAX_PARTS, RunConfig};
 use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
     capture::CaptureConfig,
+    export::LookConfig,
     field::TrainConfig,
     model::ModelConfig,
     surface::{SurfaceConfig, SurfaceSource},
@@ -52,6 +53,8 @@ pub struct Config {
     pub joint: JointConfig,
     /// What no camera measures: density, thickness, effort.
     pub model: ModelConfig,
+    /// Visual meshes and textures.
+    pub look: LookConfig,
 }
 
 impl Config {

@@ -1,12 +1,14 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
 mod mesh_files;
+mod model_folder;
 mod npy;
 mod ply;
 mod run_dir;
 mod urdf;
 
 pub use mesh_files::{MeshFileError, read_mesh};
+pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
 pub use urdf::{UrdfError, read_urdf};

@@ -123,9 +123,14 @@ mod tests {
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 
     fn link(name: &str) -> model::Link {
-        let inertial =
-            model::Inertial { mass_kg: 1.0, center_of_mass: Point3::origin(), inertia: Matrix3::identity(), assumption: String::new() };
-        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), inertial }
+        let inertial = model::Inertial {
+            mass_kg: 1.0,
+            center_of_mass: Point3::origin(),
+            inertia: Matrix3::identity(),
+            assumption: String::new(),
+            mass_range_kg: [1.0; 2],
+        };
+        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), collision: vec![], inertial }
     }
 
     #[test]
@@ -140,7 +145,7 @@ mod tests {
             type_scores: std::collections::BTreeMap::new(),
             cautions: Vec::new(),
         };
-        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed };
+        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed, swept: None };
         let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {
             name: name.to_owned(),
             kind,
@@ -149,6 +154,7 @@ mod tests {
             parent_from_joint: Pose::translation(at[0], at[1], at[2]),
             axis,
             limit,
+            dynamics: model::JointDynamics::default(),
             evidence: evidence.clone(),
         };
         // A door turned by 90 degrees carries a drawer that slides along its x axis.

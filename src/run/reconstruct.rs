@@ -15,7 +15,10 @@ use crate::{
     articulate::{LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
-    export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_starts, nearest_starts, report_html, urdf_package},
+    export::{
+        CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_starts, looks,
+        nearest_starts, package, report_html,
+    },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
@@ -84,8 +87,11 @@ fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Chec
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     let twin = reconstruct_twin(name, &capture, config, Some(checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
+    let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
+    let found = stages
+        .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
-    let folder = write(&twin.model, &report, &images, request)?;
+    let folder = write(&twin.model, &files, &found, &report, &images, request)?;
     let warnings = report.run.warnings;
     Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
 }
@@ -238,15 +244,30 @@ fn device(engine: Engine, replaced: usize) -> String {
     format!("{asked}, {threads} threads{by_cpu}")
 }
 
-/// Puts the run folder in its place, whole.
-fn write(model: &ArticulatedModel, report: &Report, images: &ReportPictures, request: &ReconstructRequest) -> Result<PathBuf, RunError> {
+/// Puts the run folder in its place, whole; under a name that says so where the check found an error.
+fn write(
+    model: &ArticulatedModel,
+    files: &[ExportFile],
+    found: &[CheckFinding],
+    report: &Report,
+    images: &ReportPictures,
+    request: &ReconstructRequest,
+) -> Result<PathBuf, RunError> {
     let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
-    let dir = io::RunDir::create(&request.out, &model.name).map_err(|e| failed(e.into()))?;
-    for file in urdf_package(model) {
+    let errors: Vec<String> = found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
+    let name = if errors.is_empty() { model.name.clone() } else { format!("{}_rejected", model.name) };
+    let dir = io::RunDir::create(&request.out, &name).map_err(|e| failed(e.into()))?;
+    for file in files {
         dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
     }
     let html = report_html(report, images).map_err(|e| failed(e.into()))?;
     dir.put("report.json", report.to_json().as_bytes()).map_err(|e| failed(e.into()))?;
     dir.put("report.html", html.as_bytes()).map_err(|e| failed(e.into()))?;
-    dir.commit().map_err(|e| failed(e.into()))
+    let folder = dir.commit().map_err(|e| failed(e.into()))?;
+    if errors.is_empty() {
+        return Ok(folder);
+    }
+    let message =
+        format!("a simulator would not load the model as it is meant; its files are in {}: {}", folder.display(), errors.join("; "));
+    Err(RunError::stage("check", message))
 }
