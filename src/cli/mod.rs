@@ -2,6 +2,7 @@
 
 mod args;
 mod config;
+mod diagnose;
 mod doctor;
 mod evaluate;
 mod exit;
@@ -48,6 +49,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Diagnose(args) => diagnose::run(&args),
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),
     }

@@ -1,14 +1,18 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
+mod joint_log;
 mod mesh_files;
 mod npy;
 mod ply;
 mod run_dir;
+mod twin_file;
 mod urdf;
 
+pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
+pub use twin_file::{read_twin, twin_of};
 pub use urdf::{UrdfError, read_urdf};
 pub mod image_codec;
 pub mod ros2msg;
