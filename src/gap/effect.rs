@@ -113,6 +113,8 @@ pub struct Response {
     pub q: f64,
     /// Derivative by velocity.
     pub v: f64,
+    /// Derivative by the measured effort.
+    pub u: f64,
     /// Derivatives by the parameters.
     pub p: [f64; MAX_PARAMETERS],
 }

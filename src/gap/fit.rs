@@ -127,7 +127,13 @@ fn evaluate(problem: &Problem, model: &JointModel, starts: &[Start], whitening: 
     }
 }
 
-fn evaluate_columns<const W: usize>(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &Whitening, frozen: &[bool]) -> Evaluation {
+fn evaluate_columns<const W: usize>(
+    problem: &Problem,
+    model: &JointModel,
+    starts: &[Start],
+    whitening: &Whitening,
+    frozen: &[bool],
+) -> Evaluation {
     let drives = problem.drives(model);
     let free = model.free();
     let mut rollout = Rollout::default();
@@ -221,6 +227,10 @@ fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointMod
     model.with_parameters(&parameters)
 }
 
+/// Shares of the effort noise that a fit with play runs through first: under the noise of the twin, which takes the
+/// missing play for noise, a window that starts on the wrong side of the gap would never leave it.
+const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
+
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
 #[must_use]
 pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, rounds: usize) -> Fit {
@@ -230,8 +240,14 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
     let mut frozen = vec![free == Free::Starts; model.free()];
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
     let mut whitening = Whitening::new(problem, &model, sigma_u);
+    let anneal = if free == Free::All && model.sensor(problem.catalogue).half_gap > 0.0 { ANNEALING } else { &[] };
+    for share in anneal {
+        whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
+        restart(problem, &model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen);
+    }
     for round in 0..rounds.max(1) {
-        if round > 0 {
+        if round > 0 || !anneal.is_empty() {
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
@@ -248,14 +264,29 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
 /// Takes the smoothed motion's start state for every window that it serves better: an earlier model may have pulled a
 /// start state far away.
 fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitening: &Whitening, frozen: &[bool]) {
-    let fresh = problem.starts(model);
-    let now = evaluate(problem, model, starts, whitening, frozen);
-    let other = evaluate(problem, model, &fresh, whitening, frozen);
-    for (w, start) in starts.iter_mut().enumerate() {
-        // What one step of the start state alone would still gain counts.
-        let reach = |b: &Block| b.cost - b.start.try_inverse().map_or(0.0, |i| b.start_gradient.dot(&(i * b.start_gradient)));
-        if !(reach(&now.normal.blocks[w]) <= reach(&other.normal.blocks[w])) {
-            *start = fresh[w];
+    let mut trials = vec![problem.starts(model)];
+    let half_gap = model.sensor(problem.catalogue).half_gap;
+    if half_gap > 0.0 {
+        // A window may start anywhere within the play; the sensor then stands where it was measured.
+        let at_play = |from: &[Start], play: f64| -> Vec<Start> {
+            from.iter().map(|s| Start { position: s.position + (s.play - play) * half_gap, play, ..*s }).collect()
+        };
+        let fresh = trials[0].clone();
+        for play in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+            trials.push(at_play(&fresh, play));
+            trials.push(at_play(starts, play));
+        }
+    }
+    // What one step of the start state alone would still gain counts.
+    let reach = |b: &Block| b.cost - b.start.try_inverse().map_or(0.0, |i| b.start_gradient.dot(&(i * b.start_gradient)));
+    let mut best: Vec<f64> = evaluate(problem, model, starts, whitening, frozen).normal.blocks.iter().map(reach).collect();
+    for trial in trials {
+        let blocks = evaluate(problem, model, &trial, whitening, frozen).normal.blocks;
+        for w in 0..starts.len() {
+            let other = reach(&blocks[w]);
+            if !(best[w] <= other) {
+                (best[w], starts[w]) = (other, trial[w]);
+            }
         }
     }
 }

@@ -151,7 +151,8 @@ fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: 
 fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
     let n = variable.bins();
     let logs = problem.logs.iter().enumerate();
-    let mut values: Vec<f64> = logs.flat_map(|(i, l)| (0..l.time_s.len()).filter_map(move |k| value(screen, problem, variable, i, k))).collect();
+    let mut values: Vec<f64> =
+        logs.flat_map(|(i, l)| (0..l.time_s.len()).filter_map(move |k| value(screen, problem, variable, i, k))).collect();
     values.sort_by(f64::total_cmp);
     let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Vec::new() };
     let share = |i: usize| i as f64 / n as f64;

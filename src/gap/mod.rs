@@ -1,5 +1,7 @@
 //! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
 
+#[cfg(test)]
+mod derivative_tests;
 pub mod drive;
 pub mod effect;
 pub mod effects;

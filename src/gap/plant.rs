@@ -51,7 +51,9 @@ pub enum PlantError {
     #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
     NoMass(String),
     /// Its inertia or load depends on other joints.
-    #[error("joint '{0}' shares a chain with other moving joints; only joints that hang on a fixed base are diagnosed: hold the others still and give a twin in which they are fixed")]
+    #[error(
+        "joint '{0}' shares a chain with other moving joints; only joints that hang on a fixed base are diagnosed: hold the others still and give a twin in which they are fixed"
+    )]
     Coupled(String),
     /// A number of the twin is not usable.
     #[error("joint '{0}': damping and friction must be finite and not negative")]

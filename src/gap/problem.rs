@@ -58,7 +58,19 @@ impl<'c> Problem<'c> {
         let coverage = cover(plant, turns, &logs, &traces, sigma_y);
         let interval = coverage.interval_s;
         let min_sigma_u = MIN_EFFORT_NOISE * coverage.effort_rms.max(plant.load.amplitude()).max(1e-12);
-        Self { catalogue, plant: plant.clone(), turns, logs, hold, windows, traces, coverage, sigma_y, lag_sigma_s: LAG_SHARE * interval, min_sigma_u }
+        Self {
+            catalogue,
+            plant: plant.clone(),
+            turns,
+            logs,
+            hold,
+            windows,
+            traces,
+            coverage,
+            sigma_y,
+            lag_sigma_s: LAG_SHARE * interval,
+            min_sigma_u,
+        }
     }
 
     /// Held-out logs with the noise of the logs that were fitted.

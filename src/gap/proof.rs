@@ -57,7 +57,8 @@ pub fn prove(held_out: &Problem, before: &JointModel, after: &JointModel) -> (Ga
     let mut runs = Vec::new();
     let mut series = Vec::new();
     for (index, log) in held_out.logs.iter().enumerate() {
-        let of = |all: &[(Span, Vec<f64>)]| -> Vec<f64> { all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect() };
+        let of =
+            |all: &[(Span, Vec<f64>)]| -> Vec<f64> { all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect() };
         let spans = one.iter().filter(|(s, _)| s.log == index);
         let samples: Vec<usize> = spans.flat_map(|(s, _)| s.start..s.start + s.len).collect();
         runs.push(RunGap {

@@ -40,7 +40,9 @@ pub enum RecordingError {
         has: String,
     },
     /// No efforts.
-    #[error("run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque constant, or a force gauge), or release the joint and record an effort of 0")]
+    #[error(
+        "run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque constant, or a force gauge), or release the joint and record an effort of 0"
+    )]
     NoEffort {
         /// Run.
         run: String,
@@ -83,7 +85,11 @@ impl Recording {
     pub fn joint(&self, name: &str, others: &[String], warnings: &mut Vec<String>) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
         let has = || self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ");
-        let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint { run: run(), joint: joint(), has: has() })?;
+        let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
+            run: run(),
+            joint: joint(),
+            has: has(),
+        })?;
         if !samples.position.iter().any(|q| q.is_finite()) {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }
@@ -108,13 +114,18 @@ impl Recording {
             warnings.push(format!("run '{}', joint '{name}': {backward} samples left out, their stamps repeat or run backward", self.name));
         }
         if not_numbers > 0 {
-            warnings.push(format!("run '{}', joint '{name}': {not_numbers} samples left out, their position or effort is not a number", self.name));
+            warnings.push(format!(
+                "run '{}', joint '{name}': {not_numbers} samples left out, their position or effort is not a number",
+                self.name
+            ));
         }
         if log.time_s.len() < MIN_SAMPLES {
             return Err(RecordingError::Short { run: run(), joint: joint(), samples: log.time_s.len(), seconds: log.duration_s() });
         }
         let beside = others.iter().filter(|o| o.as_str() != name);
-        log.others = beside.map(|o| self.joints.iter().find(|j| j.name == *o).map_or_else(|| vec![0.0; log.time_s.len()], |j| at_stamps(j, &log.time_s))).collect();
+        log.others = beside
+            .map(|o| self.joints.iter().find(|j| j.name == *o).map_or_else(|| vec![0.0; log.time_s.len()], |j| at_stamps(j, &log.time_s)))
+            .collect();
         Ok(log)
     }
 }

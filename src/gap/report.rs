@@ -197,11 +197,20 @@ pub fn summary(joints: &[JointReport]) -> String {
         if d.verdict == Verdict::Unknown
             && let Some(w) = d.before.first()
         {
-            lines.push(format!("  residual depends on {}, {:.3} to {:.3} {}", w.variable.name(), w.region.0, w.region.1, w.variable.unit(j.turns)));
+            lines.push(format!(
+                "  residual depends on {}, {:.3} to {:.3} {}",
+                w.variable.name(),
+                w.region.0,
+                w.region.1,
+                w.variable.unit(j.turns)
+            ));
         }
         for f in &d.findings {
-            let parameters: Vec<String> =
-                f.parameters.iter().map(|p| format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)).collect();
+            let parameters: Vec<String> = f
+                .parameters
+                .iter()
+                .map(|p| format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit))
+                .collect();
             lines.push(format!("{}: {} (weight {:.2}): {}", j.joint, f.effect, f.weight, parameters.join(", ")));
             if !f.alternatives.is_empty() {
                 let names: Vec<String> = f.alternatives.iter().map(|(n, w)| format!("{n} {w:.2}")).collect();

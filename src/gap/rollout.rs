@@ -52,6 +52,8 @@ pub struct Sum {
     pub friction: f64,
     /// By position.
     pub friction_q: f64,
+    /// By the measured effort.
+    pub friction_u: f64,
 }
 
 /// Adds up plant and terms at a state. `columns` takes the derivatives by the parameters: of the effort minus
@@ -60,7 +62,7 @@ pub struct Sum {
 fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
     let plant = &model.plant;
     let (load, slope) = plant.load.at(at.q);
-    let mut sum = Sum { effort: -load - plant.damping * at.v, q: -slope, v: -plant.damping, friction: plant.friction, friction_q: 0.0 };
+    let mut sum = Sum { effort: -load - plant.damping * at.v, q: -slope, v: -plant.damping, friction: plant.friction, ..Sum::default() };
     let mut column = 3;
     for term in &model.terms {
         let effect = &catalogue[term.effect];
@@ -76,6 +78,7 @@ fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, 
             } else {
                 sum.friction += r.value.max(0.0);
                 sum.friction_q += r.q;
+                sum.friction_u += r.u;
                 &mut *friction
             };
             target[column..column + term.p.len()].copy_from_slice(&r.p[..term.p.len()]);
@@ -108,7 +111,15 @@ pub fn roll(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &D
 }
 
 /// Rolls a window with `W` columns.
-fn roll_columns<const W: usize>(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &Drive, span: Span, start: Start, out: &mut Rollout) {
+fn roll_columns<const W: usize>(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    out: &mut Rollout,
+) {
     let sensor = model.sensor(catalogue);
     let column_of = |place| model.scalar(catalogue, place).map(|(_, at)| at + 2);
     let (added, inertia_column) = model.scalar(catalogue, Place::Inertia).map_or((0.0, None), |(x, at)| (x, Some(at + 2)));
@@ -150,11 +161,13 @@ fn roll_columns<const W: usize>(model: &JointModel, catalogue: &Catalogue, log: 
             let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now };
             let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
             effort_p[2] = gain * drive.by_delay[index];
+            friction_p[2] = sum.friction_u * effort_p[2];
             if let Some(c) = delay_column {
-                effort_p[c] = effort_p[2];
+                (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
             }
             if let Some(c) = gain_column {
                 effort_p[c] = drive.effort[index];
+                friction_p[c] = sum.friction_u * drive.effort[index];
             }
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
@@ -169,7 +182,8 @@ fn roll_columns<const W: usize>(model: &JointModel, catalogue: &Catalogue, log: 
             } else if free * direction < 0.0 && sum.friction > 0.0 {
                 // It would turn back within the step: friction has held it at rest on the way.
                 let turned = At { direction: -direction, v: 0.0, ..at };
-                sum.friction = sum.friction.max(add_up(model, catalogue, &turned, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS]).friction);
+                sum.friction =
+                    sum.friction.max(add_up(model, catalogue, &turned, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS]).friction);
             }
             let bound = kick * sum.friction;
             if free.abs() <= bound {
@@ -197,7 +211,15 @@ fn roll_columns<const W: usize>(model: &JointModel, catalogue: &Catalogue, log: 
 
 /// Passes the position through play, scale and offset of the sensor.
 #[inline]
-fn measure(q: f64, dq: &Row, sensor: &super::joint_model::Sensor, columns: [Option<usize>; 3], gauge: &mut f64, dgauge: &mut Row, out: &mut Rollout) {
+fn measure(
+    q: f64,
+    dq: &Row,
+    sensor: &super::joint_model::Sensor,
+    columns: [Option<usize>; 3],
+    gauge: &mut f64,
+    dgauge: &mut Row,
+    out: &mut Rollout,
+) {
     let half = sensor.half_gap;
     if *gauge < q - half || half == 0.0 {
         (*gauge, *dgauge) = (q - half, *dq);

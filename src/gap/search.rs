@@ -120,7 +120,8 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         }
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
-        let smaller: Vec<Candidate> = if size > 1 { sets.iter().take(2).flat_map(|c| without_one(problem, c)).collect() } else { Vec::new() };
+        let smaller: Vec<Candidate> =
+            if size > 1 { sets.iter().take(2).flat_map(|c| without_one(problem, c)).collect() } else { Vec::new() };
         by_size.push(sets);
         if !smaller.is_empty() {
             let known = std::mem::take(&mut by_size[size - 1]);

@@ -108,13 +108,24 @@ pub fn mjcf(tree: &TwinTree, joints: &[JointReport], catalogue: &Catalogue, file
 }
 
 /// A link's content and the bodies that hang on it.
-fn link(tree: &TwinTree, index: usize, joints: &[JointReport], catalogue: &Catalogue, actuators: &mut String, notes: &mut Vec<ExportNote>, file: &str) -> String {
+fn link(
+    tree: &TwinTree,
+    index: usize,
+    joints: &[JointReport],
+    catalogue: &Catalogue,
+    actuators: &mut String,
+    notes: &mut Vec<ExportNote>,
+    file: &str,
+) -> String {
     let mut text = String::new();
     for joint in tree.joints.iter().filter(|j| j.parent == index) {
         let pose = joint.parent_from_joint;
         let (p, q) = (pose.translation.vector, pose.rotation);
         let child = &tree.links[joint.child];
-        text.push_str(&format!("<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n", child.name, p.x, p.y, p.z, q.w, q.i, q.j, q.k));
+        text.push_str(&format!(
+            "<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n",
+            child.name, p.x, p.y, p.z, q.w, q.i, q.j, q.k
+        ));
         if joint.motion != Motion::Fixed {
             let report = joints.iter().find(|j| j.joint == joint.name);
             let (attributes, gear, bias) = attributes(joint, report, catalogue, notes, file);
@@ -130,7 +141,16 @@ fn link(tree: &TwinTree, index: usize, joints: &[JointReport], catalogue: &Catal
             let (c, i) = (child.center_of_mass, &child.inertia);
             text.push_str(&format!(
                 "<inertial pos=\"{} {} {}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
-                c.x, c.y, c.z, child.mass_kg, i[(0, 0)], i[(1, 1)], i[(2, 2)], i[(0, 1)], i[(0, 2)], i[(1, 2)]
+                c.x,
+                c.y,
+                c.z,
+                child.mass_kg,
+                i[(0, 0)],
+                i[(1, 1)],
+                i[(2, 2)],
+                i[(0, 1)],
+                i[(0, 2)],
+                i[(1, 2)]
             ));
         }
         text.push_str(&link(tree, joint.child, joints, catalogue, actuators, notes, file));
@@ -140,7 +160,13 @@ fn link(tree: &TwinTree, index: usize, joints: &[JointReport], catalogue: &Catal
 }
 
 /// Attributes of a joint, the gear of its motor and the constant effort of it.
-fn attributes(joint: &super::twin_tree::TwinJoint, report: Option<&JointReport>, catalogue: &Catalogue, notes: &mut Vec<ExportNote>, file: &str) -> (String, f64, f64) {
+fn attributes(
+    joint: &super::twin_tree::TwinJoint,
+    report: Option<&JointReport>,
+    catalogue: &Catalogue,
+    notes: &mut Vec<ExportNote>,
+    file: &str,
+) -> (String, f64, f64) {
     let (mut damping, mut friction, mut gear, mut bias) = (joint.damping, joint.friction, 1.0, 0.0);
     let mut more = String::new();
     let Some(report) = report else { return (format!("damping=\"{damping}\" frictionloss=\"{friction}\""), gear, bias) };

@@ -100,7 +100,7 @@ const SPECIAL_CASE: f64 = 10.0;
 const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
 const MAX_NOISE_LEFT: f64 = 0.4;
-/// Effort noise that may be left, as a share of the recorded effort.
+/// Effort noise that may be left, as a share of the recorded effort, unless it is a small share of the twin's.
 const MAX_NOISE_SHARE: f64 = 0.2;
 /// Level of the test of a table.
 const LEVEL: f64 = 0.01;
@@ -117,7 +117,10 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     }
     let range = coverage.position.1 - coverage.position.0;
     if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
-        lacks.push(format!("the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through most of its range", coverage.position_noise));
+        lacks.push(format!(
+            "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through most of its range",
+            coverage.position_noise
+        ));
     }
     lacks
 }
@@ -128,7 +131,15 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
     let twin = JointModel::of(&problem.plant);
     let lacks = lacks(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
-        return Diagnosis { verdict: Verdict::Insufficient, findings: Vec::new(), before: Vec::new(), after: Vec::new(), model: twin, left: 0.0, lacks };
+        return Diagnosis {
+            verdict: Verdict::Insufficient,
+            findings: Vec::new(),
+            before: Vec::new(),
+            after: Vec::new(),
+            model: twin,
+            left: 0.0,
+            lacks,
+        };
     }
     let found = search(problem, &Breadth::default());
     let chosen = special_case(problem, &found, found.accepted());
@@ -149,7 +160,8 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
     }
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
     let noise_left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
-    let noisy = noise_left > MAX_NOISE_LEFT || chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
+    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
+    let noisy = noise_left > MAX_NOISE_LEFT || (loud && noise_left > 0.4 * MAX_NOISE_LEFT);
     diagnosis.left = diagnosis.left.max(if noisy { noise_left * noise_left } else { 0.0 });
     if diagnosis.left > MAX_LEFT || noisy || !is_credible(problem, chosen) {
         diagnosis.verdict = Verdict::Unknown;
@@ -189,11 +201,21 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     let generalizes = |effects: &[usize]| {
         effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].contains().iter().any(|n| own_names.contains(n)))
     };
+    // Without a load that depends on the position, a gain of the effort and a scale of the position are one effect.
+    let twins = [("torque_gain", "encoder_scale"), ("encoder_scale", "torque_gain")];
+    let twin = twins.iter().find(|(a, _)| own_names.contains(a) && !problem.coverage.has_load_slope).map(|(a, b)| {
+        let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
+        let mut effects: Vec<usize> = own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
+        effects.sort_unstable();
+        effects
+    });
+    let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
     let same_size = found.by_size[own.len()].iter().filter(|c| c.effects() != own);
     same_size
-        .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names)
+        .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names && !is_twin(&c.effects()))
         .map(|c| (c.effects(), (0.5 * (c.score - chosen.score)).exp()))
         .filter(|(_, w)| *w > ALTERNATIVE_WEIGHT)
+        .chain(twin.clone().map(|effects| (effects, 1.0)))
         .collect()
 }
 
@@ -216,10 +238,16 @@ fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)],
         let n = term.p.len();
         let covariance = chosen.fit.covariance.view((at, at), (n, n));
         let estimate = |r: super::effect::Reported| {
-            let variance: f64 = (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
+            let variance: f64 =
+                (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
             let half = 1.96 * variance.max(0.0).sqrt();
             let value = if r.name == "time" { r.value % super::effect::RUN_SPACING_S } else { r.value };
-            ParameterEstimate { name: r.name.to_owned(), value, unit: r.dimension.unit(problem.turns).to_owned(), interval: (value - half, value + half) }
+            ParameterEstimate {
+                name: r.name.to_owned(),
+                value,
+                unit: r.dimension.unit(problem.turns).to_owned(),
+                interval: (value - half, value + half),
+            }
         };
         let mut alternatives: Vec<(String, f64)> = Vec::new();
         for (effects, weight) in rivals.iter().filter(|(effects, _)| !effects.contains(&term.effect)) {
@@ -239,4 +267,3 @@ fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)],
     }
     findings
 }
-

@@ -85,7 +85,8 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
             recordings[n - 1 - i * n / count].1 = true;
         }
     }
-    let moving: Vec<usize> = (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
+    let moving: Vec<usize> =
+        (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let mut joints: Vec<JointReport> = Vec::new();
@@ -141,7 +142,14 @@ fn split(recordings: &[(Recording, bool)], name: &str, names: &[String], warning
     Ok(Split { fitted, held_out })
 }
 
-fn one_joint(request: &DiagnoseRequest, effects: &crate::gap::joint_model::Catalogue, plant: &Plant, name: &str, turns: bool, split: Split) -> JointReport {
+fn one_joint(
+    request: &DiagnoseRequest,
+    effects: &crate::gap::joint_model::Catalogue,
+    plant: &Plant,
+    name: &str,
+    turns: bool,
+    split: Split,
+) -> JointReport {
     let problem = Problem::new(effects, plant, turns, split.fitted, request.hold);
     let mut rng = stage_rng(request.seed, &format!("diagnose/{name}"), 0);
     let mut diagnosis: Diagnosis = diagnose_joint(&problem, &mut rng);

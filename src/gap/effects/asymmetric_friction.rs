@@ -6,7 +6,8 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct AsymmetricFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("friction_positive", Dimension::Effort, false), amplitude("friction_negative", Dimension::Effort, false)];
+const PARAMETERS: &[Parameter] =
+    &[amplitude("friction_positive", Dimension::Effort, false), amplitude("friction_negative", Dimension::Effort, false)];
 
 impl Effect for AsymmetricFriction {
     fn name(&self) -> &'static str {

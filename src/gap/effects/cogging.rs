@@ -6,7 +6,11 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct Cogging;
 
-const PARAMETERS: &[Parameter] = &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true), shape("wave_number", Dimension::WaveNumber, false)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("sine", Dimension::Effort, true),
+    amplitude("cosine", Dimension::Effort, true),
+    shape("wave_number", Dimension::WaveNumber, false),
+];
 
 impl Effect for Cogging {
     fn name(&self) -> &'static str {

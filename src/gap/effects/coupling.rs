@@ -9,7 +9,11 @@ pub struct Coupling {
     pub other: usize,
 }
 
-const PARAMETERS: &[Parameter] = &[amplitude("stiffness", Dimension::Stiffness, true), amplitude("other_stiffness", Dimension::Effort, true), amplitude("offset", Dimension::Effort, true)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, true),
+    amplitude("other_stiffness", Dimension::Effort, true),
+    amplitude("offset", Dimension::Effort, true),
+];
 
 impl Effect for Coupling {
     fn name(&self) -> &'static str {

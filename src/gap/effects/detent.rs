@@ -6,7 +6,11 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct Detent;
 
-const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, false), shape("position", Dimension::Position, true), shape("width", Dimension::Position, false)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("effort", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
 
 impl Effect for Detent {
     fn name(&self) -> &'static str {

@@ -6,7 +6,8 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, RUN_
 #[derive(Debug)]
 pub struct Disturbance;
 
-const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true), shape("time", Dimension::Time, true), shape("duration", Dimension::Time, false)];
+const PARAMETERS: &[Parameter] =
+    &[amplitude("effort", Dimension::Effort, true), shape("time", Dimension::Time, true), shape("duration", Dimension::Time, false)];
 
 impl Effect for Disturbance {
     fn name(&self) -> &'static str {

@@ -9,7 +9,11 @@ pub struct EndStop {
     pub upper: bool,
 }
 
-const PARAMETERS: &[Parameter] = &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("contact_damping", Dimension::Damping, false), shape("position", Dimension::Position, true)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, false),
+    amplitude("contact_damping", Dimension::Damping, false),
+    shape("position", Dimension::Position, true),
+];
 
 impl Effect for EndStop {
     fn name(&self) -> &'static str {

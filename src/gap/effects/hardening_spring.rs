@@ -6,7 +6,11 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct HardeningSpring;
 
-const PARAMETERS: &[Parameter] = &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("hardening", Dimension::CubicStiffness, false), shape("rest_position", Dimension::Position, true)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, false),
+    amplitude("hardening", Dimension::CubicStiffness, false),
+    shape("rest_position", Dimension::Position, true),
+];
 
 impl Effect for HardeningSpring {
     fn name(&self) -> &'static str {

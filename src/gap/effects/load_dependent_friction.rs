@@ -23,6 +23,7 @@ impl Effect for LoadDependentFriction {
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0] * at.u.abs();
+        out.u = p[0] * at.u.signum();
         out.p[0] = at.u.abs();
     }
 

@@ -6,7 +6,11 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct LocalFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false), shape("position", Dimension::Position, true), shape("width", Dimension::Position, false)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
 
 impl Effect for LocalFriction {
     fn name(&self) -> &'static str {

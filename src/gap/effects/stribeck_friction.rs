@@ -6,7 +6,11 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct StribeckFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false), amplitude("breakaway_excess", Dimension::Effort, false), shape("stribeck_velocity", Dimension::Velocity, false)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    amplitude("breakaway_excess", Dimension::Effort, false),
+    shape("stribeck_velocity", Dimension::Velocity, false),
+];
 
 impl Effect for StribeckFriction {
     fn name(&self) -> &'static str {

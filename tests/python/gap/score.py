@@ -30,7 +30,8 @@ def judge(truth, report):
         return "right" if not report["findings"] else "false name"
     (part, effects), = hidden.items()
     wanted = set(effects)
-    if any(f["joint"] != f"{part}_joint" for f in report["findings"]):
+    # A coupling acts on both of its joints.
+    if any(f["joint"] != f"{part}_joint" and f["effect"] != "coupling" for f in report["findings"]):
         return "wrong joint"
     first, more = names(report, f"{part}_joint")
     if not wanted <= LIBRARY:
