@@ -110,6 +110,57 @@ pub fn roll(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &D
     }
 }
 
+/// Scalars of a model that enter every step, and their columns.
+struct Layout {
+    gain: f64,
+    gain_column: Option<usize>,
+    /// One over the inertia.
+    inverse: f64,
+    inertia_column: Option<usize>,
+    delay_column: Option<usize>,
+    /// Offset, scale and play of the sensor.
+    sensors: [Option<usize>; 3],
+}
+
+impl Layout {
+    fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
+        let scalar = |place, neutral| model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)));
+        let (added, inertia_column) = scalar(Place::Inertia, 0.0);
+        let (gain, gain_column) = scalar(Place::Gain, 1.0);
+        Self {
+            gain,
+            gain_column,
+            inverse: 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia),
+            inertia_column,
+            delay_column: scalar(Place::Delay, 0.0).1,
+            sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+        }
+    }
+}
+
+/// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way through rest
+/// the larger one of both sides.
+fn bound_at_turn(model: &JointModel, catalogue: &Catalogue, at: &At, bound: f64, friction: &mut Row) -> f64 {
+    let mut unused = [0.0; MAX_COLUMNS];
+    let turned = At { direction: -at.direction, v: 0.0, ..*at };
+    if at.v == 0.0 {
+        return add_up(model, catalogue, &turned, &mut unused, friction).friction;
+    }
+    if bound <= 0.0 {
+        return bound;
+    }
+    bound.max(add_up(model, catalogue, &turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
+}
+
+/// Moves the position at a constant velocity.
+#[inline]
+fn drift<const W: usize>(h: f64, q: &mut f64, dq: &mut Row, v: f64, dv: &Row) {
+    *q += h * v;
+    for c in 0..W {
+        dq[c] += h * dv[c];
+    }
+}
+
 /// Rolls a window with `W` columns.
 fn roll_columns<const W: usize>(
     model: &JointModel,
@@ -121,12 +172,7 @@ fn roll_columns<const W: usize>(
     out: &mut Rollout,
 ) {
     let sensor = model.sensor(catalogue);
-    let column_of = |place| model.scalar(catalogue, place).map(|(_, at)| at + 2);
-    let (added, inertia_column) = model.scalar(catalogue, Place::Inertia).map_or((0.0, None), |(x, at)| (x, Some(at + 2)));
-    let (gain, gain_column) = model.scalar(catalogue, Place::Gain).map_or((1.0, None), |(x, at)| (x, Some(at + 2)));
-    let delay_column = column_of(Place::Delay);
-    let sensors = [column_of(Place::Bias), column_of(Place::Scale), column_of(Place::Play)];
-    let inverse = 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia);
+    let Layout { gain, gain_column, inverse, inertia_column, delay_column, sensors } = Layout::of(model, catalogue);
     let (mut q, mut v) = (start.position, start.velocity);
     let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     (dq[0], dv[1]) = (1.0, 1.0);
@@ -153,10 +199,7 @@ fn roll_columns<const W: usize>(
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
             let u = gain * drive.effort[index];
-            q += 0.5 * h * v;
-            for c in 0..W {
-                dq[c] += 0.5 * h * dv[c];
-            }
+            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
             let direction = if v != 0.0 { v.signum() } else { 1.0 };
             let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now };
             let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
@@ -172,18 +215,11 @@ fn roll_columns<const W: usize>(
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
             if let Some(c) = inertia_column {
-                effort_p[c] = -total * inverse;
+                (effort_p[c], friction_p[c]) = (-total * inverse, -sum.friction * inverse);
             }
             let free = v + kick * total;
-            if v == 0.0 && free * direction < 0.0 {
-                // The side that a joint at rest leaves to decides which bound holds.
-                let turned = At { direction: -direction, ..at };
-                sum = Sum { friction: add_up(model, catalogue, &turned, &mut [0.0; MAX_COLUMNS], &mut friction_p).friction, ..sum };
-            } else if free * direction < 0.0 && sum.friction > 0.0 {
-                // It would turn back within the step: friction has held it at rest on the way.
-                let turned = At { direction: -direction, v: 0.0, ..at };
-                sum.friction =
-                    sum.friction.max(add_up(model, catalogue, &turned, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS]).friction);
+            if free * direction < 0.0 {
+                sum.friction = bound_at_turn(model, catalogue, &at, sum.friction, &mut friction_p);
             }
             let bound = kick * sum.friction;
             if free.abs() <= bound {
@@ -197,14 +233,8 @@ fn roll_columns<const W: usize>(
                 for c in 0..W {
                     dv[c] = by_v * dv[c] + by_q * dq[c] + kick * (effort_p[c] - sign * friction_p[c]);
                 }
-                if let (Some(c), true) = (inertia_column, sum.friction > 0.0) {
-                    dv[c] += kick * sign * sum.friction * inverse;
-                }
             }
-            q += 0.5 * h * v;
-            for c in 0..W {
-                dq[c] += 0.5 * h * dv[c];
-            }
+            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::{
         proof::prove,
         recording::Recording,
         report::{self, JointReport},
-        twin_tree::{Motion, TwinTree},
+        twin_tree::Motion,
         update,
         verdict::{Diagnosis, Verdict, diagnose as diagnose_joint},
     },
