@@ -55,6 +55,7 @@ fn view() -> RgbdFrame {
         rgb: vec![[128; 3]; depth_m.len()],
         mask: Some(depth_m.iter().map(|d| *d > 0.0).collect()),
         depth_m,
+        readings: Vec::new(),
     }
 }
 

@@ -94,7 +94,7 @@ fn a_wrong_key_is_named_with_its_place_and_the_nearest_one() {
     let (code, _, err) = run(&["reconstruct", "bag", "--out", folder.0.to_str().unwrap(), "--set", "train.field.levels=many"]);
     assert_eq!((code, err.as_str()), (2, "error: --set: train.field.levels = many: invalid type: string \"many\", expected usize\n"));
     let (code, _, err) = run(&["config", "show", "--preset", "papr"]);
-    assert!(code == 2 && err.contains("default, preview, paper"), "{err}");
+    assert!(code == 2 && err.contains("default, fields, preview, paper"), "{err}");
     let (code, _, err) = run(&["config", "show", "--config", "/nowhere/x.yaml"]);
     assert!(code == 2 && err.contains("cannot read /nowhere/x.yaml: "), "{err}");
     let (code, _, err) = run(&["reconstruct", "bag", "--out", "x", "--parts", "1"]);
@@ -159,7 +159,7 @@ fn json_leaves_nothing_but_events_on_stdout() {
     let folder = Folder::new("json");
     let (code, out, err) = run(&["reconstruct", "/nowhere/bag", "--out", folder.0.to_str().unwrap(), "--parts", "2", "--json"]);
     assert!(code == 1 && err.starts_with("error: "), "{err}");
-    let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact"];
+    let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact", "error"];
     for line in out.lines() {
         let event: serde_json::Value = serde_json::from_str(line).unwrap();
         assert!(known.contains(&event["event"].as_str().unwrap()), "{line}");

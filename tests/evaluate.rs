@@ -1,5 +1,7 @@
 //! Evaluation of runs whose errors are known, and agreement with an independent scorer.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
+
 #[path = "common/objects.rs"]
 mod objects;
 #[path = "common/venv.rs"]
@@ -138,8 +140,8 @@ fn a_folder_that_is_no_run_is_refused() {
     let temp = Temp::new("no-run");
     let error = |runs: &[PathBuf], truth: &Path| run(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string();
     assert!(error(&[], &truth_of_drawer()).contains("no run"));
-    assert!(error(&[temp.0.clone()], &truth_of_drawer()).contains("holds 0 .urdf files"));
-    assert!(error(&[temp.0.clone()], &temp.0).contains("truth.json"));
+    assert!(error(std::slice::from_ref(&temp.0), &truth_of_drawer()).contains("holds 0 .urdf files"));
+    assert!(error(std::slice::from_ref(&temp.0), &temp.0).contains("truth.json"));
     let folder = write_run(&true_drawer(), &temp.0);
     std::fs::write(folder.join("report.json"), r#"{"states": [{"joints": {}}]}"#).expect("a written file");
     assert!(error(&[folder], &truth_of_drawer()).contains("1 states; two are needed"));

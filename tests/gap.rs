@@ -1,6 +1,6 @@
 //! `artitwin diagnose` on recordings that MuJoCo makes; skipped where there is no Python.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
 #[path = "common/venv.rs"]
 mod venv;

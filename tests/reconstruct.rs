@@ -7,7 +7,11 @@ use std::{
     process::Command,
 };
 
-use artitwin::evaluate::{EvaluateOptions, run};
+use artitwin::{
+    evaluate::{EvaluateOptions, run},
+    export::{Level, check_folder},
+    io::read_model_folder,
+};
 
 fn reconstruct(out: &Path, options: &[&str]) -> (i32, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
@@ -33,9 +37,19 @@ fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
         assert!(code == 0 || code == 3, "{told}");
     }
     let read = |out: &PathBuf, file: &str| std::fs::read(out.join("drawer").join(file)).unwrap();
-    for file in ["drawer.urdf", "meshes/visual/base.obj", "meshes/visual/part_1.obj"] {
+    let same = [
+        "drawer.urdf",
+        "drawer.xml",
+        "drawer.usda",
+        "meshes/visual/base.obj",
+        "meshes/visual/part_1.png",
+        "meshes/collision/base_solid_0.obj",
+    ];
+    for file in same {
         assert_eq!(read(&outs[0], file), read(&outs[1], file), "{file} differs between two runs with one seed");
     }
+    let found = check_folder(&read_model_folder(&outs[0].join("drawer")).unwrap());
+    assert!(found.iter().all(|f| f.level != Level::Error), "{found:?}");
     let report = run(&[outs[0].join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
     let joint = &report.trials[0].joints[0];
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
@@ -46,7 +60,7 @@ fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
 fn a_run_without_the_number_of_parts_is_refused_and_leaves_nothing() {
     let out = folder("reconstruct-none");
     let (code, told) = reconstruct(&out, &[]);
-    assert_eq!(code, 1, "{told}");
+    assert_eq!(code, 2, "{told}");
     assert!(told.contains("--parts N"), "{told}");
     assert!(!out.join("drawer").exists());
 }

@@ -42,7 +42,7 @@ fn completeness(capture: &Capture, name: &str, state: usize) -> (f64, f64) {
 #[test]
 fn readings_lie_on_the_true_surface() {
     for (name, views) in [("drawer", 16), ("drawer_raw", 12), ("laptop", 16)] {
-        let capture = open(&[bag(name)], &CaptureConfig::default()).unwrap();
+        let capture = open(&[bag(name)], &CaptureConfig::default(), 0).unwrap();
         assert_eq!((capture.name.as_str(), &capture.warnings), (name, &Vec::new()));
         for state in 0..2 {
             assert_eq!(capture.states[state].len(), views);
@@ -55,10 +55,10 @@ fn readings_lie_on_the_true_surface() {
 #[test]
 fn isolation_without_masks_finds_the_masked_object() {
     for name in ["drawer", "laptop"] {
-        let masked = open(&[bag(name)], &CaptureConfig::default()).unwrap();
+        let masked = open(&[bag(name)], &CaptureConfig::default(), 0).unwrap();
         let mut config = CaptureConfig::default();
         config.isolate.use_masks = false;
-        let found = open(&[bag(name)], &config).unwrap();
+        let found = open(&[bag(name)], &config, 0).unwrap();
         let (mut right, mut wrong, mut missed) = (0, 0, 0);
         for (a, b) in masked.states.iter().flatten().zip(found.states.iter().flatten()) {
             for p in (0..a.depth_m.len()).filter(|p| a.depth_m[*p] > 0.0) {

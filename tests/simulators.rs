@@ -2,6 +2,8 @@
 //!
 //! Needs Python (see `common/venv.rs`); says so and passes where there is none. Pictures go to `target/pictures/`.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
+
 #[path = "common/objects.rs"]
 mod objects;
 #[path = "common/venv.rs"]

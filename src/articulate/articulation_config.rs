@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::trainer_input::{MIN_PARTS, TrainerError, check_settings};
+
 /// Which of two readings of the method to follow where the published text and the released program differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -85,6 +87,9 @@ pub struct Compatibility {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ArticulationConfig {
+    /// Whether parts and motions that registration found are refined by consistency between the two states' fields. Motions
+    /// that start from the identity always are.
+    pub refine: bool,
     /// Optimizer steps where motions start from the identity.
     pub identity_steps: usize,
     /// Optimizer steps where motions start from a registration.
@@ -129,9 +134,20 @@ pub struct ArticulationConfig {
     pub compatibility: Compatibility,
 }
 
+impl ArticulationConfig {
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// [`TrainerError::Setting`] with the key.
+    pub fn check(&self) -> Result<(), TrainerError> {
+        check_settings(self, MIN_PARTS, 1.0)
+    }
+}
+
 impl Default for ArticulationConfig {
     fn default() -> Self {
         Self {
+            refine: false,
             identity_steps: 2000,
             refine_steps: 400,
             label_steps: 200,

@@ -91,7 +91,8 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
     }
     let across_m = PIXEL_SIGMA * depth_m / k.fx / cosine;
     let point = frame.world_from_camera * Point3::from(ray * depth_m);
-    Some(Reading { point, sigma_m: noise.sigma_m(depth_m).hypot(across_m) })
+    let sigma_m = frame.sigma_m(cy as usize * k.width + cx as usize, noise);
+    Some(Reading { point, sigma_m: sigma_m.hypot(across_m) })
 }
 
 /// Least-squares `w = a + b x + c y`.

@@ -29,6 +29,7 @@ mod register;
 mod rigid_fit;
 mod sample_index;
 mod scale_space;
+mod surface_graph;
 #[cfg(test)]
 mod synthetic;
 

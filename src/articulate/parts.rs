@@ -8,7 +8,7 @@ use super::{
     texture_matches,
 };
 use crate::{
-    capture::{NoiseConfig, RgbdFrame},
+    capture::{NoiseConfig, RgbdFrame, smoothing_m},
     geometry::{Grid3, Pose},
 };
 
@@ -85,7 +85,8 @@ fn evidence<'a>(
     config: &JointConfig,
     shares: [f64; 2],
 ) -> MotionEvidence<'a> {
-    let correlation_m = config.refine.correlation_spacings * spacing_m;
+    let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
+    let correlation_m = (config.refine.correlation_spacings * spacing_m).max(smoothing_m);
     MotionEvidence {
         surfaces: [&surfaces[0], &surfaces[1]],
         sdf: [states[0].sdf, states[1].sdf],

@@ -119,6 +119,7 @@ impl Scene {
                 rgb,
                 depth_m,
                 mask: Some(mask),
+                readings: Vec::new(),
             }
         };
         cameras.iter().enumerate().map(one).collect()

@@ -2,9 +2,15 @@
 
 use nalgebra::Point3;
 
-use super::{articulation_config::ArticulationConfig, evidence::LiftedMatch, state_model::StateModel};
+use super::{
+    articulation_config::{ArticulationConfig, SdfResidual},
+    evidence::LiftedMatch,
+    state_model::StateModel,
+};
 use crate::geometry::Pose;
 
+/// Fewest parts: a static and a moving one.
+pub(super) const MIN_PARTS: usize = 2;
 /// Most parts that a segmentation can have.
 pub const MAX_PARTS: usize = 64;
 /// Most grid nodes along a side of the segmentation field.
@@ -68,7 +74,7 @@ pub enum TrainerError {
 
 /// Refuses settings that make no sense.
 pub(super) fn check_settings(config: &ArticulationConfig, parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
-    if !(2..=MAX_PARTS).contains(&parts) {
+    if !(MIN_PARTS..=MAX_PARTS).contains(&parts) {
         return Err(TrainerError::Parts { parts });
     }
     let setting = |ok: bool, name, value: String, remedy| if ok { Ok(()) } else { Err(TrainerError::Setting { name, value, remedy }) };
@@ -99,8 +105,18 @@ pub(super) fn check_settings(config: &ArticulationConfig, parts: usize, truncati
     setting(weights.iter().all(|w| w.is_finite() && *w >= 0.0), "weights", format!("{weights:?}"), "use weights of 0 or more")?;
     let ramp = config.occupancy_ramp_m;
     setting(ramp.is_none_or(|r| r > 0.0 && r.is_finite()), "occupancy_ramp_m", format!("{ramp:?}"), "use a positive length in metres")?;
-    let unseen = config.unseen_weight;
-    setting((0.0..=1.0).contains(&unseen), "unseen_weight", unseen.to_string(), "use 0 to 1")
+    for (name, steps) in
+        [("identity_steps", config.identity_steps), ("refine_steps", config.refine_steps), ("label_steps", config.label_steps)]
+    {
+        setting(steps <= MAX_SAMPLES, name, steps.to_string(), "use 0 to 4000000")?;
+    }
+    if let SdfResidual::NoiseScaled { sigmas } = config.sdf_residual {
+        setting(sigmas > 0.0 && sigmas.is_finite(), "sdf_residual", sigmas.to_string(), "use a positive number of sigmas")?;
+    }
+    for (name, share) in [("late_start", config.late_start), ("unseen_weight", config.unseen_weight)] {
+        setting((0.0..=1.0).contains(&share), name, share.to_string(), "use 0 to 1")?;
+    }
+    Ok(())
 }
 
 /// Refuses a state that cannot be sampled.

@@ -33,8 +33,8 @@ pub struct CaptureConfig {
     pub noise: NoiseConfig,
     /// Whether the noise model is scaled to what the recording shows.
     pub measure_noise: bool,
-    /// Seed of the random choices made here.
-    pub seed: u64,
+    /// Whether the object's depth is replaced by that of local planes, where they explain it.
+    pub denoise: bool,
 }
 
 /// Topic names that replace those found by type and name.
@@ -90,7 +90,7 @@ impl Default for CaptureConfig {
             isolate: IsolateConfig::default(),
             noise: NoiseConfig::default(),
             measure_noise: true,
-            seed: 0,
+            denoise: true,
         }
     }
 }

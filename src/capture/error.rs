@@ -107,7 +107,7 @@ pub enum CaptureError {
     /// Not one frame has a camera pose.
     #[error(
         "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and /tf_static from before \
-         the first to after the last image, or set `topics.pose`"
+         the first to after the last image, or name a pose topic with `--topic pose=TOPIC`"
     )]
     NoPoses {
         /// State 0 or 1.
@@ -128,7 +128,8 @@ pub enum CaptureError {
     /// The chain of frames holds no motion.
     #[error(
         "the pose of `{frame}` comes from static transforms alone (root `{root}`): the recording holds no camera motion; \
-         record odometry or the robot's /tf, set `topics.pose`, or set `world_frame: {root}` if the camera did stand still"
+         record odometry or the robot's /tf, name a pose topic with `--topic pose=TOPIC`, or give `--set capture.world_frame={root}` \
+         if the camera did stand still"
     )]
     StaticCamera {
         /// The optical frame.
@@ -226,7 +227,7 @@ pub enum CaptureError {
     /// No depth at all.
     #[error(
         "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); check the depth \
-         topic's unit (16UC1 is millimeters, 32FC1 meters) and the depth range"
+         topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set capture.depth_max_m=METERS`)"
     )]
     NoDepth {
         /// State 0 or 1.
@@ -240,8 +241,8 @@ pub enum CaptureError {
     },
     /// The states were recorded in different world frames.
     #[error(
-        "state 0 is in world frame `{world0}` and state 1 in `{world1}`; both states need one fixed frame: set `world_frame` \
-         to a frame that both recordings hold"
+        "state 0 is in world frame `{world0}` and state 1 in `{world1}`; both states need one fixed frame: name one \
+         that both recordings hold with `--set capture.world_frame=FRAME`"
     )]
     WorldFrames {
         /// Root frame of state 0.
@@ -263,6 +264,12 @@ pub enum CaptureError {
         /// What is missing.
         reason: String,
     },
+    /// One recording was given for both states.
+    #[error(
+        "both states hold the same images: one recording was given twice; give the recording that was made after the joints \
+         were moved"
+    )]
+    SameRecording,
     /// The states lie in different places.
     #[error(
         "the states have no place in common: only {share_percent:.1} % of the object's points in one state lie near those of \

@@ -22,6 +22,8 @@ pub struct RgbdFrame {
     pub depth_m: Vec<f32>,
     /// Object pixels, row-major; `None` until the object was isolated.
     pub mask: Option<Vec<bool>>,
+    /// How many independent readings of the sensor each pixel's depth is worth; empty = one each.
+    pub readings: Vec<f32>,
 }
 
 impl RgbdFrame {
@@ -29,6 +31,13 @@ impl RgbdFrame {
     #[must_use]
     pub fn is_object(&self, pixel: usize) -> bool {
         self.mask.as_ref().is_none_or(|m| m[pixel])
+    }
+
+    /// Expected standard deviation of a pixel's depth, metres.
+    #[must_use]
+    pub fn sigma_m(&self, pixel: usize, noise: &NoiseConfig) -> f64 {
+        let readings = self.readings.get(pixel).map_or(1.0, |r| f64::from(r.max(1e-3)));
+        noise.sigma_m(f64::from(self.depth_m[pixel])) / readings.sqrt()
     }
 
     /// World point seen at a pixel index; `None` where the depth is unknown.

@@ -1,6 +1,7 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 
 mod config;
+mod denoise;
 mod error;
 mod frame;
 mod isolate;
@@ -14,6 +15,7 @@ mod tf;
 mod undistort;
 
 pub use config::{CaptureConfig, IsolateConfig, TopicConfig};
+pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub use frame::{Capture, PixelMatch, RgbdFrame};
 pub use isolate::isolate;

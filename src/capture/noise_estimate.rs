@@ -104,6 +104,7 @@ mod tests {
             rgb: vec![[0; 3]; 160 * 120],
             depth_m,
             mask: None,
+            readings: Vec::new(),
         }
     }
 

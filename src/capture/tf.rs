@@ -168,7 +168,11 @@ impl TfBuffer {
                 // Half a turn between samples has no unique path.
                 a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| format!("`{child}` turns by half a turn between two samples"))
             }
-            (Some((t0, _)), Some((t1, _))) => Err(format!("a gap of {:.3} s in the transforms of `{child}`", stamp_secs(t1 - t0))),
+            (Some((t0, _)), Some((t1, _))) => Err(format!(
+                "a gap of {:.3} s in the transforms of `{child}`, more than capture.tf_max_gap_secs = {}",
+                stamp_secs(t1 - t0),
+                stamp_secs(max_gap)
+            )),
             (Some((last, _)), None) => Err(format!("the transforms of `{child}` end at {:.6} s", stamp_secs(*last))),
             (None, Some((first, _))) => Err(format!("the transforms of `{child}` begin at {:.6} s", stamp_secs(*first))),
             (None, None) => Err(format!("no transform of `{child}`")),

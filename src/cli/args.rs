@@ -26,6 +26,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Measure finished runs against the truth
     Evaluate(EvaluateArgs),
+    /// Find what would keep a simulator from loading a URDF folder as it is meant
+    Check(CheckArgs),
     /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
     Diagnose(DiagnoseArgs),
     /// Show the configuration that would be used
@@ -73,6 +75,17 @@ pub struct InspectArgs {
     /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0 and state1
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
+}
+
+/// Options of `check`.
+#[derive(Args, Clone, Debug)]
+pub struct CheckArgs {
+    /// Folder with one or more .urdf files and their meshes
+    #[arg(value_name = "DIR")]
+    pub dir: PathBuf,
+    /// Warnings count as errors
+    #[arg(long)]
+    pub strict: bool,
 }
 
 /// Options of `evaluate`.
@@ -168,6 +181,9 @@ pub struct ReconstructArgs {
     /// Where the part motions start from
     #[arg(long, value_parser = ["registration", "identity"])]
     pub init: Option<String>,
+    /// Joint limits: what was observed, or as far as the collision solids allow
+    #[arg(long, value_parser = ["observed", "swept"])]
+    pub limits: Option<String>,
     /// What trains the fields
     #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
     pub engine: Option<String>,

@@ -40,6 +40,9 @@ pub enum CliError {
     /// The runs cannot be measured.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
+    /// The folder cannot be read.
+    #[error(transparent)]
+    Folder(#[from] crate::io::ModelFolderError),
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),
@@ -52,11 +55,26 @@ pub enum CliError {
 }
 
 impl CliError {
+    /// The error and what led to it, on one line. A cause that a message already ends with is not repeated.
+    #[must_use]
+    pub fn chain(&self) -> String {
+        let mut text = self.to_string();
+        let mut cause = std::error::Error::source(self);
+        while let Some(error) = cause {
+            let told = error.to_string();
+            if !text.ends_with(&told) {
+                text = format!("{text}: {told}");
+            }
+            cause = error.source();
+        }
+        text
+    }
+
     /// The exit code of this error.
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Config(_) => Exit::Usage,
+            Self::Config(_) | Self::Run(RunError::Config(_)) => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) => Exit::Cancelled,
             _ => Exit::Failed,
         }
@@ -79,6 +97,8 @@ mod tests {
     #[test]
     fn messages_hold_the_whole_chain_once() {
         let error: CliError = RunError::stage("field/state0", std::io::Error::other("disk full")).into();
-        assert_eq!(format!("{:#}", anyhow::Error::from(error)), "field/state0: disk full");
+        assert_eq!(error.chain(), "field/state0: disk full");
+        let missing = CaptureError::Read { path: "bag".into(), source: std::io::Error::other("gone") };
+        assert_eq!(CliError::from(RunError::stage("capture", missing)).chain(), "capture: cannot read `bag`: gone");
     }
 }

@@ -1,6 +1,7 @@
 //! The terminal: arguments, progress, exit codes. Results go to stdout, everything else to stderr.
 
 mod args;
+mod check;
 mod config;
 mod diagnose;
 mod doctor;
@@ -38,7 +39,7 @@ pub fn main() -> ExitCode {
         Ok(exit) => exit.into(),
         Err(error) => {
             let exit = error.exit();
-            tell(&format!("error: {:#}", anyhow::Error::from(error)));
+            tell(&format!("error: {}", error.chain()));
             exit.into()
         }
     }
@@ -48,6 +49,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
     match command {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Config { command } => config::run(&command),

@@ -179,7 +179,8 @@ impl Drop for Bars {
 /// What an event says; steps and starts are shown in their own way.
 fn sentence(event: &Event) -> Option<String> {
     match event {
-        Event::StageStarted { .. } | Event::Step { .. } => None,
+        // The program says last why it fails.
+        Event::StageStarted { .. } | Event::Step { .. } | Event::Error { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
         Event::Warning { message } => Some(format!("warning: {message}")),
         Event::Note { message } => Some(message.clone()),

@@ -19,6 +19,20 @@ use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest};
 /// # Errors
 /// If the configuration is wrong, or the run fails or is stopped.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
+    let (progress, events) = Progress::start(args.json);
+    let outcome = reconstruct(args, &events);
+    if let Err(error) = &outcome {
+        events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
+    }
+    progress.finish();
+    let outcome = outcome?;
+    if !args.json {
+        super::print(&render::outcome(&outcome))?;
+    }
+    Ok(exit(&outcome))
+}
+
+fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>) -> Result<Outcome, CliError> {
     let resolved = args.resolve()?;
     let request = ReconstructRequest {
         sources: std::iter::once(&args.bag).chain(&args.bag1).cloned().collect(),
@@ -28,14 +42,8 @@ pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
         origins: resolved.origins,
         resume: args.resume,
     };
-    let (progress, events) = Progress::start(args.json);
-    let outcome = stop_on_request(events.clone()).map(|stop| run::reconstruct(&request, &Monitor::new(events, stop)));
-    progress.finish();
-    let outcome = outcome??;
-    if !args.json {
-        super::print(&render::outcome(&outcome))?;
-    }
-    Ok(exit(&outcome))
+    let stop = stop_on_request(events.clone())?;
+    Ok(run::reconstruct(&request, &Monitor::new(events.clone(), stop))?)
 }
 
 fn exit(outcome: &Outcome) -> Exit {

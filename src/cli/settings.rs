@@ -35,6 +35,7 @@ impl ReconstructArgs {
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
             ("--seed", "run.seed", self.seed.map(Value::from)),
             ("--init", "run.init", self.init.clone().map(Value::from)),
+            ("--limits", "model.limits", self.limits.clone().map(Value::from)),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
             ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),
@@ -52,6 +53,6 @@ impl ReconstructArgs {
 
 fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
     let resolved: Resolved<Config> = layers.resolve()?;
-    resolved.config.check()?;
+    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
     Ok(resolved)
 }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::Origins;
+
 /// Why a configuration was refused; every message says where and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
@@ -73,15 +75,26 @@ pub enum ConfigError {
         /// What is wrong.
         reason: String,
     },
-    /// The values do not fit together.
+    /// No run can use the value.
     #[error("{key}: {reason}")]
     Unusable {
         /// Path of the key.
-        key: &'static str,
-        /// What is wrong.
+        key: String,
+        /// What is wrong and what would be accepted.
         reason: String,
     },
-    /// A layer refuses its group.
-    #[error(transparent)]
-    Refused(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl ConfigError {
+    /// The same, with the place that an unusable value comes from, where it is known.
+    #[must_use]
+    pub fn with_origin(self, origins: &Origins) -> Self {
+        match self {
+            Self::Unusable { key, reason } => match origins.0.get(&key).filter(|o| *o != "default") {
+                Some(origin) => Self::Unusable { key, reason: format!("{reason} ({origin})") },
+                None => Self::Unusable { key, reason },
+            },
+            other => other,
+        }
+    }
 }

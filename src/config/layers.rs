@@ -461,7 +461,9 @@ mod tests {
                 assert!(same || origin.starts_with(&format!("launch_configs/{name}.yaml:")), "{origin}");
             }
         }
-        assert!(Layers::new(&Settings::default()).unwrap().preset("papr").unwrap_err().to_string().contains("default, preview, paper"));
+        assert!(
+            Layers::new(&Settings::default()).unwrap().preset("papr").unwrap_err().to_string().contains("default, fields, preview, paper")
+        );
     }
 
     proptest! {

@@ -7,6 +7,7 @@
 //! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is serialized
 //! (no `skip_serializing_if`): the serialized default is the list of valid keys.
 
+mod check;
 mod error;
 mod layers;
 mod lines;
@@ -24,9 +25,10 @@ pub use run::{Engine, Init, MAX_PARTS, RunConfig};
 use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
     capture::CaptureConfig,
+    export::LookConfig,
     field::TrainConfig,
     model::ModelConfig,
-    surface::SurfaceConfig,
+    surface::{SurfaceConfig, SurfaceSource},
 };
 
 /// What was asked of a run: one group per layer.
@@ -51,16 +53,28 @@ pub struct Config {
     pub joint: JointConfig,
     /// What no camera measures: density, thickness, effort.
     pub model: ModelConfig,
+    /// Visual meshes and textures.
+    pub look: LookConfig,
 }
 
 impl Config {
     /// Refuses values that no run can use.
     ///
     /// # Errors
-    /// [`ConfigError::Unusable`] or [`ConfigError::Refused`] with the key.
+    /// [`ConfigError::Unusable`] with the key of the first one.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let refused = |error| ConfigError::Refused(Box::new(error));
-        self.run.check()?;
-        self.capture.check().map_err(refused)
+        check::check(self)
+    }
+
+    /// Whether parts and motions are sought by consistency between the states' fields (method.md 4).
+    #[must_use]
+    pub fn seeks_consistency(&self) -> bool {
+        self.articulation.refine || self.run.init == Init::Identity
+    }
+
+    /// Whether the run needs neural fields.
+    #[must_use]
+    pub fn trains_fields(&self) -> bool {
+        self.surface.source == SurfaceSource::Field || self.seeks_consistency()
     }
 }

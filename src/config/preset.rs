@@ -3,8 +3,9 @@
 use super::ConfigError;
 
 /// Name and text of every preset.
-pub const PRESETS: [(&str, &str); 3] = [
+pub const PRESETS: [(&str, &str); 4] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
+    ("fields", include_str!("../../launch_configs/fields.yaml")),
     ("preview", include_str!("../../launch_configs/preview.yaml")),
     ("paper", include_str!("../../launch_configs/paper.yaml")),
 ];

@@ -49,11 +49,22 @@ impl RunConfig {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         match self.parts {
             Some(parts) if !(2..=MAX_PARTS).contains(&parts) => Err(ConfigError::Unusable {
-                key: "run.parts",
+                key: "run.parts".to_owned(),
                 reason: format!("{parts} parts; give 2 to {MAX_PARTS}, the static part included"),
             }),
             _ => Ok(()),
         }
+    }
+
+    /// The number of parts, which a run cannot do without.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unusable`] where it is not given.
+    pub fn needed_parts(&self) -> Result<usize, ConfigError> {
+        self.parts.ok_or_else(|| ConfigError::Unusable {
+            key: "run.parts".to_owned(),
+            reason: "the number of rigid parts is not given; add --parts N (static part included)".to_owned(),
+        })
     }
 }
 

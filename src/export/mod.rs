@@ -1,20 +1,34 @@
-//! Files in memory from a model: URDF, meshes, report. Nothing here touches a disk.
+//! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a disk.
 
+mod check;
+mod look;
+mod mjcf;
 pub mod number;
 mod obj;
 mod package;
 mod picture;
+mod preview;
 mod report_html;
 mod report_json;
+mod ros_package;
+mod sdf;
 mod start;
 mod urdf;
+mod usda;
+mod viewer;
 
-pub use obj::{mean_color, obj};
-pub use package::{ExportFile, urdf_package};
+pub use check::{CheckFinding, Folder, Level, check_folder};
+pub use look::{Corner, Look, LookConfig, look, looks};
+pub use mjcf::mjcf;
+pub use obj::{mtl, solid_obj, textured_obj};
+pub use package::{ExportFile, package, urdf_package};
 pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
-    InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
+    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
 };
-pub use start::{InitialMotion, compare_start};
-pub use urdf::{escape, roll_pitch_yaw, urdf, urdf_with_collision, visual_path};
+pub use sdf::sdf;
+pub use start::{InitialMotion, compare_starts, nearest_starts};
+pub use urdf::{escape, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
+pub use usda::usda;
+pub use viewer::viewer_html;

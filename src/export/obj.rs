@@ -1,83 +1,79 @@
-//! Wavefront OBJ text of a coloured mesh.
+//! Wavefront OBJ text: textured visual meshes, bare collision meshes.
 
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 
-use super::number::decimal;
-use crate::surface::TriangleMesh;
+use super::{look::Look, number::decimal};
+use crate::surface::ConvexSolid;
 
 /// Digits after the point of a vertex position: 0.1 micrometre.
 const POSITION_PLACES: usize = 7;
+/// Digits of a texture coordinate: a twentieth of a texel of a large texture.
+const UV_PLACES: usize = 6;
 
-/// OBJ text: `v x y z r g b` (metres; colour in `[0, 1]`, left out where the mesh has none), `vn` per vertex
-/// (area-weighted, unit) and triangles `f a//a b//b c//c`. Needs finite vertices and indices inside the mesh.
+/// OBJ text of a textured mesh: positions (metres), texture coordinates in `[0, 1]`, unit normals, triangles; the one
+/// material `name` of `name.mtl`.
 #[must_use]
-pub fn obj(mesh: &TriangleMesh) -> String {
-    let mut text = String::with_capacity(mesh.vertices.len() * 90 + mesh.triangles.len() * 40);
-    let colored = mesh.colors.len() == mesh.vertices.len();
-    for (i, p) in mesh.vertices.iter().enumerate() {
-        text.push('v');
-        for k in 0..3 {
-            text.push(' ');
-            text.push_str(&decimal(f64::from(p[k]), POSITION_PLACES));
-        }
-        if colored {
-            for c in mesh.colors[i] {
-                text.push(' ');
-                text.push_str(&decimal(f64::from(c) / 255.0, 4));
-            }
-        }
-        text.push('\n');
+pub fn textured_obj(look: &Look, name: &str) -> String {
+    let mut text = format!("mtllib {name}.mtl\no {name}\n");
+    for p in &look.mesh.vertices {
+        push(&mut text, "v", &[p.x, p.y, p.z].map(f64::from), POSITION_PLACES);
     }
-    for n in vertex_normals(mesh) {
-        text.push_str("vn");
-        for k in 0..3 {
-            text.push(' ');
-            text.push_str(&decimal(f64::from(n[k]), 4));
-        }
-        text.push('\n');
+    for c in &look.corners {
+        push(&mut text, "vt", &c.uv, UV_PLACES);
     }
-    for t in &mesh.triangles {
-        let [a, b, c] = t.map(|i| i + 1);
+    for c in &look.corners {
+        push(&mut text, "vn", c.normal.as_slice(), 4);
+    }
+    writeln!(text, "usemtl {name}").ok();
+    for (t, corners) in look.mesh.triangles.iter().zip(&look.triangles) {
+        let [a, b, c] = [0, 1, 2].map(|k| format!("{}/{}/{}", t[k] + 1, corners[k] + 1, corners[k] + 1));
         // Writing to a string cannot fail.
-        writeln!(text, "f {a}//{a} {b}//{b} {c}//{c}").ok();
+        writeln!(text, "f {a} {b} {c}").ok();
     }
     text
 }
 
-/// Unit normal per vertex: the sum of the area normals of its triangles; `+z` where that is zero.
-fn vertex_normals(mesh: &TriangleMesh) -> Vec<Vector3<f32>> {
-    let mut sums = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let normal = mesh.area_normal(t).cast::<f64>();
-        for &i in triangle {
-            sums[i as usize] += normal;
-        }
-    }
-    sums.iter().map(|n| n.try_normalize(1e-30).unwrap_or_else(Vector3::z).cast()).collect()
+/// The material of a textured mesh: its texture and nothing that tints it.
+#[must_use]
+pub fn mtl(name: &str) -> String {
+    format!("newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {name}.png\n")
 }
 
-/// Mean colour of a mesh, weighted by triangle area, in `[0, 1]`; `None` without colours or area.
+/// OBJ text of a convex solid: positions and triangles with the normals of their faces.
 #[must_use]
-pub fn mean_color(mesh: &TriangleMesh) -> Option<[f64; 3]> {
-    if mesh.colors.len() != mesh.vertices.len() {
-        return None;
+pub fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
+    let mesh = solid.mesh();
+    let mut text = format!("o {name}\n");
+    for p in &solid.vertices {
+        push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
-    let (mut sum, mut area) = (Vector3::<f64>::zeros(), 0.0);
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let a = f64::from(mesh.area_normal(t).norm());
-        for &i in triangle {
-            sum += Vector3::from(mesh.colors[i as usize].map(f64::from)) * a;
-        }
-        area += a;
+    for t in 0..mesh.triangles.len() {
+        let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
+        push(&mut text, "vn", normal.as_slice(), 4);
     }
-    (area > 0.0).then(|| (sum / (3.0 * 255.0 * area)).into())
+    for (k, t) in mesh.triangles.iter().enumerate() {
+        let [a, b, c] = t.map(|i| i + 1);
+        writeln!(text, "f {a}//{n} {b}//{n} {c}//{n}", n = k + 1).ok();
+    }
+    text
+}
+
+fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
+    text.push_str(word);
+    for v in values {
+        text.push(' ');
+        text.push_str(&decimal(*v, places));
+    }
+    text.push('\n');
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::look::{LookConfig, look};
+    use crate::surface::TriangleMesh;
     use nalgebra::Point3;
 
     fn triangle() -> TriangleMesh {
@@ -89,20 +85,19 @@ mod tests {
     }
 
     #[test]
-    fn text_is_exact() {
-        let text = "v 0 0 0 1 0 0.502\nv 0.1 0 0 1 0 0.502\nv 0 0.25 0 1 0 0.502\nvn 0 0 1\nvn 0 0 1\nvn 0 0 1\nf 1//1 2//2 3//3\n";
-        assert_eq!(obj(&triangle()), text);
-        assert_eq!(obj(&TriangleMesh { colors: vec![], ..triangle() }), text.replace(" 1 0 0.502", ""));
+    fn a_textured_mesh_names_its_material_and_stays_inside_it() {
+        let text = textured_obj(&look(&triangle(), &[], &LookConfig::default()), "lid");
+        assert!(text.starts_with("mtllib lid.mtl\no lid\nv 0 0 0\nv 0.1 0 0\nv 0 0.25 0\nvt "), "{text}");
+        assert!(text.ends_with("usemtl lid\nf 1/1/1 2/2/2 3/3/3\n"), "{text}");
+        let uv = text.lines().filter_map(|l| l.strip_prefix("vt ")).flat_map(|l| l.split(' ').map(|x| x.parse::<f64>().unwrap()));
+        assert!(uv.clone().count() == 6 && uv.into_iter().all(|x| x > 0.0 && x < 1.0));
+        assert!(mtl("lid").contains("Kd 1 1 1\n") && mtl("lid").ends_with("map_Kd lid.png\n"));
     }
 
     #[test]
-    fn colors_are_weighted_by_area() {
-        let mut mesh = triangle();
-        mesh.vertices.extend([Point3::new(0.0, 0.0, 1.0), Point3::new(0.3, 0.0, 1.0), Point3::new(0.0, 0.25, 1.0)]);
-        mesh.triangles.push([3, 4, 5]);
-        mesh.colors.extend([[0, 255, 0]; 3]);
-        let mean = mean_color(&mesh).unwrap();
-        assert!((mean[0] - 0.25).abs() < 1e-6 && (mean[1] - 0.75).abs() < 1e-6);
-        assert_eq!(mean_color(&TriangleMesh::default()), None);
+    fn a_solid_has_outward_triangles() {
+        let text = solid_obj(&ConvexSolid::cuboid(&Point3::origin(), &Point3::new(1.0, 2.0, 0.5)), "lid_0");
+        assert_eq!((text.matches("\nv ").count(), text.matches("\nf ").count()), (8, 12));
+        assert!(text.contains("vn 0 0 -1\n") && text.contains("vn 1 0 0\n"));
     }
 }

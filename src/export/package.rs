@@ -1,6 +1,16 @@
-//! The files of a model that a simulator loads.
+//! The files of a model that simulators load, in one folder.
 
-use super::{obj::obj, urdf::urdf, urdf::visual_path};
+use super::{
+    look::{Look, LookConfig, look},
+    mjcf::mjcf,
+    obj::{mtl, solid_obj, textured_obj},
+    preview::{thumbnail, turntable},
+    ros_package::{cmake_lists, package_xml},
+    sdf::{model_config, sdf},
+    urdf::{ros_urdf, solid_name, solid_path, urdf, visual_path},
+    usda::usda,
+    viewer::viewer_html,
+};
 use crate::model::ArticulatedModel;
 
 /// A file in memory.
@@ -12,11 +22,43 @@ pub struct ExportFile {
     pub bytes: Vec<u8>,
 }
 
-/// `<name>.urdf` and `meshes/visual/<link>.obj` of every link that has a surface. The model must be without findings
+/// All files of a model but its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package, meshes, textures,
+/// previews, viewer. `looks` in the order of the links. The model must be without findings
 /// ([`crate::model::validate`]).
 #[must_use]
+pub fn package(model: &ArticulatedModel, looks: &[Look]) -> Vec<ExportFile> {
+    let name = &model.name;
+    let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
+    let texts = [
+        (format!("{name}.urdf"), urdf(model)),
+        (format!("{name}.ros.urdf"), ros_urdf(model)),
+        (format!("{name}.xml"), mjcf(model)),
+        ("model.sdf".to_owned(), sdf(model)),
+        ("model.config".to_owned(), model_config(model)),
+        (format!("{name}.usda"), usda(model, looks)),
+        ("package.xml".to_owned(), package_xml(model)),
+        ("CMakeLists.txt".to_owned(), cmake_lists(model)),
+        ("viewer.html".to_owned(), viewer_html(model, looks, &textures)),
+    ];
+    let mut files: Vec<ExportFile> = texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
+    for ((link, look), png) in model.links.iter().zip(looks).zip(textures) {
+        let path = visual_path(link);
+        let stem = path.trim_end_matches(".obj").to_owned();
+        files.push(ExportFile { path, bytes: textured_obj(look, &link.name).into_bytes() });
+        files.push(ExportFile { path: format!("{stem}.mtl"), bytes: mtl(&link.name).into_bytes() });
+        files.push(ExportFile { path: format!("{stem}.png"), bytes: png });
+        for (k, solid) in link.collision.iter().enumerate() {
+            files.push(ExportFile { path: solid_path(link, k), bytes: solid_obj(solid, &solid_name(link, k)).into_bytes() });
+        }
+    }
+    files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail(model) });
+    files.push(ExportFile { path: "preview/turntable.gif".to_owned(), bytes: turntable(model) });
+    files
+}
+
+/// [`package`] of a model without photos: the meshes' own colors are their textures.
+#[must_use]
 pub fn urdf_package(model: &ArticulatedModel) -> Vec<ExportFile> {
-    let meshes = model.links.iter().filter(|l| !l.visual.is_empty());
-    let meshes = meshes.map(|l| ExportFile { path: visual_path(l), bytes: obj(&l.visual).into_bytes() });
-    std::iter::once(ExportFile { path: format!("{}.urdf", model.name), bytes: urdf(model).into_bytes() }).chain(meshes).collect()
+    let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+    package(model, &looks)
 }

@@ -200,11 +200,14 @@ fn push_times(out: &mut String, report: &Report) {
 fn push_start(out: &mut String, report: &Report) {
     let mut rows = String::new();
     for m in &report.run.initialization {
-        let cells =
-            [escape(&m.joint), escape(&m.source), unit(&decimal(m.rotation_deg, 3), "\u{b0}"), unit(&decimal(m.displacement_mm, 2), "mm")];
-        writeln!(rows, "<tr>{}</tr>", cells.map(|c| format!("<td>{c}</td>")).concat()).ok();
+        let source = if m.used { escape(&m.source) } else { format!("not used: {}", escape(&m.source)) };
+        let both = |rotation_deg, displacement_mm| {
+            format!("{} / {}", unit(&decimal(rotation_deg, 3), "\u{b0}"), unit(&decimal(displacement_mm, 2), "mm"))
+        };
+        let (start, change) = (both(m.start_rotation_deg, m.start_displacement_mm), both(m.rotation_deg, m.displacement_mm));
+        writeln!(rows, "<tr>{}</tr>", [escape(&m.joint), source, start, change].map(|c| format!("<td>{c}</td>")).concat()).ok();
     }
-    push_table(out, "From the start to the result", &["Joint", "Started from", "Rotation changed by", "Part moved by"], &rows);
+    push_table(out, "From the start to the result", &["Joint", "Started from", "Start turns / moves part by", "Result differs by"], &rows);
 }
 
 fn push_run(out: &mut String, report: &Report) {
@@ -277,6 +280,9 @@ mod tests {
             initialization: vec![InitialMotion {
                 joint: "door_hinge".into(),
                 source: "registration".into(),
+                used: true,
+                start_rotation_deg: 71.4,
+                start_displacement_mm: 250.0,
                 rotation_deg: 0.25,
                 displacement_mm: 1.5,
             }],

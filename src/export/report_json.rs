@@ -58,6 +58,9 @@ pub struct JointReport {
     pub motion: Quantity,
     /// Position interval.
     pub limit: LimitReport,
+    /// Friction and damping.
+    #[serde(default)]
+    pub dynamics: DynamicsReport,
     /// Root mean square angle between estimated and true axis by the covariance, degrees.
     pub axis_std_deg: f64,
     /// Root mean square distance of the axis from the true one by the covariance, across the axis, millimetres; of no
@@ -99,8 +102,26 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// `observed`: the interval between the two states; the joint reaches at least this far.
+    /// What both bounds are: `observed`, the interval between the two states, which the joint reaches at least; or
+    /// `swept`, as far as the collision solids let it go.
     pub source: String,
+    /// Inner bound: lowest and highest observed position.
+    #[serde(default)]
+    pub observed: [f64; 2],
+    /// Outer bound: the interval without collision; none where it was not swept.
+    #[serde(default)]
+    pub swept: Option<[f64; 2]>,
+}
+
+/// What resists a joint's motion; N m or N, per radian or metre.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DynamicsReport {
+    /// Coulomb friction.
+    pub friction: f64,
+    /// Viscous damping.
+    pub damping: f64,
+    /// What both rest on.
+    pub assumption: String,
 }
 
 /// A link.
@@ -112,6 +133,12 @@ pub struct LinkReport {
     pub mass_kg: f64,
     /// How mass and inertia were computed.
     pub assumption: String,
+    /// Lowest and highest mass under that assumption, kg.
+    #[serde(default)]
+    pub mass_range_kg: [f64; 2],
+    /// Convex collision solids.
+    #[serde(default)]
+    pub solids: usize,
     /// Area of the surface, square metres.
     pub area_m2: f64,
     /// Vertices of the mesh.
@@ -172,6 +199,8 @@ impl Report {
             name: l.name.clone(),
             mass_kg: round_significant(l.inertial.mass_kg, DIGITS),
             assumption: l.inertial.assumption.clone(),
+            mass_range_kg: l.inertial.mass_range_kg.map(|m| round_significant(m, DIGITS)),
+            solids: l.collision.len(),
             area_m2: round_significant(l.visual.area_m2(), DIGITS),
             vertices: l.visual.vertices.len(),
             triangles: l.visual.triangles.len(),
@@ -229,7 +258,15 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
             velocity: l.velocity,
             source: match l.source {
                 LimitSource::Observed => "observed".into(),
+                LimitSource::Swept => "swept".into(),
             },
+            observed: model.observed_interval(index).map(|q| round_significant(q, 12)),
+            swept: l.swept.map(|s| s.map(|q| round_significant(q, DIGITS))),
+        },
+        dynamics: DynamicsReport {
+            friction: round_significant(joint.dynamics.friction, DIGITS),
+            damping: round_significant(joint.dynamics.damping, DIGITS),
+            assumption: joint.dynamics.assumption.clone(),
         },
         axis_std_deg: round_significant(deviation.axis_rad.to_degrees(), 4),
         origin_std_mm: round_significant(1000.0 * deviation.origin_m, 4),
@@ -276,7 +313,11 @@ fn round3(v: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::start::compare_start, geometry::Pose, model::example::cabinet};
+    use crate::{
+        export::start::{compare_starts, nearest_starts},
+        geometry::Pose,
+        model::example::cabinet,
+    };
 
     fn facts() -> RunFacts {
         RunFacts {
@@ -336,10 +377,20 @@ mod tests {
     fn the_start_is_compared_with_the_end() {
         let model = cabinet();
         let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
-        let same = compare_start(&model, "registration", &[end(1), end(2)]);
+        let same = compare_starts(&model, "registration", true, &[end(1), end(2)]);
         assert!(same.iter().all(|m| m.rotation_deg < 1e-6 && m.displacement_mm < 1e-6), "{same:?}");
-        let off = compare_start(&model, "identity", &[Pose::identity(), Pose::identity()]);
+        let off = compare_starts(&model, "identity", false, &[Pose::identity(), Pose::identity()]);
         assert!((off[0].rotation_deg - 1.25f64.to_degrees()).abs() < 1e-9 && off[0].joint == "door_hinge");
-        assert!((off[1].displacement_mm - 180.0).abs() < 1e-9 && off[1].source == "identity");
+        assert!((off[1].displacement_mm - 180.0).abs() < 1e-9 && off[1].source == "identity" && !off[1].used);
+        assert_eq!((off[1].start_displacement_mm, off[1].start_rotation_deg), (0.0, 0.0));
+        assert!((same[1].start_displacement_mm - 180.0).abs() < 1e-9 && same[1].used);
+    }
+
+    #[test]
+    fn motions_of_another_order_are_matched_with_the_joints() {
+        let model = cabinet();
+        let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
+        let near = |i: usize| Pose::translation(0.001, 0.0, 0.0) * end(i);
+        assert_eq!(nearest_starts(&model, &[near(2), near(1)]), [near(1), near(2)]);
     }
 }

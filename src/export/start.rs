@@ -4,40 +4,86 @@ use serde::{Deserialize, Serialize};
 
 use crate::{geometry::Pose, geometry::rotation_angle_rad, model::ArticulatedModel};
 
-/// How far the final motion of a part is from the one that its refinement started with.
+/// A motion that a part's refinement started from, or could have, and how far the final motion is from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InitialMotion {
     /// Name of the joint.
     pub joint: String,
     /// What the start came from: `registration` or `identity`.
     pub source: String,
+    /// Whether the refinement started from it; if not, it is what this source alone would have given.
+    pub used: bool,
+    /// Angle of the start's rotation, degrees.
+    pub start_rotation_deg: f64,
+    /// Mean displacement of the part's vertices by the start, millimetres.
+    pub start_displacement_mm: f64,
     /// Angle of the rotation between start and end, degrees.
     pub rotation_deg: f64,
     /// Mean displacement of the part's vertices between start and end, millimetres.
     pub displacement_mm: f64,
 }
 
-/// Compares the motions that the refinement of a model started with (`state1_from_state0` in the world, in the order of
-/// the joints) with those of the model.
+/// Compares motions (`state1_from_state0` in the world, in the order of the joints) with those of the model.
 #[must_use]
-pub fn compare_start(model: &ArticulatedModel, source: &str, starts: &[Pose]) -> Vec<InitialMotion> {
-    let none = vec![0.0; model.joints.len()];
-    let (first, last) = (model.states.first().unwrap_or(&none), model.states.last().unwrap_or(&none));
-    let compare = |(joint, start): (&crate::model::Joint, &Pose)| {
-        let world_from_link = model.world_from_link(joint.child, first);
-        let end = model.world_from_link(joint.child, last) * world_from_link.inverse();
-        let vertices = &model.links[joint.child].visual.vertices;
-        let moved = |p: &nalgebra::Point3<f32>| {
-            let p = world_from_link * p.cast::<f64>();
-            (end * p - start * p).norm()
-        };
-        let mean_m = vertices.iter().map(moved).sum::<f64>() / vertices.len().max(1) as f64;
+pub fn compare_starts(model: &ArticulatedModel, source: &str, used: bool, starts: &[Pose]) -> Vec<InitialMotion> {
+    let angle_deg = |pose: &Pose| rotation_angle_rad(&pose.rotation).to_degrees();
+    let compare = |(index, start): (usize, &Pose)| {
+        let part = MovingPart::of(model, index);
         InitialMotion {
-            joint: joint.name.clone(),
+            joint: model.joints[index].name.clone(),
             source: source.to_owned(),
-            rotation_deg: rotation_angle_rad(&(end.rotation * start.rotation.inverse())).to_degrees(),
-            displacement_mm: 1000.0 * mean_m,
+            used,
+            start_rotation_deg: angle_deg(start),
+            start_displacement_mm: 1000.0 * part.displacement_m(&Pose::identity(), start),
+            rotation_deg: angle_deg(&(part.state1_from_state0 * start.inverse())),
+            displacement_mm: 1000.0 * part.displacement_m(start, &part.state1_from_state0),
         }
     };
-    model.joints.iter().zip(starts).map(compare).collect()
+    starts.iter().take(model.joints.len()).enumerate().map(compare).collect()
+}
+
+/// Motions in the order of the joints: the closest pair of joint and motion first, each used once. For motions whose order
+/// is that of another search for parts.
+#[must_use]
+pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
+    let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of(model, j)).collect();
+    let pair = |(j, part): (usize, &MovingPart)| -> Vec<(f64, usize, usize)> {
+        motions.iter().enumerate().map(|(m, motion)| (part.displacement_m(motion, &part.state1_from_state0), j, m)).collect()
+    };
+    let mut pairs: Vec<_> = parts.iter().enumerate().flat_map(pair).collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut of_joint: Vec<Option<usize>> = vec![None; parts.len()];
+    for (_, j, m) in pairs {
+        if of_joint[j].is_none() && !of_joint.contains(&Some(m)) {
+            of_joint[j] = Some(m);
+        }
+    }
+    of_joint.into_iter().flatten().map(|m| motions[m]).collect()
+}
+
+/// A part that a joint moves.
+struct MovingPart<'a> {
+    vertices: &'a [nalgebra::Point3<f32>],
+    world_from_link: Pose,
+    state1_from_state0: Pose,
+}
+
+impl<'a> MovingPart<'a> {
+    fn of(model: &'a ArticulatedModel, joint: usize) -> Self {
+        let none = vec![0.0; model.joints.len()];
+        let (first, last) = (model.states.first().unwrap_or(&none), model.states.last().unwrap_or(&none));
+        let child = model.joints[joint].child;
+        let world_from_link = model.world_from_link(child, first);
+        let state1_from_state0 = model.world_from_link(child, last) * world_from_link.inverse();
+        Self { vertices: &model.links[child].visual.vertices, world_from_link, state1_from_state0 }
+    }
+
+    /// Mean distance between the part's vertices after one motion and after the other, metres.
+    fn displacement_m(&self, a: &Pose, b: &Pose) -> f64 {
+        let moved = |p: &nalgebra::Point3<f32>| {
+            let p = self.world_from_link * p.cast::<f64>();
+            (b * p - a * p).norm()
+        };
+        self.vertices.iter().map(moved).sum::<f64>() / self.vertices.len().max(1) as f64
+    }
 }

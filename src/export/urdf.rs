@@ -7,10 +7,7 @@ use std::fmt::Write as _;
 
 use nalgebra::UnitQuaternion;
 
-use super::{
-    number::{decimal, significant},
-    obj::mean_color,
-};
+use super::number::{decimal, significant};
 use crate::{
     geometry::Pose,
     model::{ArticulatedModel, Joint, JointKind, Link},
@@ -28,20 +25,23 @@ const MUJOCO: &str = r#"  <mujoco>
   </mujoco>
 "#;
 
-/// URDF text of a model whose links have no collision meshes. Mesh paths are relative to the URDF's folder:
-/// `meshes/visual/<link>.obj`. The model must be without findings ([`crate::model::validate`]).
+/// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
+/// ([`crate::model::validate`]).
 #[must_use]
 pub fn urdf(model: &ArticulatedModel) -> String {
-    urdf_with_collision(model, &[])
+    urdf_with_paths(model, "")
 }
 
-/// URDF text of a model with the relative paths of each link's convex collision meshes, in the order of the links; a
-/// link beyond the end of `collision` has none.
+/// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
 #[must_use]
-pub fn urdf_with_collision(model: &ArticulatedModel, collision: &[Vec<String>]) -> String {
+pub fn ros_urdf(model: &ArticulatedModel) -> String {
+    urdf_with_paths(model, &format!("package://{}/", model.name))
+}
+
+fn urdf_with_paths(model: &ArticulatedModel, prefix: &str) -> String {
     let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\">\n", escape(&model.name));
-    for (i, link) in model.links.iter().enumerate() {
-        push_link(&mut text, link, collision.get(i).map_or(&[], Vec::as_slice));
+    for link in &model.links {
+        push_link(&mut text, link, prefix);
     }
     for joint in &model.joints {
         push_joint(&mut text, joint, &model.links);
@@ -55,6 +55,18 @@ pub fn urdf_with_collision(model: &ArticulatedModel, collision: &[Vec<String>]) 
 #[must_use]
 pub fn visual_path(link: &Link) -> String {
     format!("meshes/visual/{}.obj", link.name)
+}
+
+/// Name of a link's collision solid in all formats, and of its file.
+#[must_use]
+pub fn solid_name(link: &Link, solid: usize) -> String {
+    format!("{}_solid_{solid}", link.name)
+}
+
+/// Path of a link's collision solid, relative to the URDF's folder.
+#[must_use]
+pub fn solid_path(link: &Link, solid: usize) -> String {
+    format!("meshes/collision/{}.obj", solid_name(link, solid))
 }
 
 /// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
@@ -72,7 +84,7 @@ pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
-fn push_link(text: &mut String, link: &Link, collision: &[String]) {
+fn push_link(text: &mut String, link: &Link, prefix: &str) {
     let name = escape(&link.name);
     let mass = &link.inertial;
     let i = &mass.inertia;
@@ -93,16 +105,12 @@ fn push_link(text: &mut String, link: &Link, collision: &[String]) {
     .ok();
     if !link.visual.is_empty() {
         writeln!(text, "    <visual name=\"{name}_visual\">").ok();
-        push_mesh(text, &visual_path(link));
-        if let Some([r, g, b]) = mean_color(&link.visual) {
-            let [r, g, b] = [r, g, b].map(|c| decimal(c, 4));
-            writeln!(text, "      <material name=\"{name}_color\">\n        <color rgba=\"{r} {g} {b} 1\"/>\n      </material>").ok();
-        }
+        push_mesh(text, &format!("{prefix}{}", visual_path(link)));
         text.push_str("    </visual>\n");
     }
-    for (k, path) in collision.iter().enumerate() {
-        writeln!(text, "    <collision name=\"{name}_collision_{k}\">").ok();
-        push_mesh(text, path);
+    for k in 0..link.collision.len() {
+        writeln!(text, "    <collision name=\"{}\">", escape(&solid_name(link, k))).ok();
+        push_mesh(text, &format!("{prefix}{}", solid_path(link, k)));
         text.push_str("    </collision>\n");
     }
     text.push_str("  </link>\n");
@@ -128,25 +136,27 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
     let l = &joint.limit;
     writeln!(
         text,
-        "    <limit lower=\"{}\" upper=\"{}\" effort=\"{}\" velocity=\"{}\"/>\n  </joint>",
+        "    <limit lower=\"{}\" upper=\"{}\" effort=\"{}\" velocity=\"{}\"/>",
         decimal(l.lower, PLACES),
         decimal(l.upper, PLACES),
         short(l.effort),
         short(l.velocity)
     )
     .ok();
+    let d = &joint.dynamics;
+    writeln!(text, "    <dynamics damping=\"{}\" friction=\"{}\"/>\n  </joint>", short(d.damping), short(d.friction)).ok();
 }
 
 /// `xyz` and `rpy` of a pose.
-fn origin(target_from_source: &Pose) -> (String, String) {
+pub(super) fn origin(target_from_source: &Pose) -> (String, String) {
     (triple(target_from_source.translation.vector.as_ref()), triple(&roll_pitch_yaw(&target_from_source.rotation)))
 }
 
-fn triple(v: &[f64; 3]) -> String {
+pub(super) fn triple(v: &[f64; 3]) -> String {
     v.map(|x| decimal(x, PLACES)).join(" ")
 }
 
-fn short(x: f64) -> String {
+pub(super) fn short(x: f64) -> String {
     significant(x, DIGITS)
 }
 
@@ -198,10 +208,9 @@ mod tests {
     #[test]
     fn reads_back_as_the_model() {
         let model = cabinet();
-        let collision = vec![vec!["meshes/collision/body_0.obj".to_owned(), "meshes/collision/body_1.obj".to_owned()]];
-        let robot = urdf_rs::read_from_string(&urdf_with_collision(&model, &collision)).unwrap();
+        let robot = urdf_rs::read_from_string(&urdf(&model)).unwrap();
         assert_eq!((robot.name.as_str(), robot.links.len(), robot.joints.len()), ("cabinet", 3, 2));
-        assert_eq!((robot.links[0].collision.len(), robot.links[1].collision.len()), (2, 0));
+        assert_eq!((robot.links[0].collision.len(), robot.links[1].collision.len()), (1, 1));
         for (read, link) in robot.links.iter().zip(&model.links) {
             assert_eq!(read.name, link.name);
             assert!((read.inertial.mass.value - link.inertial.mass_kg).abs() < 1e-9);

@@ -2,7 +2,7 @@
 //!
 //! Slower than the engine of the CPU on a CPU; it exists for GPUs, and as a second opinion on gradients.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 use burn::tensor::{Device, Tensor};
 
@@ -15,9 +15,8 @@ use super::{Layer, VIEW_COEFFICIENTS};
 /// Trains a field on a burn device.
 ///
 /// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they do not.
-/// When the device fails in [`FieldEngine::step`] or [`FieldEngine::gradient`], the losses are NaN from then on,
-/// [`Self::failure`] says why, and [`FieldEngine::state`] is the last state that was read: another engine can go on
-/// from its `steps`.
+/// When the device fails in a method of [`FieldEngine`], the losses are NaN from then on, [`FieldEngine::failure`] says
+/// why, and [`FieldEngine::state`] is the last state that was read: another engine can go on from its `steps`.
 pub struct BurnEngine {
     device: Device,
     shape: FieldShape,
@@ -26,7 +25,7 @@ pub struct BurnEngine {
     first: Vec<Tensor<1>>,
     second: Vec<Tensor<1>>,
     steps: u64,
-    failure: Option<EngineError>,
+    failure: OnceLock<EngineError>,
     last_read: Mutex<EngineState>,
 }
 
@@ -53,7 +52,7 @@ impl BurnEngine {
             let first = upload(&shape, &state.first, &device);
             let second = upload(&shape, &state.second, &device);
             let steps = state.steps;
-            let engine = Self { device, shape, params, first, second, steps, failure: None, last_read: Mutex::new(state) };
+            let engine = Self { device, shape, params, first, second, steps, failure: OnceLock::new(), last_read: Mutex::new(state) };
             engine.device.sync().map_err(|e| failed("received the parameters", e))?;
             Ok(engine)
         })
@@ -67,7 +66,7 @@ impl BurnEngine {
         Self::resume(state, Device::flex())
     }
 
-    /// Continues from a checkpoint on the best GPU, after a short trial of the device. Environment variable
+    /// Continues from a checkpoint on the best GPU, after a trial gradient against the CPU engine's. Environment variable
     /// `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) chooses another adapter.
     ///
     /// # Errors
@@ -75,8 +74,8 @@ impl BurnEngine {
     /// and those of [`Self::new`].
     #[cfg(feature = "gpu")]
     pub fn wgpu(state: EngineState) -> Result<Self, EngineError> {
-        let mut engine = Self::resume(state, super::burn_device::wgpu_device()?)?;
-        engine.try_gradient(&trial_batch()).map(|_| engine)
+        let mut engine = Self::resume(state.clone(), super::burn_device::wgpu_device()?)?;
+        engine.check(state).map(|()| engine)
     }
 
     /// Continues from a checkpoint on the best GPU: this binary has no GPU support.
@@ -88,10 +87,17 @@ impl BurnEngine {
         Err(EngineError::NotBuilt)
     }
 
-    /// Why the engine stopped working, if it did.
-    #[must_use]
-    pub fn failure(&self) -> Option<&EngineError> {
-        self.failure.as_ref()
+    /// Compares a trial gradient with the CPU engine's at the same state.
+    ///
+    /// # Errors
+    /// [`EngineError::Failed`] if the device fails, [`EngineError::Unavailable`] if it computes something else.
+    #[cfg(any(test, feature = "gpu"))]
+    pub(super) fn check(&mut self, state: EngineState) -> Result<(), EngineError> {
+        use super::burn_trial::{agree, trial_batch};
+        let batch = trial_batch();
+        let found = self.try_gradient(&batch)?;
+        let expected = super::CpuEngine::resume(state).gradient(&batch);
+        agree(&found, &expected).map_err(|message| EngineError::Unavailable { message })
     }
 
     /// As [`FieldEngine::step`].
@@ -160,30 +166,49 @@ impl BurnEngine {
     }
 
     /// Losses of a failed engine.
-    fn fail(&mut self, error: EngineError) -> FieldLosses {
-        self.failure.get_or_insert(error);
+    fn fail(&self, error: EngineError) -> FieldLosses {
+        self.failure.get_or_init(|| error);
         FieldLosses { sdf: f64::NAN, color: f64::NAN }
+    }
+
+    /// The failure, if there was one.
+    fn working(&self) -> Result<(), EngineError> {
+        self.failure.get().cloned().map_or(Ok(()), Err)
     }
 }
 
 impl FieldEngine for BurnEngine {
     fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
-        match self.failure.clone().map_or_else(|| self.try_step(batch, learning_rate), Err) {
-            Ok(losses) => losses,
-            Err(error) => self.fail(error),
-        }
+        self.working().and_then(|()| self.try_step(batch, learning_rate)).unwrap_or_else(|error| self.fail(error))
     }
 
     fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
-        match self.failure.clone().map_or_else(|| self.try_gradient(batch), Err) {
-            Ok(result) => result,
-            Err(error) => (self.fail(error), vec![f32::NAN; self.params.iter().map(|p| p.dims()[0]).sum()]),
-        }
+        let parameters = self.params.iter().map(|p| p.dims()[0]).sum();
+        let result = self.working().and_then(|()| self.try_gradient(batch));
+        result.unwrap_or_else(|error| (self.fail(error), vec![f32::NAN; parameters]))
     }
 
     fn state(&self) -> EngineState {
-        let last = || self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
-        if self.failure.is_some() { last() } else { self.try_state().unwrap_or_else(|_| last()) }
+        self.working().and_then(|()| self.try_state()).unwrap_or_else(|error| {
+            self.fail(error);
+            self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+        })
+    }
+
+    fn failure(&self) -> Option<&EngineError> {
+        self.failure.get()
+    }
+}
+
+impl Drop for BurnEngine {
+    /// A lost device may panic when its memory is given back.
+    fn drop(&mut self) {
+        let tensors = [&mut self.params, &mut self.first, &mut self.second].map(std::mem::take);
+        guarded("gave its memory back", || {
+            drop(tensors);
+            Ok(())
+        })
+        .ok();
     }
 }
 
@@ -261,20 +286,4 @@ fn check_shape(state: &EngineState) -> Result<(), EngineError> {
         return err(format!("{n} parameters with {} and {} moments", state.first.len(), state.second.len()));
     }
     Ok(())
-}
-
-/// One ray with every kind of loss, to try a device with.
-#[cfg(feature = "gpu")]
-fn trial_batch() -> SampleBatch {
-    use super::SdfTarget;
-    SampleBatch {
-        rays: 1,
-        samples_per_ray: 2,
-        points: vec![[0.25, 0.5, 0.75]; 2],
-        targets: vec![SdfTarget::Empty { weight: 1.0 }, SdfTarget::Surface { value: 0.1, weight: 1.0 }],
-        color_weights: vec![0.5; 2],
-        directions: vec![[0.0, 0.0, 1.0]],
-        colors: vec![[0.5; 3]],
-        ray_weights: vec![1.0],
-    }
 }

@@ -255,6 +255,15 @@ fn a_failing_engine_keeps_its_last_state() {
     assert_eq!(engine.state(), before);
 }
 
+#[test]
+fn the_trial_of_a_device_passes_where_the_device_works() {
+    let mut state = fresh(&small_field(11));
+    flex(state.clone()).check(state.clone()).unwrap_or_else(|e| panic!("{e}"));
+    let engine = &mut flex(state.clone());
+    state.params.color[2].biases[0] += 1.0;
+    assert!(matches!(engine.check(state), Err(EngineError::Unavailable { .. })));
+}
+
 /// A checkpoint moves between the engines: they take the same steps up to rounding.
 #[test]
 fn the_engines_agree() {

@@ -40,7 +40,9 @@ pub struct TrainConfig {
     pub color_share: f64,
     /// Sharpness of the bell of colour weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
     pub color_sharpness: f64,
-    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`].
+    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`]. Not a setting: a run has one
+    /// truncation for fields and surfaces, whose key is `surface.truncation_m`.
+    #[serde(skip)]
     pub truncation_m: Option<f64>,
     /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where nothing was
     /// observed, the field stays near it.
@@ -55,7 +57,9 @@ pub struct TrainConfig {
     pub outlier_sigmas: f64,
     /// Share of the steps after which outliers are looked for.
     pub outlier_from: f64,
-    /// Depth noise.
+    /// Depth noise. Not a setting: a run gives what it measured, whose keys are `capture.noise` and
+    /// `capture.measure_noise`.
+    #[serde(skip)]
     pub noise: NoiseConfig,
 }
 
@@ -119,10 +123,10 @@ impl Default for TrainConfig {
 
 impl TrainConfig {
     /// The truncation in metres: the configured one, else the larger of 2 % of the object's longest side and four
-    /// times the expected noise at the median depth. (The published 3 cm suit objects of 1 to 2 m.)
+    /// times the median of the expected noise. (The published 3 cm suit objects of 1 to 2 m.)
     #[must_use]
-    pub fn derived_truncation_m(&self, scene: &SceneBox, median_depth_m: f64) -> f64 {
-        self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * self.noise.sigma_m(median_depth_m)))
+    pub fn derived_truncation_m(&self, scene: &SceneBox, median_sigma_m: f64) -> f64 {
+        self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
     }
 
     /// Refuses values that cannot be trained with.
@@ -188,6 +192,12 @@ pub enum FieldError {
     TooManyFrames {
         /// Frames given.
         frames: usize,
+    },
+    /// The optimisation ran away.
+    #[error("the loss or a parameter is not a finite number after {step} steps; lower train.learning_rate, or report this")]
+    NotFinite {
+        /// Steps done.
+        step: usize,
     },
     /// A checkpoint belongs to other data or another configuration.
     #[error("field: the checkpoint has {found} {what}, this run {expected}; start again without it")]

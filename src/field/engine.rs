@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::FieldParams;
+use super::{EngineError, FieldParams};
 
 /// What the TSDF at one sample is asked to be; `s` is the network's TSDF in truncation distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +89,11 @@ pub trait FieldEngine: Send {
 
     /// Everything a checkpoint needs.
     fn state(&self) -> EngineState;
+
+    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::state`] is of no use.
+    fn failure(&self) -> Option<&EngineError> {
+        None
+    }
 }
 
 impl FieldParams {

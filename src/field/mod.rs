@@ -8,6 +8,8 @@ mod burn_hash;
 mod burn_model;
 #[cfg(test)]
 mod burn_tests;
+#[cfg(any(test, feature = "gpu"))]
+mod burn_trial;
 mod config;
 mod cpu;
 #[cfg(test)]

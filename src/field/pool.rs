@@ -19,6 +19,8 @@ pub(super) struct SurfaceRay {
     pub frame: u16,
     pub pixel: u32,
     pub depth_m: f32,
+    /// Expected standard deviation of the depth.
+    pub sigma_m: f32,
     /// Cosine between ray and surface normal.
     pub cosine: f32,
     pub rgb: [u8; 3],
@@ -55,7 +57,8 @@ pub(super) struct RayPool {
     pub views: Vec<View>,
     pub surface: Vec<SurfaceRay>,
     pub background: Vec<BackgroundRay>,
-    pub median_depth_m: f64,
+    /// Median of the rays' expected standard deviations.
+    pub median_sigma_m: f64,
 }
 
 impl RayPool {
@@ -79,10 +82,10 @@ impl RayPool {
         if surface.is_empty() {
             return Err(FieldError::NoRays { frames: frames.len() });
         }
-        let mut depths: Vec<f32> = surface.iter().map(|r| r.depth_m).collect();
-        let middle = depths.len() / 2;
-        let median_depth_m = f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1);
-        Ok(Self { views, surface, background, median_depth_m })
+        let mut sigmas: Vec<f32> = surface.iter().map(|r| r.sigma_m).collect();
+        let middle = sigmas.len() / 2;
+        let median_sigma_m = f64::from(*sigmas.select_nth_unstable_by(middle, f32::total_cmp).1);
+        Ok(Self { views, surface, background, median_sigma_m })
     }
 }
 
@@ -101,7 +104,8 @@ fn frame_rays(
         if cosine > 0.0 && f64::from(depth_m) >= NEAR_M && f64::from(depth_m) <= FAR_M && frame.is_object(pixel) {
             let (origin, direction) = view.ray(pixel as u32);
             if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
-                surface.push(SurfaceRay { frame: index, pixel: pixel as u32, depth_m, cosine, rgb: frame.rgb[pixel] });
+                let sigma_m = frame.sigma_m(pixel, &config.noise) as f32;
+                surface.push(SurfaceRay { frame: index, pixel: pixel as u32, depth_m, sigma_m, cosine, rgb: frame.rgb[pixel] });
             }
         }
     }

@@ -159,8 +159,7 @@ impl Sampler<'_> {
         let normalised = self.truncation_m * self.scene.scale;
         let mut weight = self.config.surface_weight * normalised * normalised * f64::from(trust) / 255.0;
         if self.config.noise_weights {
-            let noise = &self.config.noise;
-            let ratio = noise.sigma_m(f64::from(ray.depth_m)) / noise.sigma_m(self.pool.median_depth_m);
+            let ratio = f64::from(ray.sigma_m) / self.pool.median_sigma_m;
             weight *= 2.0 * f64::from(ray.cosine) / (1.0 + ratio * ratio);
         }
         weight as f32

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::pool::RayPool;
 use super::sample::Sampler;
-use super::{CpuEngine, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
+use super::{CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
 use crate::capture::RgbdFrame;
 use crate::geometry::SceneBox;
 use crate::run::stage_rng;
@@ -80,7 +80,7 @@ impl FieldTrainer {
         let n = params.parameters();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
         Ok(Self {
-            truncation_m: config.derived_truncation_m(&input.scene, pool.median_depth_m),
+            truncation_m: config.derived_truncation_m(&input.scene, pool.median_sigma_m),
             trust: vec![u8::MAX; pool.surface.len()],
             config: config.clone(),
             scene: input.scene,
@@ -179,6 +179,12 @@ impl FieldTrainer {
     #[must_use]
     pub fn total(&self) -> usize {
         self.config.steps
+    }
+
+    /// Why the engine stopped working, if it did. Go on from an earlier checkpoint, on another engine.
+    #[must_use]
+    pub fn failure(&self) -> Option<&EngineError> {
+        self.engine.failure()
     }
 
     /// The truncation, metres.

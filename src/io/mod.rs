@@ -2,6 +2,7 @@
 
 mod joint_log;
 mod mesh_files;
+mod model_folder;
 mod npy;
 mod ply;
 mod run_dir;
@@ -10,6 +11,7 @@ mod urdf;
 
 pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
+pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
 pub use twin_file::{read_twin, twin_of};
@@ -32,4 +34,4 @@ mod topics;
 mod views;
 
 pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
-pub use recording::open;
+pub use recording::{object_name, open};

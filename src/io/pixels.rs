@@ -125,6 +125,7 @@ impl Decoder<'_> {
             rgb,
             depth_m,
             mask,
+            readings: Vec::new(),
         })
     }
 

@@ -11,7 +11,7 @@ use super::{
     views::{View, Views},
 };
 use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, isolate, noise_factor, spread_views},
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, denoise, isolate, noise_factor, spread_views},
     geometry::Pose,
     run::stage_rng,
 };
@@ -20,11 +20,12 @@ use crate::{
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
 /// Opens one or two paths: two bags, a folder with `state0` and `state1`, one bag with both states, or a dataset folder.
-/// Every frame of the result has a mask, and each state has at least one frame with depth on the object.
+/// Every frame of the result has a mask, and each state has at least one frame with depth on the object. `seed` is that of
+/// the run; the search for background planes draws from it.
 ///
 /// # Errors
 /// [`CaptureError`]; see its variants. What is merely degraded is told in [`Capture::warnings`].
-pub fn open(sources: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
     let mut capture = match &source {
@@ -35,9 +36,22 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Capt
     };
     capture.name = source.object_name();
     check_depth(&capture, config)?;
+    check_states_differ(&capture)?;
     measure_noise(&mut capture, config);
-    isolate(&mut capture, config, &mut stage_rng(config.seed, "capture/isolate", 0))?;
+    isolate(&mut capture, config, &mut stage_rng(seed, "capture/isolate", 0))?;
+    if config.denoise {
+        let noise = capture.noise;
+        capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
+    }
     Ok(capture)
+}
+
+/// The name that the object gets from the recordings' paths: `[A-Za-z][A-Za-z0-9_]*`.
+///
+/// # Errors
+/// Where the paths hold no recording.
+pub fn object_name(sources: &[PathBuf]) -> Result<String, CaptureError> {
+    Ok(Source::of(sources)?.object_name())
 }
 
 fn open_states(paths: &[PathBuf; 2], config: &CaptureConfig) -> Result<Capture, CaptureError> {
@@ -122,6 +136,14 @@ fn add_frames(
 fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
     frame.id = format!("{state}_{:04}", capture.states[state].len());
     capture.states[state].push(frame);
+}
+
+/// Refuses one recording given for both states: noise makes images of two recordings differ.
+fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
+    let same = |(a, b): (&RgbdFrame, &RgbdFrame)| a.world_from_camera == b.world_from_camera && a.depth_m == b.depth_m && a.rgb == b.rgb;
+    let [state0, state1] = &capture.states;
+    let twice = state0.len() == state1.len() && state0.iter().zip(state1).all(same);
+    if twice { Err(CaptureError::SameRecording) } else { Ok(()) }
 }
 
 /// Scales the noise model to the recording.

@@ -22,6 +22,14 @@ pub enum RunDirError {
     /// A folder of that name holds something else.
     #[error("{0} exists and is no earlier result (it has no report.json): choose another --out or move it away")]
     NotARun(PathBuf),
+    /// Nothing can be written there.
+    #[error("cannot write into {}; choose another --out or make it writable", folder.display())]
+    Unwritable {
+        /// The folder, or the nearest one above it that is there.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
     /// The disk refused.
     #[error("cannot {what} {path}: {source}")]
     Disk {
@@ -43,6 +51,25 @@ pub struct RunDir {
 }
 
 impl RunDir {
+    /// Refuses early what [`Self::create`] would refuse at the end of a run. Leaves nothing behind.
+    ///
+    /// # Errors
+    /// Those of [`Self::create`]; [`RunDirError::Unwritable`] where `out`, or the folder that it would be made in, cannot be
+    /// written.
+    pub fn check(out: &Path, name: &str) -> Result<(), RunDirError> {
+        if !is_plain_name(name) {
+            return Err(RunDirError::Name(name.to_owned()));
+        }
+        check_replaceable(&out.join(name))?;
+        let there = out.ancestors().find(|p| p.exists()).unwrap_or(Path::new("."));
+        let unwritable = |source| RunDirError::Unwritable { folder: there.to_owned(), source };
+        let probe = free_sibling(there, name, "probe").map_err(|error| match error {
+            RunDirError::Disk { source, .. } => unwritable(source),
+            other => other,
+        })?;
+        fs::remove_dir(&probe).map_err(unwritable)
+    }
+
     /// Starts the folder `out/name`; `out` is made where it is missing. Nothing appears under the final name yet.
     ///
     /// # Errors

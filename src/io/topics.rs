@@ -116,7 +116,7 @@ pub fn choose(topics: &[TopicSummary], wanted: &TopicConfig, path: &Path) -> Res
         None => chooser.best(ImageRole::Color).ok_or_else(|| {
             chooser.missing(
                 "color",
-                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them with `topics.color`",
+                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them with `--topic color=TOPIC`",
             )
         })?,
     };
@@ -126,7 +126,7 @@ pub fn choose(topics: &[TopicSummary], wanted: &TopicConfig, path: &Path) -> Res
             chooser.missing(
                 "depth",
                 "record depth aligned to color (realsense2_camera: align_depth.enable:=true, \
-                 /camera/camera/aligned_depth_to_color/image_raw), or name it with `topics.depth`",
+                 /camera/camera/aligned_depth_to_color/image_raw), or name it with `--topic depth=TOPIC`",
             )
         })?,
     };
@@ -195,7 +195,7 @@ impl Chooser<'_> {
     }
 
     fn missing_info(&self, color: &str) -> CaptureError {
-        let remedy = format!("record {}/camera_info, or name it with `topics.color_info`", parent(base(color)));
+        let remedy = format!("record {}/camera_info, or name it with `--topic color_info=TOPIC`", parent(base(color)));
         CaptureError::NoTopic {
             role: "camera_info",
             path: self.path.to_owned(),

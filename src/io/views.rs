@@ -143,7 +143,7 @@ impl Views {
         }
         if matched.is_empty() {
             let reason = format!(
-                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the header stamps or raise `sync_slop_secs`",
+                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the header stamps or raise the limit with `--set capture.sync_slop_secs=SECONDS`",
                 color.len(),
                 entries(&self.topics.depth).len(),
                 if no_mask > 0 { " and of a mask" } else { "" }

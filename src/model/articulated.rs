@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 
-use crate::{geometry::Pose, surface::TriangleMesh};
+use crate::{
+    geometry::Pose,
+    surface::{ConvexSolid, TriangleMesh},
+};
 
 /// What a joint lets its child do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +23,8 @@ pub enum JointKind {
 pub enum LimitSource {
     /// The interval between the observed states: the joint reaches at least this far.
     Observed,
+    /// The collision-free interval around it: the joint reaches no further, unless the solids are wrong.
+    Swept,
 }
 
 /// Interval of joint positions, radians or metres.
@@ -35,6 +40,25 @@ pub struct Limit {
     pub velocity: f64,
     /// What the interval rests on.
     pub source: LimitSource,
+    /// Interval without collision, the outer bound of the true one; `None` where it was not swept.
+    pub swept: Option<[f64; 2]>,
+}
+
+/// What resists a joint's motion; SI units per radian or metre. Zero where nothing is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointDynamics {
+    /// Coulomb friction, N m or N.
+    pub friction: f64,
+    /// Viscous damping, N m s/rad or N s/m.
+    pub damping: f64,
+    /// Inertia added at the joint, kg m^2 or kg.
+    pub armature: f64,
+    /// Stiffness of a spring, N m/rad or N/m.
+    pub stiffness: f64,
+    /// Position at which that spring rests, radians or metres.
+    pub spring_reference: f64,
+    /// What these numbers rest on.
+    pub assumption: String,
 }
 
 /// Mass properties in the link frame.
@@ -48,6 +72,8 @@ pub struct Inertial {
     pub inertia: Matrix3<f64>,
     /// How it was computed: model, density, thickness.
     pub assumption: String,
+    /// Lowest and highest mass under the assumption, kg.
+    pub mass_range_kg: [f64; 2],
 }
 
 /// A rigid part.
@@ -57,6 +83,8 @@ pub struct Link {
     pub name: String,
     /// Coloured surface in the link frame.
     pub visual: TriangleMesh,
+    /// Convex solids that collide, in the link frame.
+    pub collision: Vec<ConvexSolid>,
     /// Mass properties.
     pub inertial: Inertial,
 }
@@ -97,6 +125,8 @@ pub struct Joint {
     pub axis: Unit<Vector3<f64>>,
     /// Position interval.
     pub limit: Limit,
+    /// Friction, damping, springs.
+    pub dynamics: JointDynamics,
     /// What it rests on.
     pub evidence: JointEvidence,
 }

@@ -3,29 +3,71 @@
 use nalgebra::Translation3;
 use serde::{Deserialize, Serialize};
 
-use super::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link};
+use super::{
+    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, Material, assumed_dynamics,
+    clear_paths, solids_inertial, swept_interval,
+};
 use crate::{
     geometry::Pose,
-    surface::{ShellInertia, TriangleMesh, shell_inertia},
+    surface::{ConvexConfig, ShellInertia, TriangleMesh, convex_shell, shell_inertia},
 };
 
-/// Assumptions that no camera measures.
+/// Assumptions that no camera measures, and what is made of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Density of the walls, kg/m^3 (600: wood).
-    pub density_kg_m3: f64,
-    /// Thickness of the walls, metres.
+    /// What the object is made of; gives the density and its range.
+    pub material: Material,
+    /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end: `material`.
+    pub part_materials: Vec<Material>,
+    /// Density of the walls, kg/m^3; null: that of the material.
+    pub density_kg_m3: Option<f64>,
+    /// Thickness of walls whose other side was not seen, metres.
     pub wall_thickness_m: f64,
     /// Largest joint effort, N m or N.
     pub effort: f64,
     /// Largest joint speed, rad/s or m/s.
     pub velocity: f64,
+    /// Which interval the joint limits take.
+    pub limits: LimitPolicy,
+    /// Collision solids.
+    pub collision: ConvexConfig,
+}
+
+/// Which interval the joint limits take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LimitPolicy {
+    /// What was observed: the inner bound.
+    #[default]
+    Observed,
+    /// What the solids allow: the outer bound.
+    Swept,
 }
 
 impl Default for ModelConfig {
     fn default() -> Self {
-        Self { density_kg_m3: 600.0, wall_thickness_m: 0.008, effort: 100.0, velocity: 2.0 }
+        Self {
+            material: Material::default(),
+            part_materials: Vec::new(),
+            density_kg_m3: None,
+            wall_thickness_m: 0.008,
+            effort: 100.0,
+            velocity: 2.0,
+            limits: LimitPolicy::default(),
+            collision: ConvexConfig::default(),
+        }
+    }
+}
+
+impl ModelConfig {
+    /// Density of a part in kg/m^3 (usual, lowest, highest) and a few words about it.
+    fn density(&self, part: usize) -> ([f64; 3], String) {
+        let material = self.part_materials.get(part).copied().unwrap_or(self.material);
+        match self.density_kg_m3 {
+            Some(d) => ([d; 3], format!("{d} kg/m^3 (given)")),
+            None => (material.density_kg_m3(), format!("{} kg/m^3 ({}, assumed)", material.density_kg_m3()[0], material.name())),
+        }
     }
 }
 
@@ -45,16 +87,40 @@ pub struct MovingPart {
     pub surface: TriangleMesh,
 }
 
-/// Builds the model: a star of moving parts around the static one. Position 0 is state 0; the limits are the observed
-/// interval.
+/// Builds the model: a star of moving parts around the static one. Position 0 is state 0. Collision solids follow the
+/// surfaces and leave the observed paths free; masses come from the solids; the limits are the observed interval or the
+/// one that the solids allow.
 #[must_use]
 pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
-    let mut links = vec![link("base".to_owned(), base, config)];
+    let mut model = tree(name, base, parts, config);
+    for link in &mut model.links {
+        link.collision = convex_shell(&link.visual, config.wall_thickness_m, &config.collision);
+    }
+    // Before they are shrunk and cut: that is for the simulator, the walls are whole.
+    for (i, link) in model.links.iter_mut().enumerate() {
+        link.inertial = inertial(link, i, config);
+    }
+    clear_paths(&mut model, &config.collision);
+    for j in 0..model.joints.len() {
+        let swept = swept_interval(&model, j);
+        let limit = &mut model.joints[j].limit;
+        limit.swept = Some(swept);
+        if config.limits == LimitPolicy::Swept {
+            ([limit.lower, limit.upper], limit.source) = (swept, LimitSource::Swept);
+        }
+        model.joints[j].dynamics = assumed_dynamics(&model, j);
+    }
+    model
+}
+
+/// Links and joints, without solids and masses.
+fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
+    let mut links = vec![link("base".to_owned(), base)];
     let mut joints = Vec::new();
     let positions: Vec<f64> = parts.iter().map(|p| p.motion).collect();
     for (i, part) in parts.into_iter().enumerate() {
         let parent_from_joint = Pose::from_parts(Translation3::from(part.point.coords), nalgebra::UnitQuaternion::identity());
-        links.push(link(format!("part_{}", i + 1), part.surface.transformed(&parent_from_joint.inverse()), config));
+        links.push(link(format!("part_{}", i + 1), part.surface.transformed(&parent_from_joint.inverse())));
         joints.push(Joint {
             name: format!("joint_{}", i + 1),
             kind: part.kind,
@@ -68,7 +134,9 @@ pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &Mo
                 effort: config.effort,
                 velocity: config.velocity,
                 source: LimitSource::Observed,
+                swept: None,
             },
+            dynamics: JointDynamics::default(),
             evidence: part.evidence,
         });
     }
@@ -76,18 +144,30 @@ pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &Mo
     ArticulatedModel { name: name.to_owned(), links, joints, states }
 }
 
-fn link(name: String, visual: TriangleMesh, config: &ModelConfig) -> Link {
-    // A surface without area (which validation refuses) gets a small solid's mass, never zero.
-    let shell = shell_inertia(&visual, config.wall_thickness_m, config.density_kg_m3);
-    let ShellInertia { mass_kg, center_of_mass, inertia } = shell.unwrap_or(ShellInertia {
-        mass_kg: 1e-3,
+fn link(name: String, visual: TriangleMesh) -> Link {
+    let inertial = Inertial {
+        mass_kg: 0.0,
         center_of_mass: nalgebra::Point3::origin(),
-        inertia: nalgebra::Matrix3::identity() * 1e-6,
-    });
-    let assumption = format!(
-        "shell of the seen surface, {} mm thick, {} kg/m^3 (assumed, not measured)",
-        1e3 * config.wall_thickness_m,
-        config.density_kg_m3
-    );
-    Link { name, visual, inertial: Inertial { mass_kg, center_of_mass, inertia, assumption } }
+        inertia: nalgebra::Matrix3::zeros(),
+        assumption: String::new(),
+        mass_range_kg: [0.0; 2],
+    };
+    Link { name, visual, collision: Vec::new(), inertial }
+}
+
+/// Mass properties of a link's solids; of its surface as a shell where it has none. Without either the mass stays 0,
+/// which validation refuses.
+fn inertial(link: &Link, part: usize, config: &ModelConfig) -> Inertial {
+    let ([usual, lowest, highest], density) = config.density(part);
+    let wall_mm = 1e3 * config.wall_thickness_m;
+    let solid = format!("collision solids (walls {wall_mm} mm where the other side was not seen), {density}");
+    let shell = || {
+        let ShellInertia { mass_kg, center_of_mass, inertia } = shell_inertia(&link.visual, config.wall_thickness_m, usual)?;
+        let assumption = format!("shell of the seen surface, {wall_mm} mm thick, {density}");
+        Some(Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg: [mass_kg; 2] })
+    };
+    let found = solids_inertial(&link.collision, usual, &solid).or_else(shell).unwrap_or_else(|| link.inertial.clone());
+    // Half to twice the assumed wall, lightest to heaviest kind of the material.
+    let mass_range_kg = [0.5 * found.mass_kg * lowest / usual, 2.0 * found.mass_kg * highest / usual];
+    Inertial { mass_range_kg, ..found }
 }

@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
 
-use super::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link};
-use crate::{geometry::Pose, surface::TriangleMesh};
+use super::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link};
+use crate::{
+    geometry::Pose,
+    surface::{ConvexSolid, TriangleMesh},
+};
 
 /// Axis-aligned box with outward triangles, metres.
 #[must_use]
@@ -52,12 +55,14 @@ fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
         center_of_mass: nalgebra::center(&lower, &upper),
         inertia: Matrix3::from_diagonal(&moments),
         assumption: "solid box".into(),
+        mass_range_kg: [0.5 * mass_kg, 2.0 * mass_kg],
     };
-    Link { name: name.into(), visual, inertial }
+    let collision = vec![ConvexSolid::cuboid(&lower, &upper)];
+    Link { name: name.into(), visual, collision, inertial }
 }
 
 fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axis: Unit<Vector3<f64>>, range: [f64; 2]) -> Joint {
-    let limit = Limit { lower: range[0], upper: range[1], effort: 50.0, velocity: 2.0, source: LimitSource::Observed };
+    let limit = Limit { lower: range[0], upper: range[1], effort: 50.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
     let evidence = JointEvidence {
         covariance: SMatrix::identity() * 1e-8,
         state1_from_state0: Pose::identity(),
@@ -67,5 +72,5 @@ fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axi
         type_scores: BTreeMap::from([("prismatic".into(), 120.0), ("revolute".into(), 10.0)]),
         cautions: vec![],
     };
-    Joint { name: name.into(), kind, parent: 0, child, parent_from_joint, axis, limit, evidence }
+    Joint { name: name.into(), kind, parent: 0, child, parent_from_joint, axis, limit, dynamics: JointDynamics::default(), evidence }
 }

@@ -2,12 +2,20 @@
 
 mod articulated;
 mod build;
+mod dynamics;
 #[cfg(test)]
 pub(crate) mod example;
+mod mass;
+mod material;
+mod sweep;
 mod tree;
 mod validate;
 
-pub use articulated::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link};
-pub use build::{ModelConfig, MovingPart, build};
+pub use articulated::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link};
+pub use build::{LimitPolicy, ModelConfig, MovingPart, build};
+pub use dynamics::assumed_dynamics;
+pub use mass::solids_inertial;
+pub use material::Material;
+pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
 pub use validate::{Finding, is_plain_name, validate};

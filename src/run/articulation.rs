@@ -8,6 +8,7 @@ use crate::{
     },
     capture::{NoiseConfig, RgbdFrame, pixel_weights},
     config::{Config, Init},
+    field::ObjectField,
     geometry::{Intrinsics, Pose, SceneBox},
 };
 
@@ -15,7 +16,8 @@ use crate::{
 pub(super) struct Search<'a> {
     pub frames: [&'a [RgbdFrame]; 2],
     pub surfaces: [&'a StateSurface; 2],
-    pub colors: [&'a dyn ColorField; 2],
+    /// Fields of the states, where they were trained.
+    pub fields: [Option<&'a ObjectField>; 2],
     pub matches: &'a [LiftedMatch],
     pub scene: SceneBox,
     pub truncation_m: f64,
@@ -48,12 +50,32 @@ impl Search<'_> {
             .map_err(|e| RunError::stage("register", e))
     }
 
+    /// Parts and motions of the registration, or what the consistency between the fields makes of them.
+    ///
+    /// # Errors
+    /// Those of [`Self::optimise`].
+    pub fn articulate(
+        &self,
+        start: &Registration,
+        config: &Config,
+        checkpoint: Option<&Checkpoint>,
+        stages: &mut Stages,
+    ) -> Result<Articulation, RunError> {
+        match self.fields {
+            [Some(field0), Some(field1)] if config.seeks_consistency() => {
+                self.optimise([field0, field1], start, config, checkpoint, stages)
+            }
+            _ => Ok(Articulation { motions: start.motions.clone(), starts: start.motions.clone(), labels: start.labels.clone() }),
+        }
+    }
+
     /// Segmentation fields and shared motions by consistency between the states (method.md 4).
     ///
     /// # Errors
     /// Unusable input, a stop request, a checkpoint that cannot be written.
-    pub fn optimise(
+    fn optimise(
         &self,
+        colors: [&dyn ColorField; 2],
         start: &Registration,
         config: &Config,
         checkpoint: Option<&Checkpoint>,
@@ -64,7 +86,7 @@ impl Search<'_> {
         let state = |s: usize| StateModel {
             sdf: &self.surfaces[s].sdf,
             visible: &self.surfaces[s].visible,
-            color: self.colors[s],
+            color: colors[s],
             rays: &rays[s],
             cameras: &cameras[s],
         };
@@ -133,7 +155,7 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
         origin: frame.world_from_camera.translation.vector.into(),
         direction: frame.world_from_camera * frame.intrinsics.ray(u as f64, v as f64),
         depth_m,
-        sigma_m: noise.sigma_m(depth_m),
+        sigma_m: frame.sigma_m(pixel, noise),
         frame: index,
         rgb: frame.rgb[pixel].map(|c| f32::from(c) / 255.0),
     }

@@ -30,6 +30,8 @@ pub struct Checkpoint {
     folder: PathBuf,
     digest: u64,
     continued: bool,
+    /// Whether the folder around it was made for it.
+    made_parent: bool,
     /// The lock lasts as long as this file is open.
     _lock: File,
 }
@@ -90,6 +92,7 @@ impl Checkpoint {
     /// the folder is no checkpoint, or the disk refuses.
     pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
         let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
+        let made_parent = folder.parent().is_some_and(|out| !out.as_os_str().is_empty() && !out.exists());
         fs::create_dir_all(folder).map_err(fails)?;
         let names = file_names(folder).map_err(fails)?;
         if !names.is_empty() && !names.iter().any(|n| n == LOCK_FILE) {
@@ -114,7 +117,7 @@ impl Checkpoint {
             let write = |file: &mut BufWriter<File>| serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from);
             write_whole(&folder.join(FINGERPRINT_FILE), write).map_err(fails)?;
         }
-        Ok(Self { folder: folder.to_owned(), digest: fingerprint.digest(), continued, _lock: lock })
+        Ok(Self { folder: folder.to_owned(), digest: fingerprint.digest(), continued, made_parent, _lock: lock })
     }
 
     /// Whether an earlier run is continued.
@@ -171,6 +174,18 @@ impl Checkpoint {
         }
         fs::remove_file(self.folder.join(LOCK_FILE)).map_err(fails)?;
         fs::remove_dir(&self.folder).map_err(fails)
+    }
+
+    /// Deletes the checkpoint of a run that failed, and the folder around it if it was made for it and holds nothing else.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn discard(self) -> Result<(), CheckpointError> {
+        let made = self.folder.parent().filter(|_| self.made_parent).map(Path::to_owned);
+        self.remove()?;
+        // A folder that holds something else stays.
+        made.into_iter().for_each(|out| fs::remove_dir(out).unwrap_or_default());
+        Ok(())
     }
 
     fn path(&self, stage: &str) -> Result<PathBuf, CheckpointError> {
@@ -382,6 +397,18 @@ mod tests {
         assert!(held.remove().is_err());
         assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
         assert_eq!(fs::read_to_string(fixture.folder.join("notes.txt")).unwrap(), "mine");
+    }
+
+    #[test]
+    fn a_failed_run_leaves_no_folder_that_was_not_there_before() {
+        let fixture = Fixture::new("discard");
+        let out = fixture.folder.join("runs");
+        let open = || Checkpoint::open(&Checkpoint::folder(&out, "box"), &Fingerprint::default(), false).unwrap();
+        open().discard().unwrap();
+        assert!(!out.exists());
+        fs::create_dir_all(&out).unwrap();
+        open().discard().unwrap();
+        assert!(out.exists());
     }
 
     #[test]

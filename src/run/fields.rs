@@ -1,18 +1,31 @@
 //! The stage that trains the object field of one state.
 
-use super::{Checkpoint, Event, Monitor, RunError, state_surface::Band};
+use std::cell::RefCell;
+
+use super::{Cancelled, Checkpoint, Event, Monitor, RunError, state_surface::Band};
 use crate::{
     config::{Config, Engine},
-    field::{BurnEngine, CpuEngine, EngineState, FieldEngine, FieldTrainer, ObjectField, TrainConfig, TrainInput},
+    field::{
+        BurnEngine, CpuEngine, EngineState, FieldEngine, FieldError, FieldTrainer, ObjectField, TrainConfig, TrainInput, TrainerCheckpoint,
+    },
 };
 
 /// Steps between two looks at the clock, the bar and the stop flag.
 const REPORT_EVERY: usize = 10;
+/// Most steps that are lost with a device.
+const KEEP_EVERY: usize = 200;
+
+/// A trained field and what trained it.
+pub(super) struct TrainedField {
+    pub field: ObjectField,
+    /// Why the engine that was asked for was replaced by the CPU engine, if it was.
+    pub replaced: Option<String>,
+}
 
 /// Trains the field of a state, or takes it up where a checkpoint left it. A stop request writes a checkpoint.
 ///
 /// # Errors
-/// Unusable input or settings, an engine that is not there, a stop request, a checkpoint that cannot be written.
+/// Unusable input or settings, a loss that is no number, a stop request, a checkpoint that cannot be written.
 pub(super) fn train_field(
     state: usize,
     input: &TrainInput,
@@ -20,49 +33,132 @@ pub(super) fn train_field(
     config: &Config,
     checkpoint: Option<&Checkpoint>,
     monitor: &Monitor,
-) -> Result<ObjectField, RunError> {
+) -> Result<TrainedField, RunError> {
     let stage = format!("field/state{state}");
-    let factory = |state| engine(config.run.engine, state, monitor);
-    let failed = |error| RunError::stage(stage.clone(), error);
     let settings = TrainConfig { truncation_m: Some(band.truncation_m), noise: config.capture.noise, ..config.train.clone() };
-    let mut trainer = FieldTrainer::with_engine(input, &settings, config.run.seed, &stage, &factory).map_err(failed)?;
-    let file = format!("field-state{state}");
-    if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
-        trainer.restore(saved, &factory).map_err(failed)?;
-    }
-    let total = trainer.total();
-    let mut recent = 0.0;
-    while trainer.done() < total {
-        if let Err(stopped) = monitor.check() {
-            if let Some(c) = checkpoint {
-                c.save(&file, &trainer.checkpoint())?;
-            }
-            return Err(stopped.into());
-        }
-        for _ in 0..REPORT_EVERY.min(total - trainer.done()) {
-            let losses = trainer.step();
-            recent = losses.sdf + losses.color;
-        }
-        monitor.tell(Event::Step { stage: stage.clone(), done: trainer.done(), total, loss: recent });
-    }
-    if let Some(c) = checkpoint {
-        c.save(&file, &trainer.checkpoint())?;
-    }
-    Ok(trainer.field())
+    let kind = config.run.engine;
+    let start = |state| engine(kind, state);
+    let start: Option<Start> = if kind == Engine::Cpu { None } else { Some(&start) };
+    Training { stage, start, checkpoint, monitor, replaced: RefCell::default() }.run(input, &settings, config.run.seed)
 }
 
-/// The engine that was asked for; one that is not there is told and replaced by the CPU engine.
-fn engine(kind: Engine, state: EngineState, monitor: &Monitor) -> Box<dyn FieldEngine> {
+/// Makes an engine other than the CPU engine, or tells why it cannot.
+type Start<'a> = &'a dyn Fn(EngineState) -> Result<Box<dyn FieldEngine>, String>;
+
+fn engine(kind: Engine, state: EngineState) -> Result<Box<dyn FieldEngine>, String> {
     let made = match kind {
-        Engine::Cpu => return Box::new(CpuEngine::resume(state)),
-        Engine::Burn => BurnEngine::flex(state.clone()),
-        Engine::Gpu => BurnEngine::wgpu(state.clone()),
+        Engine::Cpu => return Ok(cpu(state)),
+        Engine::Burn => BurnEngine::flex(state),
+        Engine::Gpu => BurnEngine::wgpu(state),
     };
-    match made {
-        Ok(engine) => Box::new(engine),
-        Err(error) => {
-            monitor.warn(format!("{error}; the cpu engine is used instead"));
-            Box::new(CpuEngine::resume(state))
+    made.map(|engine| -> Box<dyn FieldEngine> { Box::new(engine) }).map_err(|error| error.to_string())
+}
+
+fn cpu(state: EngineState) -> Box<dyn FieldEngine> {
+    Box::new(CpuEngine::resume(state))
+}
+
+/// Training that survives its engine: when that fails, the CPU engine goes on from the last state that was kept.
+struct Training<'a> {
+    stage: String,
+    /// `None`: the CPU engine.
+    start: Option<Start<'a>>,
+    checkpoint: Option<&'a Checkpoint>,
+    monitor: &'a Monitor,
+    /// Why the engine was replaced by the CPU engine.
+    replaced: RefCell<Option<String>>,
+}
+
+impl Training<'_> {
+    fn run(self, input: &TrainInput, settings: &TrainConfig, seed: u64) -> Result<TrainedField, RunError> {
+        let failed = |error: FieldError| RunError::stage(self.stage.clone(), error);
+        let file = self.stage.replace('/', "-");
+        let factory = |state| self.make(state);
+        let mut trainer = FieldTrainer::with_engine(input, settings, seed, &self.stage, &factory).map_err(failed)?;
+        if let Some(saved) = self.checkpoint.and_then(|c| c.load(&file, self.monitor)) {
+            trainer.restore(saved, &factory).map_err(failed)?;
+        }
+        let mut kept = trainer.checkpoint();
+        let stopped = loop {
+            match self.advance(&mut trainer, &mut kept) {
+                Ok(stopped) => break stopped,
+                Err(_) if self.on_cpu() => return Err(failed(FieldError::NotFinite { step: trainer.done() })),
+                Err(why) => {
+                    self.replace(format!("{why}; {} of {} steps are kept", kept.done, trainer.total()));
+                    trainer.restore(kept.clone(), &factory).map_err(failed)?;
+                }
+            }
+        };
+        if let Some(c) = self.checkpoint {
+            c.save(&file, &kept)?;
+        }
+        stopped.map_or(Ok(()), Err)?;
+        Ok(TrainedField { field: trainer.field(), replaced: self.replaced.into_inner() })
+    }
+
+    /// Trains to the end or until asked to stop; `kept` is what was reached then, or before the error.
+    ///
+    /// # Errors
+    /// Why the engine, or what it has computed, is of no use.
+    fn advance(&self, trainer: &mut FieldTrainer, kept: &mut TrainerCheckpoint) -> Result<Option<Cancelled>, String> {
+        let total = trainer.total();
+        let mut recent = 0.0;
+        while trainer.done() < total {
+            if let Err(stopped) = self.monitor.check() {
+                *kept = sound(trainer)?;
+                return Ok(Some(stopped));
+            }
+            for _ in 0..REPORT_EVERY.min(total - trainer.done()) {
+                let losses = trainer.step();
+                recent = losses.sdf + losses.color;
+                if !recent.is_finite() {
+                    return Err(failure(trainer));
+                }
+            }
+            if !self.on_cpu() && trainer.done() >= kept.done + KEEP_EVERY {
+                *kept = sound(trainer)?;
+            }
+            self.monitor.tell(Event::Step { stage: self.stage.clone(), done: trainer.done(), total, loss: recent });
+        }
+        *kept = sound(trainer)?;
+        Ok(None)
+    }
+
+    fn on_cpu(&self) -> bool {
+        self.start.is_none() || self.replaced.borrow().is_some()
+    }
+
+    fn make(&self, state: EngineState) -> Box<dyn FieldEngine> {
+        match self.start {
+            Some(start) if !self.on_cpu() => start(state.clone()).unwrap_or_else(|why| {
+                self.replace(why);
+                cpu(state)
+            }),
+            _ => cpu(state),
         }
     }
+
+    fn replace(&self, why: String) {
+        self.monitor.warn(format!("{}: {why}; the cpu engine is used instead", self.stage));
+        self.replaced.replace(Some(why));
+    }
 }
+
+/// The state of a training whose engine works and whose parameters are numbers.
+fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, String> {
+    let now = trainer.checkpoint();
+    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+    let params = &now.engine.params;
+    let layers = params.geometry.iter().chain(&params.color);
+    let sound = trainer.failure().is_none() && finite(&params.table) && layers.clone().all(|l| finite(&l.weights) && finite(&l.biases));
+    if sound { Ok(now) } else { Err(failure(trainer)) }
+}
+
+fn failure(trainer: &FieldTrainer) -> String {
+    let not_finite = || format!("the loss or a parameter is not a finite number after {} steps", trainer.done());
+    trainer.failure().map_or_else(not_finite, ToString::to_string)
+}
+
+#[cfg(test)]
+#[path = "fields_tests.rs"]
+mod tests;

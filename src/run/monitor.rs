@@ -8,7 +8,8 @@ use std::sync::{
 
 use serde::Serialize;
 
-/// One thing that happened. Serialised as a line of JSON by `--json`.
+/// One thing that happened. Serialised by `--json` as a line of JSON whose `event` is the variant's name in snake case;
+/// the fields are those below. A number that is not finite is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -51,6 +52,13 @@ pub enum Event {
     Artifact {
         /// Its path.
         path: String,
+    },
+    /// The run ended without a result. The last event.
+    Error {
+        /// What, where and the remedy.
+        message: String,
+        /// Exit code of the program.
+        exit_code: u8,
     },
 }
 

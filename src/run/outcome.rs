@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 use super::{Cancelled, CheckpointError};
 use crate::{
-    config::{Config, Origins},
+    config::{Config, ConfigError, Origins},
     model::{ArticulatedModel, JointKind},
 };
+
+/// Name under which the writing of the run folder fails.
+pub(super) const OUTPUT_STAGE: &str = "output";
 
 /// What is asked of a reconstruction.
 #[derive(Clone, Debug)]
@@ -56,6 +59,9 @@ pub struct JointSummary {
 /// Why a run ended without a result. Nothing stands under the final name then.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
+    /// The settings cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// Stopped on request.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -76,6 +82,17 @@ impl RunError {
     /// The failure of a stage.
     pub fn stage(stage: impl Into<String>, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Stage { stage: stage.into(), source: source.into() }
+    }
+
+    /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be written. After any
+    /// other failure it would fail again.
+    #[must_use]
+    pub fn can_continue(&self) -> bool {
+        match self {
+            Self::Cancelled(_) | Self::Checkpoint(_) => true,
+            Self::Config(_) => false,
+            Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
+        }
     }
 }
 
@@ -106,9 +123,14 @@ mod tests {
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 
     fn link(name: &str) -> model::Link {
-        let inertial =
-            model::Inertial { mass_kg: 1.0, center_of_mass: Point3::origin(), inertia: Matrix3::identity(), assumption: String::new() };
-        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), inertial }
+        let inertial = model::Inertial {
+            mass_kg: 1.0,
+            center_of_mass: Point3::origin(),
+            inertia: Matrix3::identity(),
+            assumption: String::new(),
+            mass_range_kg: [1.0; 2],
+        };
+        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), collision: vec![], inertial }
     }
 
     #[test]
@@ -123,7 +145,7 @@ mod tests {
             type_scores: std::collections::BTreeMap::new(),
             cautions: Vec::new(),
         };
-        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed };
+        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed, swept: None };
         let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {
             name: name.to_owned(),
             kind,
@@ -132,6 +154,7 @@ mod tests {
             parent_from_joint: Pose::translation(at[0], at[1], at[2]),
             axis,
             limit,
+            dynamics: model::JointDynamics::default(),
             evidence: evidence.clone(),
         };
         // A door turned by 90 degrees carries a drawer that slides along its x axis.

@@ -2,7 +2,7 @@
 
 use crate::{
     capture::{Capture, RgbdFrame},
-    export::{PhotoAndTwin, Picture, PictureKind, ReportPictures, axis_arrows, part_color},
+    export::{PhotoAndTwin, Picture, PictureKind, ReportPictures, Window, axis_arrows, part_color},
     model::{ArticulatedModel, Link},
     surface::{RenderItem, render},
 };
@@ -16,17 +16,31 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
     for (state, frames) in capture.states.iter().enumerate() {
         for (view, frame) in best_views(frames).into_iter().enumerate() {
             let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
-            let twin = draw(model, state, frame, false, caption("twin"));
-            out.states.push(PhotoAndTwin { photo: photo(frame, false, caption("photo")), twin });
+            let window = window(frame, &[]);
+            let twin = draw(model, state, frame, false, caption("twin")).cropped(&window);
+            out.states.push(PhotoAndTwin { photo: photo(frame, false, caption("photo")).cropped(&window), twin });
             if view == 0 {
                 let mut parts = draw(model, state, frame, true, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
-                out.parts.push(parts);
+                let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
+                out.parts.push(parts.cropped(&self::window(frame, &ends)));
                 out.kept.push(photo(frame, true, caption("kept as the object")));
             }
         }
     }
     out
+}
+
+/// The part of a frame that shows the object and some points, pixels; points outside the frame do not count.
+fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
+    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let mut shown: Vec<bool> = (0..width * height).map(|i| frame.mask.is_some() && frame.is_object(i)).collect();
+    for [u, v] in points {
+        if *u >= 0.0 && *v >= 0.0 && *u < width as f64 && *v < height as f64 {
+            shown[*v as usize * width + *u as usize] = true;
+        }
+    }
+    Window::around(&[&shown], width, height)
 }
 
 /// The frames that show most of the object, no two of them neighbors in time.

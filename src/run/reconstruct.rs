@@ -6,15 +6,19 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
     fields::train_field,
+    outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},
 };
 use crate::{
-    articulate::{ColorField, LiftedMatch, lift, match_states},
+    articulate::{LiftedMatch, lift, match_states},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
-    export::{InputFacts, Report, ReportPictures, RunFacts, StageTime, compare_start, report_html, urdf_package},
+    export::{
+        CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_starts, looks,
+        nearest_starts, package, report_html,
+    },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
@@ -28,31 +32,66 @@ pub struct Twin {
     pub model: ArticulatedModel,
     /// `state1_from_state0` that each moving part's refinement started from, in the order of the joints.
     pub starts: Vec<Pose>,
+    /// The motions that registration found, in its own order.
+    pub registered: Vec<Pose>,
     /// Sentences about evidence that is weak.
     pub warnings: Vec<String>,
+    /// Why the CPU engine took over from the one that was asked for, by state.
+    pub replaced_engines: Vec<String>,
 }
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
 ///
 /// # Errors
-/// If a stage fails or the monitor asks to stop; nothing stands under the final name then.
+/// If the request cannot be fulfilled, which is told before any work, a stage fails or the monitor asks to stop; nothing
+/// stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
+    let name = checked_name(request)?;
+    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
+    if request.resume && !checkpoint.is_continued() {
+        let message = format!("there is no usable checkpoint of {name} in {}; the run starts anew", request.out.display());
+        monitor.tell(Event::Note { message });
+    }
+    match reconstruct_files(&name, request, &checkpoint, monitor) {
+        Ok(outcome) => {
+            checkpoint.remove()?;
+            monitor.tell(Event::Artifact { path: outcome.folder.display().to_string() });
+            Ok(outcome)
+        }
+        Err(error) => {
+            if !error.can_continue() {
+                checkpoint.discard()?;
+            }
+            Err(error)
+        }
+    }
+}
+
+/// Refuses what no recording could make right; the name of the twin.
+fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
+    request.config.check().and_then(|()| request.config.run.needed_parts()).map_err(|e| e.with_origin(&request.origins))?;
+    let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    let name = request.name.clone().unwrap_or(found);
+    io::RunDir::check(&request.out, &name).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    Ok(name)
+}
+
+/// All stages, and the run folder in its place.
+fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Checkpoint, monitor: &Monitor) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
     let capture = stages.run("capture", None, |_| {
-        io::open(&request.sources, &CaptureConfig { seed: config.run.seed, ..config.capture.clone() })
-            .map_err(|e| RunError::stage("capture", e))
+        io::open(&request.sources, &config.capture, config.run.seed).map_err(|e| RunError::stage("capture", e))
     })?;
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
-    let name = request.name.clone().unwrap_or_else(|| capture.name.clone());
-    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
-    let twin = reconstruct_twin(&name, &capture, config, Some(&checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(name, &capture, config, Some(checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
+    let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
+    let found = stages
+        .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
-    let folder = write(&twin.model, &report, &images, request)?;
-    checkpoint.remove()?;
-    monitor.tell(Event::Artifact { path: folder.display().to_string() });
+    let folder = write(&twin.model, &files, &found, &report, &images, request)?;
     let warnings = report.run.warnings;
     Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
 }
@@ -72,10 +111,7 @@ pub fn reconstruct_twin(
     // The noise model scaled to what the recording shows.
     let config = &Config { capture: CaptureConfig { noise: capture.noise, ..config.capture.clone() }, ..config.clone() };
     let noise = &config.capture.noise;
-    let parts = config
-        .run
-        .parts
-        .ok_or_else(|| RunError::stage("parts", "the number of rigid parts is not given; add --parts N (static part included)"))?;
+    let parts = config.run.needed_parts()?;
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
     let band = Band::of(frames, &scene, noise, &config.surface);
@@ -83,14 +119,22 @@ pub fn reconstruct_twin(
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
+    let mut replaced_engines = Vec::new();
     for state in [0, 1] {
         let input = TrainInput { frames: frames[state], scene, occupancy: &occupancy };
         let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
             Ok::<_, RunError>(fuse(frames[state], &scene, &band, noise, config.surface.nodes))
         })?;
-        let field = stages
-            .run(&format!("field/state{state}"), Some(config.train.steps), |m| train_field(state, &input, &band, config, checkpoint, m))?;
-        let geometry = (config.surface.source == SurfaceSource::Field).then_some(&field);
+        let field = if config.trains_fields() {
+            let stage = format!("field/state{state}");
+            let train = |m: &Monitor| train_field(state, &input, &band, config, checkpoint, m);
+            let trained = stages.run(&stage, Some(config.train.steps), train)?;
+            replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+            Some(trained.field)
+        } else {
+            None
+        };
+        let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
         let surface = stages.run(&format!("surface/state{state}"), None, |_| {
             state_surface(frames[state], &volume, geometry, &scene, &band, noise, &config.surface)
         })?;
@@ -101,11 +145,18 @@ pub fn reconstruct_twin(
         return Err(RunError::stage("surface", "a state is missing"));
     };
     let surfaces: [&StateSurface; 2] = [&surface0, &surface1];
-    let colors: [&dyn ColorField; 2] = [&field0, &field1];
-    let search = Search { frames, surfaces, colors, matches: &matches, scene, truncation_m: band.truncation_m, parts };
+    let search = Search {
+        frames,
+        surfaces,
+        fields: [field0.as_ref(), field1.as_ref()],
+        matches: &matches,
+        scene,
+        truncation_m: band.truncation_m,
+        parts,
+    };
     let registration = stages.run("register", None, |_| search.register(config))?;
     registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
-    let articulation = search.optimise(&registration, config, checkpoint, stages)?;
+    let articulation = search.articulate(&registration, config, checkpoint, stages)?;
     let joints = stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, &matches, &scene, config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);
@@ -113,7 +164,8 @@ pub fn reconstruct_twin(
         let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
-    Ok(Twin { model, starts: articulation.starts[1..].to_vec(), warnings: registration.warnings })
+    let (starts, registered) = (articulation.starts[1..].to_vec(), registration.motions[1..].to_vec());
+    Ok(Twin { model, starts, registered, warnings: registration.warnings, replaced_engines })
 }
 
 /// Matches that came with the recording, else those found; lifted to 3D.
@@ -147,9 +199,13 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
 }
 
 fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &Stages) -> RunFacts {
-    let source = match request.config.run.init {
-        Init::Registration => "registration",
-        Init::Identity => "identity",
+    let initialization = match request.config.run.init {
+        Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
+        Init::Identity => {
+            let alone = nearest_starts(&twin.model, &twin.registered);
+            let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
+            [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
+        }
     };
     let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
     RunFacts {
@@ -157,13 +213,13 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
             paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
             frames: capture.states.iter().map(Vec::len).collect(),
         },
-        initialization: compare_start(&twin.model, source, &twin.starts),
+        initialization,
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
         config_digest: config_digest(&request.config),
-        device: device(request.config.run.engine),
-        notes: capture.notes.clone(),
+        device: device(request.config.run.engine, twin.replaced_engines.len()),
+        notes: capture.notes.iter().chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
 }
@@ -175,24 +231,43 @@ fn config_digest(config: &Config) -> String {
     format!("{hash:016x}")
 }
 
-fn device(engine: Engine) -> String {
+/// What trained the fields, of which the CPU engine finished `replaced`.
+fn device(engine: Engine, replaced: usize) -> String {
     let threads = rayon::current_num_threads();
-    match engine {
-        Engine::Cpu => format!("cpu engine ({}), {threads} threads", InstructionSet::detect().name()),
-        Engine::Burn => format!("burn on the CPU, {threads} threads"),
-        Engine::Gpu => format!("burn on the GPU, {threads} threads"),
-    }
+    let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
+    let asked = match engine {
+        Engine::Cpu => return format!("{cpu}, {threads} threads"),
+        Engine::Burn => "burn on the CPU",
+        Engine::Gpu => "burn on the GPU",
+    };
+    let by_cpu = if replaced > 0 { format!(", {replaced} of 2 fields finished by the {cpu}") } else { String::new() };
+    format!("{asked}, {threads} threads{by_cpu}")
 }
 
-/// Puts the run folder in its place, whole.
-fn write(model: &ArticulatedModel, report: &Report, images: &ReportPictures, request: &ReconstructRequest) -> Result<PathBuf, RunError> {
-    let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage("output", e);
-    let dir = io::RunDir::create(&request.out, &model.name).map_err(|e| failed(e.into()))?;
-    for file in urdf_package(model) {
+/// Puts the run folder in its place, whole; under a name that says so where the check found an error.
+fn write(
+    model: &ArticulatedModel,
+    files: &[ExportFile],
+    found: &[CheckFinding],
+    report: &Report,
+    images: &ReportPictures,
+    request: &ReconstructRequest,
+) -> Result<PathBuf, RunError> {
+    let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
+    let errors: Vec<String> = found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
+    let name = if errors.is_empty() { model.name.clone() } else { format!("{}_rejected", model.name) };
+    let dir = io::RunDir::create(&request.out, &name).map_err(|e| failed(e.into()))?;
+    for file in files {
         dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
     }
     let html = report_html(report, images).map_err(|e| failed(e.into()))?;
     dir.put("report.json", report.to_json().as_bytes()).map_err(|e| failed(e.into()))?;
     dir.put("report.html", html.as_bytes()).map_err(|e| failed(e.into()))?;
-    dir.commit().map_err(|e| failed(e.into()))
+    let folder = dir.commit().map_err(|e| failed(e.into()))?;
+    if errors.is_empty() {
+        return Ok(folder);
+    }
+    let message =
+        format!("a simulator would not load the model as it is meant; its files are in {}: {}", folder.display(), errors.join("; "));
+    Err(RunError::stage("check", message))
 }

@@ -28,16 +28,18 @@ impl Band {
     #[must_use]
     pub fn of(states: [&[RgbdFrame]; 2], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
         const EVERY: usize = 97;
-        let depths = |f: &RgbdFrame| -> Vec<f32> {
-            (0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.depth_m[i] > 0.0 && f.is_object(i)).map(|i| f.depth_m[i]).collect()
+        let median = |value: &dyn Fn(&RgbdFrame, usize) -> f64| {
+            let usable = |f: &RgbdFrame, i: &usize| f.depth_m[*i] > 0.0 && f.is_object(*i);
+            let of = |f: &RgbdFrame| (0..f.depth_m.len()).step_by(EVERY).filter(|i| usable(f, i)).map(|i| value(f, i)).collect::<Vec<_>>();
+            let mut all: Vec<f64> = states.iter().flat_map(|s| s.iter()).flat_map(of).collect();
+            let middle = all.len() / 2;
+            if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
         };
-        let mut all: Vec<f32> = states.iter().flat_map(|s| s.iter()).flat_map(depths).collect();
-        let middle = all.len() / 2;
-        let median_m = if all.is_empty() { 1.0 } else { f64::from(*all.select_nth_unstable_by(middle, f32::total_cmp).1) };
-        let sigma_m = noise.sigma_m(median_m);
+        let sigma_m = median(&|f, i| f.sigma_m(i, noise));
+        let one_reading_m = noise.sigma_m(median(&|f, i| f64::from(f.depth_m[i])));
         Self {
             truncation_m: config.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
-            min_weight: (config.min_readings * (noise.sigma_m(1.0) / sigma_m).powi(2)) as f32,
+            min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,
         }
     }
 }

@@ -16,8 +16,8 @@ pub struct SurfaceConfig {
     pub points: usize,
     /// Components with a smaller share of the largest one's triangles are dropped.
     pub min_component: f64,
-    /// Truncation distance in metres; null = the larger of 2 % of the object's extent and four standard deviations of the
-    /// depth noise at the median depth.
+    /// Truncation distance in metres; null = the larger of 2 % of the object's extent and four times the median of
+    /// the expected depth noise.
     pub truncation_m: Option<f64>,
     /// A node counts as observed from this many head-on readings at the median depth.
     pub min_readings: f64,
@@ -27,17 +27,17 @@ pub struct SurfaceConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceSource {
-    /// The zero level of the neural field, where frames observed it.
+    /// The fused depth images.
     #[default]
-    Field,
-    /// The fused depth images alone.
     Fusion,
+    /// The zero level of the neural field, where frames observed it.
+    Field,
 }
 
 impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
-            source: SurfaceSource::Field,
+            source: SurfaceSource::default(),
             nodes: 224,
             distance_nodes: 201,
             points: 25_000,

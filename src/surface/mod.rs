@@ -1,8 +1,11 @@
 //! Surfaces: meshes, marching cubes, TSDF fusion, distance fields, visibility, rendering, shell inertia.
 
+mod atlas;
+mod bake;
 mod closest;
 mod components;
 mod config;
+mod convex;
 mod cube_table;
 mod distance;
 mod edt;
@@ -10,7 +13,9 @@ mod inertia;
 mod marching_cubes;
 mod mesh;
 mod normals;
+mod outline;
 mod overlay;
+mod patches;
 mod pseudonormal;
 mod raster;
 mod rows;
@@ -23,9 +28,12 @@ mod tsdf;
 mod visibility;
 mod weld;
 
+pub use atlas::{Atlas, unwrap};
+pub use bake::{BakeView, bake};
 pub use closest::{ClosestPoint, MeshDistance};
 pub use components::{components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
+pub use convex::{ConvexConfig, ConvexSolid, Plane, convex_hull, convex_shell};
 pub use distance::{DistanceError, DistanceOptions, signed_distance};
 pub use inertia::{ShellInertia, shell_inertia};
 pub use marching_cubes::marching_cubes;

@@ -99,6 +99,7 @@ pub fn view_of(distance: &dyn Fn(&Point3<f64>) -> f64, intrinsics: Intrinsics, w
         rgb: vec![[0; 3]; count],
         depth_m: vec![0.0; count],
         mask: Some(vec![false; count]),
+        readings: Vec::new(),
     };
     for i in 0..count {
         let ray = intrinsics.ray((i % intrinsics.width) as f64, (i / intrinsics.width) as f64);

@@ -190,7 +190,7 @@ fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
     let reference_m = noise.sigma_m(REFERENCE_DEPTH_M);
     let reading = |pixel: usize| {
         let depth_m = frame.depth_m[pixel];
-        let precision = (reference_m / noise.sigma_m(f64::from(depth_m))).powi(2) as f32;
+        let precision = (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
         match view.roles[pixel] {
             PixelRole::Surface if depth_m > 0.0 => Reading { depth_m, weight: view.weights[pixel] * precision, is_surface: true },
             PixelRole::FreeOnly if depth_m > 0.0 => Reading { depth_m, weight: precision.min(1.0), is_surface: false },

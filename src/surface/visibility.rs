@@ -52,7 +52,7 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let reach = |i: usize| {
         let d = f64::from(frame.depth_m[i]);
         if d > 0.0 {
-            (d - rule.margin_m.max(rule.margin_sigmas * rule.noise.sigma_m(d))).max(0.0) as f32
+            (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(i, &rule.noise))).max(0.0) as f32
         } else if frame.is_object(i) {
             0.0
         } else {

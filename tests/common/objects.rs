@@ -1,11 +1,16 @@
 //! Objects with known truth, as models and as truth folders.
 
+#![allow(dead_code, reason = "every test uses some of these")]
+
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use artitwin::{
     geometry::Pose,
     io::{RunDir, read_mesh},
-    model::{ArticulatedModel, Inertial, Joint, JointEvidence, JointKind, Limit, LimitSource, Link, validate},
+    model::{
+        ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ModelConfig, MovingPart,
+        build, validate,
+    },
     surface::TriangleMesh,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
@@ -42,8 +47,14 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let side = (upper - lower).cast::<f64>();
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
     let inertia = Matrix3::from_diagonal(&Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y)));
-    let inertial = Inertial { mass_kg, center_of_mass: nalgebra::center(&lower, &upper).cast(), inertia, assumption: "solid box".into() };
-    Link { name: name.into(), visual, inertial }
+    let inertial = Inertial {
+        mass_kg,
+        center_of_mass: nalgebra::center(&lower, &upper).cast(),
+        inertia,
+        assumption: "solid box".into(),
+        mass_range_kg: [mass_kg; 2],
+    };
+    Link { name: name.into(), visual, collision: vec![], inertial }
 }
 
 /// A joint with evidence of no meaning.
@@ -57,8 +68,18 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         type_scores: BTreeMap::new(),
         cautions: vec![],
     };
-    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed };
-    Joint { name: name.into(), kind, parent, child, parent_from_joint, axis: Unit::new_normalize(axis.into()), limit, evidence }
+    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
+    Joint {
+        name: name.into(),
+        kind,
+        parent,
+        child,
+        parent_from_joint,
+        axis: Unit::new_normalize(axis.into()),
+        limit,
+        dynamics: JointDynamics::default(),
+        evidence,
+    }
 }
 
 /// A desk with a chain of two turning arms and a drawer: joint frames turned and off the world's origin.
@@ -107,6 +128,65 @@ pub fn true_drawer() -> ArticulatedModel {
     let world_from_drawer = model.world_from_link(1, &model.states[0]);
     model.links[1].visual = mesh(1).transformed(&world_from_drawer.inverse());
     model
+}
+
+/// Boxes in one mesh: lower and upper corners, metres.
+fn boards(boards: &[[[f64; 3]; 2]], color: [u8; 3]) -> TriangleMesh {
+    let mut all = TriangleMesh::default();
+    for [lower, upper] in boards {
+        let mesh = box_mesh(*lower, *upper, color, 2);
+        let first = all.vertices.len() as u32;
+        all.vertices.extend(&mesh.vertices);
+        all.triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| i + first)));
+        all.colors.extend(&mesh.colors);
+    }
+    all
+}
+
+/// A part as reconstruction gives it: a surface in the world and how it moves.
+fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: TriangleMesh) -> MovingPart {
+    let evidence = joint("unused", kind, 0, 1, Pose::identity(), axis, [0.0, 1.0]).evidence;
+    MovingPart { kind, axis: Unit::new_normalize(axis.into()), point: point.into(), motion, evidence, surface }
+}
+
+/// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The
+/// drawer's front is wider than the opening: it overlaps the boards behind it by 2 mm, as noisy surfaces do.
+pub fn chest() -> ArticulatedModel {
+    chest_with(&ModelConfig::default())
+}
+
+/// The chest under other assumptions.
+pub fn chest_with(config: &ModelConfig) -> ArticulatedModel {
+    let carcass = boards(
+        &[
+            [[-0.3, -0.22, 0.0], [0.1, -0.2, 0.3]],
+            [[-0.3, 0.2, 0.0], [0.1, 0.22, 0.3]],
+            [[-0.3, -0.2, 0.0], [0.1, 0.2, 0.02]],
+            [[-0.3, -0.2, 0.28], [0.1, 0.2, 0.3]],
+            [[-0.3, -0.2, 0.02], [-0.28, 0.2, 0.28]],
+        ],
+        [150, 120, 90],
+    );
+    let drawer = boards(
+        &[
+            [[0.098, -0.21, 0.03], [0.12, 0.21, 0.27]],
+            [[-0.25, -0.19, 0.05], [0.098, -0.18, 0.2]],
+            [[-0.25, 0.18, 0.05], [0.098, 0.19, 0.2]],
+            [[-0.25, -0.18, 0.05], [0.098, 0.18, 0.06]],
+            [[-0.26, -0.19, 0.05], [-0.25, 0.19, 0.2]],
+        ],
+        [200, 170, 120],
+    );
+    let drawer = part(JointKind::Prismatic, [1.0, 0.0, 0.0], [0.0, 0.0, 0.1], 0.2, drawer);
+    build("chest", carcass, vec![drawer], config)
+}
+
+/// A foot with a board on a level hinge at its edge, seen at two angles that nothing but friction holds.
+pub fn lamp() -> ArticulatedModel {
+    let foot = boards(&[[[-0.1, -0.1, 0.0], [0.1, 0.1, 0.03]]], [90, 90, 100]);
+    let arm = boards(&[[[0.0, -0.05, 0.045], [0.25, 0.05, 0.06]]], [220, 200, 80]);
+    let arm = part(JointKind::Revolute, [0.0, -1.0, 0.0], [-0.02, 0.0, 0.06], 1.0, arm);
+    build("lamp", foot, vec![arm], &ModelConfig::default())
 }
 
 /// Writes a model as a run: URDF, meshes and the states of the report.

@@ -35,8 +35,8 @@ const MIN_OVERLAP: f64 = 0.02;
 /// Gives every frame its mask.
 ///
 /// # Errors
-/// [`CaptureError::Isolation`] where nothing is left as the object, [`CaptureError::NoDepth`] where a mask holds no
-/// depth, [`CaptureError::NoOverlap`] where the states have no place in common.
+/// [`CaptureError::Isolation`] where nothing with depth is left as the object, [`CaptureError::NoOverlap`] where the
+/// states have no place in common.
 pub fn isolate(capture: &mut Capture, config: &CaptureConfig, rng: &mut impl Rng) -> Result<(), CaptureError> {
     let masked = capture.states.iter().flatten().filter(|f| f.mask.is_some()).count();
     let all = capture.states.iter().flatten().count();
@@ -50,7 +50,7 @@ pub fn isolate(capture: &mut Capture, config: &CaptureConfig, rng: &mut impl Rng
     } else {
         find_object(capture, config, size_m, rng)?;
     }
-    check(capture, config, size_m)
+    check(capture, size_m)
 }
 
 /// Cell size: two standard deviations of the depth noise, or two pixels, at the median depth.
@@ -209,17 +209,16 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
 }
 
 /// Refuses states without depth on the object and states without a common place.
-fn check(capture: &Capture, config: &CaptureConfig, size_m: f64) -> Result<(), CaptureError> {
+fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
     let mut cells = Vec::new();
     for (state, frames) in capture.states.iter().enumerate() {
         let pixels = frames.iter().flat_map(|f| (0..f.depth_m.len()).filter(|p| f.is_object(*p) && f.depth_m[*p] > 0.0)).count();
-        if pixels == 0 {
-            return Err(CaptureError::NoDepth { state, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
-        }
         if pixels < MIN_PIXELS {
-            return Err(CaptureError::Isolation {
-                reason: format!("in state {state} only {pixels} pixels with depth are left as the object"),
-            });
+            let reason = format!(
+                "in state {state} only {pixels} pixels with depth are left as the object, too few; check masks, workspace and the \
+                 holes in the depth images"
+            );
+            return Err(CaptureError::Isolation { reason });
         }
         cells.push(supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), frames_needed(frames)));
     }

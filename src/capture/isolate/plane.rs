@@ -214,7 +214,16 @@ mod tests {
                 if d < 6.0 { (d + noise.sigma_m(d) * normal()) as f32 } else { 0.0 }
             };
             let depth_m = (0..96 * 72).map(&mut depth).collect();
-            RgbdFrame { id: String::new(), stamp_nanos: 0, intrinsics, world_from_camera, rgb: Vec::new(), depth_m, mask: None }
+            RgbdFrame {
+                id: String::new(),
+                stamp_nanos: 0,
+                intrinsics,
+                world_from_camera,
+                rgb: Vec::new(),
+                depth_m,
+                mask: None,
+                readings: Vec::new(),
+            }
         };
         (0..9).map(&mut frame).collect()
     }

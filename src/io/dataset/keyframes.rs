@@ -107,5 +107,6 @@ fn read_frame(folder: &Path, camera_file: &Path, k: &[f64], entry: &Entry, confi
         rgb: color.pixels,
         depth_m,
         mask: mask.filter(|_| config.isolate.use_masks),
+        readings: Vec::new(),
     })
 }

@@ -90,5 +90,6 @@ fn read_frame(
         rgb: color.pixels,
         depth_m,
         mask: alpha.filter(|_| config.isolate.use_masks),
+        readings: Vec::new(),
     })
 }

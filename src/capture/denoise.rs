@@ -1,0 +1,204 @@
+//! Depth denoised by local planes.
+//!
+//! The inverse depth of a plane is an affine function of the pixel, and the disparity noise of a stereo camera is alike in
+//! all pixels. So inverse depth is fitted by affine functions in growing windows around each pixel; the window grows as
+//! long as the fit explains its readings and agrees with the smaller ones within their confidence (intersection of
+//! confidence intervals: Goldenshluger and Nemirovski 1997; Katkovnik, Egiazarian and Astola 2006). Readings of another
+//! surface are gated out, so that edges stay where they are.
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use super::{NoiseConfig, RgbdFrame};
+
+/// Windows: half a side and distance between the readings used, in pixels, and how many readings with correlated noise
+/// are worth one (stereo noise is correlated over about three pixels).
+const WINDOWS: [Window; 4] = [
+    Window { radius: 2, stride: 1, correlated: 6.25 },
+    Window { radius: 4, stride: 2, correlated: 2.25 },
+    Window { radius: 7, stride: 3, correlated: 1.0 },
+    Window { radius: 12, stride: 4, correlated: 1.0 },
+];
+/// Readings further from the plane of the smaller window are of another surface, standard deviations.
+const GATE: f64 = 3.0;
+/// The same in the smallest window, against the noisy reading in its middle.
+const FIRST_GATE: f64 = 4.2;
+/// Half width of the confidence intervals that must intersect, standard deviations.
+const CONFIDENCE: f64 = 1.0;
+/// A window is too large once its residual variance exceeds the expected one by this many standard deviations.
+const MISFIT: f64 = 1.0;
+/// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
+const MIN_SHARE: [f64; 2] = [0.5, 0.35];
+/// Most readings that one depth may stand for.
+const MAX_READINGS: f64 = 60.0;
+
+#[derive(Clone, Copy)]
+struct Window {
+    radius: i32,
+    stride: i32,
+    correlated: f64,
+}
+
+/// Inverse depth around a pixel: value, slope by u, slope by v; and the variance of the value.
+#[derive(Clone, Copy)]
+struct Plane {
+    inverse: Vector3<f64>,
+    variance: f64,
+}
+
+/// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths that have too
+/// few neighbors of one surface (flying pixels) become unknown.
+pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
+    let inverse: Vec<f32> = frame.depth_m.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
+    let width = frame.intrinsics.width;
+    let cleaned: Vec<(f32, f32)> = (0..inverse.len())
+        .into_par_iter()
+        .with_min_len(width)
+        .map(|pixel| {
+            let depth_m = frame.depth_m[pixel];
+            if depth_m <= 0.0 || !frame.is_object(pixel) {
+                return (depth_m, 1.0);
+            }
+            let sigma = noise.sigma_m(f64::from(depth_m)) / f64::from(depth_m).powi(2);
+            match local_plane(&inverse, width, pixel, sigma) {
+                Some(p) if p.inverse[0] > 0.0 => {
+                    ((1.0 / p.inverse[0]) as f32, (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32)
+                }
+                _ => (0.0, 0.0),
+            }
+        })
+        .collect();
+    (frame.depth_m, frame.readings) = cleaned.into_iter().unzip();
+}
+
+/// Over which distance on the object the errors of denoised depth are alike, metres: half a side of the largest window at
+/// the median depth; 0 for raw depth.
+#[must_use]
+pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
+    const EVERY: usize = 97;
+    let reach = |f: &RgbdFrame, i: usize| f64::from(WINDOWS[WINDOWS.len() - 1].radius) * f64::from(f.depth_m[i]) / f.intrinsics.fx;
+    let usable = |f: &RgbdFrame, i: usize| f.depth_m[i] > 0.0 && f.is_object(i) && !f.readings.is_empty();
+    let of = |f: &RgbdFrame| (0..f.depth_m.len()).step_by(EVERY).filter(|&i| usable(f, i)).map(|i| reach(f, i)).collect::<Vec<_>>();
+    let mut all: Vec<f64> = frames.iter().flat_map(of).collect();
+    let middle = all.len() / 2;
+    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// The plane of the largest window that holds one.
+fn local_plane(inverse: &[f32], width: usize, pixel: usize, sigma: f64) -> Option<Plane> {
+    let mut best: Option<Plane> = None;
+    let mut interval = [f64::NEG_INFINITY, f64::INFINITY];
+    for window in &WINDOWS {
+        let start = best.map_or(Vector3::new(f64::from(inverse[pixel]), 0.0, 0.0), |b| b.inverse);
+        let Some(plane) = fit(inverse, width, pixel, sigma, window, &start, best.is_none()) else { break };
+        let half = CONFIDENCE * plane.variance.sqrt();
+        interval = [interval[0].max(plane.inverse[0] - half), interval[1].min(plane.inverse[0] + half)];
+        if interval[0] > interval[1] {
+            break;
+        }
+        best = Some(plane);
+    }
+    best
+}
+
+/// Least-squares plane of the readings near `start`; `None` if they are too few or do not lie on one.
+fn fit(inverse: &[f32], width: usize, pixel: usize, sigma: f64, window: &Window, start: &Vector3<f64>, first: bool) -> Option<Plane> {
+    let gate = if first { FIRST_GATE } else { GATE } * sigma;
+    let (x, y) = ((pixel % width) as i32, (pixel / width) as i32);
+    let (columns, rows) = (width as i32, (inverse.len() / width) as i32);
+    // Sums of 1, u, v, uu, uv, vv and of residual times 1, u, v; squared residuals.
+    let (mut s, mut b, mut squares) = ([0.0f64; 6], Vector3::<f64>::zeros(), 0.0);
+    let side = 2 * (window.radius / window.stride) + 1;
+    for dv in (0..side).map(|k| (k - side / 2) * window.stride).filter(|dv| (0..rows).contains(&(y + dv))) {
+        for du in (0..side).map(|k| (k - side / 2) * window.stride).filter(|du| (0..columns).contains(&(x + du))) {
+            let reading = f64::from(inverse[((y + dv) * columns + x + du) as usize]);
+            let (u, v) = (f64::from(du), f64::from(dv));
+            let residual = reading - (start[0] + start[1] * u + start[2] * v);
+            if reading > 0.0 && residual.abs() < gate {
+                s = [s[0] + 1.0, s[1] + u, s[2] + v, s[3] + u * u, s[4] + u * v, s[5] + v * v];
+                b += residual * Vector3::new(1.0, u, v);
+                squares += residual * residual;
+            }
+        }
+    }
+    if s[0] < MIN_SHARE[usize::from(!first)] * f64::from(side * side) {
+        return None;
+    }
+    let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
+    let change = covariance * b;
+    let misfit = (squares - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
+    let freedom = (s[0] / window.correlated - 3.0).max(1.0);
+    if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
+        return None;
+    }
+    Some(Plane { inverse: start + change, variance: covariance[(0, 0)] * window.correlated * sigma * sigma })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_core::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::geometry::{Intrinsics, Pose};
+
+    const NOISE: NoiseConfig = NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.003, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+
+    /// Depth by pixel, with disparity noise blurred over 2x2 pixels.
+    fn noisy(depth: impl Fn(f64, f64) -> f64) -> (RgbdFrame, Vec<f64>) {
+        let intrinsics = Intrinsics { width: 96, height: 72, fx: 100.0, fy: 100.0, cx: 47.5, cy: 35.5 };
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
+        let mut normal = || (0..12).map(|_| f64::from(rng.next_u32()) / f64::from(u32::MAX)).sum::<f64>() - 6.0;
+        let white: Vec<f64> = (0..97 * 73).map(|_| normal()).collect();
+        let at =
+            |x: usize, y: usize| 0.5 * (white[y * 97 + x] + white[y * 97 + x + 1] + white[(y + 1) * 97 + x] + white[(y + 1) * 97 + x + 1]);
+        let truth: Vec<f64> = (0..96 * 72).map(|i| depth((i % 96) as f64, (i / 96) as f64)).collect();
+        let depth_m = truth.iter().enumerate().map(|(i, d)| (1.0 / (1.0 / d + 0.003 * at(i % 96, i / 96))) as f32).collect();
+        let rgb = vec![[0; 3]; 96 * 72];
+        let world_from_camera = Pose::identity();
+        let id = String::new();
+        (RgbdFrame { id, stamp_nanos: 0, intrinsics, world_from_camera, rgb, depth_m, mask: None, readings: Vec::new() }, truth)
+    }
+
+    fn rms(frame: &RgbdFrame, truth: &[f64], inside: impl Fn(usize, usize) -> bool) -> f64 {
+        let pixels: Vec<usize> = (0..truth.len()).filter(|i| frame.depth_m[*i] > 0.0 && inside(i % 96, i / 96)).collect();
+        (pixels.iter().map(|&i| (f64::from(frame.depth_m[i]) - truth[i]).powi(2)).sum::<f64>() / pixels.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_slanted_plane_loses_most_of_its_noise_and_the_rest_is_as_told() {
+        let (mut frame, truth) = noisy(|x, y| 1.0 / (0.5 + 0.0008 * x - 0.0005 * y));
+        let before = rms(&frame, &truth, |_, _| true);
+        denoise(&mut frame, &NOISE);
+        let after = rms(&frame, &truth, |_, _| true);
+        assert!(after < 0.35 * before, "{before} {after}");
+        let kept = (0..truth.len()).filter(|&i| frame.depth_m[i] > 0.0);
+        let z: Vec<f64> = kept.map(|i| (f64::from(frame.depth_m[i]) - truth[i]) / frame.sigma_m(i, &NOISE)).collect();
+        let spread = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
+        assert!((0.5..1.6).contains(&spread), "{spread}");
+    }
+
+    #[test]
+    fn a_step_stays_where_it_is() {
+        let (mut frame, truth) = noisy(|x, _| if x < 48.0 { 1.0 } else { 1.05 });
+        denoise(&mut frame, &NOISE);
+        assert!(rms(&frame, &truth, |x, _| (44..52).contains(&x)) < 0.006);
+    }
+
+    #[test]
+    fn a_flying_pixel_becomes_unknown() {
+        let (mut frame, _) = noisy(|_, _| 1.0);
+        frame.depth_m[30 * 96 + 40] = 1.5;
+        denoise(&mut frame, &NOISE);
+        assert_eq!(frame.depth_m[30 * 96 + 40], 0.0);
+        assert!(frame.depth_m[30 * 96 + 41] > 0.0);
+    }
+
+    #[test]
+    fn curved_surfaces_keep_their_shape() {
+        let dome = |x: f64, y: f64| 1.0 - (0.09 - ((x - 47.5) / 200.0).powi(2) - ((y - 35.5) / 200.0).powi(2)).max(0.0).sqrt();
+        let (mut frame, truth) = noisy(dome);
+        let before = rms(&frame, &truth, |_, _| true);
+        denoise(&mut frame, &NOISE);
+        assert!(rms(&frame, &truth, |_, _| true) < 0.6 * before);
+    }
+}

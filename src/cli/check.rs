@@ -1,0 +1,24 @@
+//! `artitwin check`.
+
+use super::{
+    args::CheckArgs,
+    exit::{CliError, Exit},
+};
+use crate::{
+    export::{Level, check_folder},
+    io,
+};
+
+/// Checks a folder: one line a finding, then a line that counts them.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
+    let found = check_folder(&io::read_model_folder(&args.dir)?);
+    let errors = found.iter().filter(|f| f.level == Level::Error).count();
+    let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();
+    text.push_str(&format!("{errors} errors, {} warnings\n", found.len() - errors));
+    super::print(&text)?;
+    let failed = errors > 0 || (args.strict && !found.is_empty());
+    Ok(if failed { Exit::Failed } else { Exit::Done })
+}

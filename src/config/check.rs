@@ -1,0 +1,206 @@
+//! What no run can use is refused by its key before any work.
+//!
+//! Groups with rules of their own check themselves; the rest are ranges, listed here.
+
+use super::{Config, ConfigError};
+use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
+
+/// Smallest value of what must be positive.
+const POSITIVE: f64 = 1e-9;
+
+/// Checks all groups.
+pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
+    config.run.check()?;
+    config.capture.check().map_err(|error| match error {
+        CaptureError::Setting { key, reason } => unusable(key, reason),
+        other => unusable("capture", other),
+    })?;
+    config.train.validate().map_err(|error| match error {
+        FieldError::Config { key, value, low, high } => outside(&format!("train.{key}"), value, low, high),
+        other => unusable("train", other),
+    })?;
+    config.articulation.check().map_err(|error| match error {
+        TrainerError::Setting { name, value, remedy } => unusable(format!("articulation.{name}"), format!("{value}; {remedy}")),
+        other => unusable("articulation", other),
+    })?;
+    ranges(config).into_iter().try_for_each(|(key, value, low, high)| match value {
+        v if v >= low && v <= high => Ok(()),
+        v => Err(outside(key, v, low, high)),
+    })
+}
+
+fn unusable(key: impl Into<String>, reason: impl ToString) -> ConfigError {
+    ConfigError::Unusable { key: key.into(), reason: reason.to_string() }
+}
+
+fn outside(key: &str, value: f64, low: f64, high: f64) -> ConfigError {
+    unusable(key, format!("{value}; give {low} to {high}"))
+}
+
+/// Key, value, least and greatest of every number that no group checks itself.
+fn ranges(config: &Config) -> Vec<(&'static str, f64, f64, f64)> {
+    [capture(config), surface(config), matching(config), register(config), joint(config), model(config), look(config)].concat()
+}
+
+type Ranges = Vec<(&'static str, f64, f64, f64)>;
+
+fn capture(config: &Config) -> Ranges {
+    let noise = &config.capture.noise;
+    vec![
+        ("capture.noise.constant_m", noise.constant_m, 0.0, 1.0),
+        ("capture.noise.quadratic_per_m", noise.quadratic_per_m, 0.0, 1.0),
+        // Without any noise all weights are infinite.
+        ("capture.noise.constant_m + capture.noise.quadratic_per_m", noise.constant_m + noise.quadratic_per_m, POSITIVE, 2.0),
+        ("capture.noise.edge_sigmas", noise.edge_sigmas, 0.0, 1e3),
+        ("capture.noise.grazing_cosine", noise.grazing_cosine, POSITIVE, 1.0),
+    ]
+}
+
+fn surface(config: &Config) -> Ranges {
+    let s = &config.surface;
+    vec![
+        ("surface.nodes", s.nodes as f64, 16.0, 1024.0),
+        ("surface.distance_nodes", s.distance_nodes as f64, 16.0, 512.0),
+        ("surface.points", s.points as f64, 100.0, 1e7),
+        ("surface.min_component", s.min_component, 0.0, 1.0),
+        ("surface.truncation_m", s.truncation_m.unwrap_or(1.0), 1e-5, 1e3),
+        ("surface.min_readings", s.min_readings, 0.0, 1e6),
+    ]
+}
+
+fn matching(config: &Config) -> Ranges {
+    let (m, f) = (&config.matching, &config.matching.features);
+    vec![
+        ("matching.neighbors", m.neighbors as f64, 1.0, 1e4),
+        ("matching.ratio", f64::from(m.ratio), POSITIVE, 1.0),
+        ("matching.features.scales", f.scales as f64, 1.0, 16.0),
+        ("matching.features.sigma_px", f64::from(f.sigma_px), 0.5, 16.0),
+        ("matching.features.contrast", f64::from(f.contrast), 0.0, 1.0),
+        ("matching.features.edge_ratio", f64::from(f.edge_ratio), 1.0, 1e6),
+        ("matching.features.mask_erosion_px", f.mask_erosion_px as f64, 0.0, 1e3),
+        ("matching.features.limit", f.limit as f64, 1.0, 1e5),
+    ]
+}
+
+fn register(config: &Config) -> Ranges {
+    let (r, q) = (&config.register, &config.register.ransac);
+    vec![
+        ("register.first_reach", r.first_reach, 1e-4, 1.0),
+        ("register.last_reach", r.last_reach, 1e-4, 1.0),
+        ("register.rounds", r.rounds as f64, 0.0, 1e3),
+        ("register.least_score", r.least_score, 0.0, 1e9),
+        ("register.least_static_share", r.least_static_share, 0.0, 1.0),
+        ("register.ransac.trials", q.trials as f64, 1.0, 1e7),
+        ("register.ransac.gate_sigmas", q.gate_sigmas, POSITIVE, 1e3),
+        ("register.ransac.gate", q.gate, 1e-4, 1.0),
+        ("register.ransac.moved", q.moved, 0.0, 1.0),
+        ("register.ransac.cell", q.cell, 1e-4, 1.0),
+        ("register.ransac.least_support", q.least_support, 0.0, 1e9),
+        ("register.ransac.slack_thresholds", q.slack_thresholds, 0.0, 1e3),
+        ("register.ransac.spare", q.spare as f64, 0.0, 100.0),
+    ]
+}
+
+fn joint(config: &Config) -> Ranges {
+    let (r, t) = (&config.joint.refine, &config.joint.texture);
+    vec![
+        ("joint.refine.iterations", r.iterations as f64, 1.0, 1e4),
+        ("joint.refine.robust_sigmas", r.robust_sigmas, POSITIVE, 1e3),
+        ("joint.refine.reach", r.reach, 1e-4, 1.0),
+        ("joint.refine.normal_cosine", r.normal_cosine, -1.0, 1.0),
+        ("joint.refine.correlation_spacings", r.correlation_spacings, POSITIVE, 1e3),
+        ("joint.refine.match_pixel_sigma", r.match_pixel_sigma, POSITIVE, 1e3),
+        ("joint.texture.points", t.points as f64, 0.0, 1e7),
+        ("joint.texture.frames", t.frames as f64, 1.0, 1e4),
+        ("joint.texture.spacing_pixels", t.spacing_pixels, 0.1, 100.0),
+        ("joint.texture.min_contrast", t.min_contrast, 0.0, 1.0),
+        ("joint.texture.min_correlation", t.min_correlation, -1.0, 1.0),
+        ("joint.texture.pixel_sigma", t.pixel_sigma, POSITIVE, 1e3),
+    ]
+}
+
+fn model(config: &Config) -> Ranges {
+    let m = &config.model;
+    vec![
+        ("model.density_kg_m3", m.density_kg_m3.unwrap_or(1.0), 1e-3, 1e5),
+        ("model.wall_thickness_m", m.wall_thickness_m, 1e-6, 10.0),
+        ("model.effort", m.effort, POSITIVE, 1e9),
+        ("model.velocity", m.velocity, POSITIVE, 1e9),
+    ]
+}
+
+fn look(config: &Config) -> Ranges {
+    let l = &config.look;
+    vec![
+        ("look.max_faces", l.max_faces as f64, 100.0, 1e7),
+        ("look.max_error_m", l.max_error_m, 0.0, 1.0),
+        ("look.max_texture_px", l.max_texture_px as f64, 64.0, 16384.0),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Layers;
+
+    /// The message for `--set key=value`.
+    fn refused(assignment: &str) -> String {
+        let mut layers = Layers::new(&Config::default()).unwrap();
+        layers.set(assignment).unwrap();
+        let resolved = layers.resolve::<Config>().unwrap();
+        let error = resolved.config.check().expect_err(assignment);
+        error.with_origin(&resolved.origins).to_string()
+    }
+
+    #[test]
+    fn defaults_and_presets_are_usable() {
+        Config::default().check().unwrap();
+        for (name, _) in crate::config::PRESETS {
+            let mut layers = Layers::new(&Config::default()).unwrap();
+            layers.preset(name).unwrap();
+            layers.resolve::<Config>().unwrap().config.check().unwrap();
+        }
+    }
+
+    #[test]
+    fn every_group_refuses_what_it_cannot_use_by_key_and_origin() {
+        for assignment in [
+            "run.parts=1",
+            "capture.frames_per_state=0",
+            "capture.noise.grazing_cosine=0",
+            "train.rays=0",
+            "train.field.levels=99",
+            "surface.nodes=1",
+            "surface.truncation_m=-1",
+            "matching.ratio=0",
+            "register.ransac.cell=0",
+            "articulation.grid_nodes=1",
+            "articulation.late_start=2",
+            "joint.refine.reach=0",
+            "model.density_kg_m3=0",
+        ] {
+            let message = refused(assignment);
+            let (key, _) = assignment.split_once('=').unwrap();
+            assert!(message.starts_with(&format!("{key}: ")) && message.ends_with("(--set)"), "{message}");
+        }
+    }
+
+    #[test]
+    fn every_range_names_a_setting() {
+        let defaults = serde_norway::to_value(Config::default()).unwrap();
+        for (keys, ..) in ranges(&Config::default()) {
+            for key in keys.split(" + ") {
+                assert!(key.split('.').try_fold(&defaults, |v, part| v.get(part)).is_some(), "{key}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_run_measures_is_no_setting() {
+        let mut layers = Layers::new(&Config::default()).unwrap();
+        for assignment in ["train.noise.constant_m=1", "train.truncation_m=1", "capture.seed=1"] {
+            let message = layers.set(assignment).unwrap_err().to_string();
+            assert!(message.contains("unknown key"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! A URDF read leniently: what is missing stays missing, so that rules can say so.
+
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use roxmltree::Node;
+
+use crate::geometry::Pose;
+
+/// A link as the text has it.
+pub(super) struct LinkText {
+    pub name: String,
+    pub inertial: Option<InertialText>,
+    pub visuals: Vec<ShapeText>,
+    pub collisions: Vec<ShapeText>,
+}
+
+/// Mass and `ixx ixy ixz iyy iyz izz`; NaN where a number is missing or none.
+pub(super) struct InertialText {
+    pub mass: f64,
+    pub inertia: [f64; 6],
+}
+
+/// A visual or a collision.
+pub(super) struct ShapeText {
+    pub name: Option<String>,
+    pub link_from_shape: Pose,
+    pub geometry: Geometry,
+    pub has_material: bool,
+}
+
+/// What a shape is.
+pub(super) enum Geometry {
+    Mesh { path: String, scale: Vector3<f64> },
+    Cuboid(Vector3<f64>),
+    Cylinder { radius: f64, length: f64 },
+    Sphere(f64),
+    Unknown,
+}
+
+/// A joint as the text has it.
+pub(super) struct JointText {
+    pub name: String,
+    pub kind: String,
+    pub parent: String,
+    pub child: String,
+    pub parent_from_joint: Pose,
+    pub axis: Option<Vector3<f64>>,
+    pub limit: Option<LimitText>,
+    pub mimic: bool,
+}
+
+/// Attributes of `<limit>`; NaN for what is no number, `None` for what is missing.
+pub(super) struct LimitText {
+    pub lower: Option<f64>,
+    pub upper: Option<f64>,
+    pub effort: Option<f64>,
+    pub velocity: Option<f64>,
+}
+
+/// Links and joints of a URDF.
+pub(super) struct Description {
+    pub links: Vec<LinkText>,
+    pub joints: Vec<JointText>,
+}
+
+impl Description {
+    /// Reads URDF text; the error is a sentence.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let document = roxmltree::Document::parse(text).map_err(|e| format!("is no XML: {e}"))?;
+        let robot = document.root_element();
+        if robot.tag_name().name() != "robot" {
+            return Err(format!("the root element is <{}>, not <robot>", robot.tag_name().name()));
+        }
+        let all = |tag: &'static str| robot.children().filter(move |n| n.has_tag_name(tag));
+        Ok(Self { links: all("link").map(link).collect(), joints: all("joint").map(joint).collect() })
+    }
+
+    pub fn link(&self, name: &str) -> Option<usize> {
+        self.links.iter().position(|l| l.name == name)
+    }
+
+    /// The joint whose child a link is.
+    pub fn carrier(&self, link: usize) -> Option<&JointText> {
+        self.joints.iter().find(|j| j.child == self.links[link].name)
+    }
+}
+
+fn child<'a>(node: Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
+    node.children().find(|n| n.has_tag_name(tag))
+}
+
+fn text(node: Node, attribute: &str) -> String {
+    node.attribute(attribute).unwrap_or_default().to_owned()
+}
+
+/// NaN for text that is no number.
+fn number(text: &str) -> f64 {
+    text.trim().parse().unwrap_or(f64::NAN)
+}
+
+/// Three numbers; NaN where one is missing.
+fn triple(text: &str) -> Vector3<f64> {
+    let mut words = text.split_whitespace();
+    Vector3::from_fn(|_, _| words.next().map_or(f64::NAN, number))
+}
+
+fn pose(node: Node) -> Pose {
+    let origin = child(node, "origin");
+    let read = |name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple);
+    let (xyz, rpy) = (read("xyz"), read("rpy"));
+    Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
+}
+
+fn link(node: Node) -> LinkText {
+    let inertial = child(node, "inertial").map(|i| {
+        let mass = child(i, "mass").map_or(f64::NAN, |m| number(&text(m, "value")));
+        let read = |name: &str| child(i, "inertia").map_or(f64::NAN, |t| number(&text(t, name)));
+        InertialText { mass, inertia: ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].map(read) }
+    });
+    let shapes = |tag: &'static str| node.children().filter(move |n| n.has_tag_name(tag)).map(shape).collect();
+    LinkText { name: text(node, "name"), inertial, visuals: shapes("visual"), collisions: shapes("collision") }
+}
+
+fn shape(node: Node) -> ShapeText {
+    let geometry = child(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(Geometry::Unknown, |g| {
+        match g.tag_name().name() {
+            "mesh" => {
+                let scale = g.attribute("scale").map_or(Vector3::repeat(1.0), triple);
+                Geometry::Mesh { path: text(g, "filename"), scale }
+            }
+            "box" => Geometry::Cuboid(triple(&text(g, "size"))),
+            "cylinder" => Geometry::Cylinder { radius: number(&text(g, "radius")), length: number(&text(g, "length")) },
+            "sphere" => Geometry::Sphere(number(&text(g, "radius"))),
+            _ => Geometry::Unknown,
+        }
+    });
+    let name = node.attribute("name").map(str::to_owned);
+    ShapeText { name, link_from_shape: pose(node), geometry, has_material: child(node, "material").is_some() }
+}
+
+fn joint(node: Node) -> JointText {
+    let link = |tag| child(node, tag).map(|n| text(n, "link")).unwrap_or_default();
+    let limit = child(node, "limit").map(|l| {
+        let read = |name| l.attribute(name).map(number);
+        LimitText { lower: read("lower"), upper: read("upper"), effort: read("effort"), velocity: read("velocity") }
+    });
+    JointText {
+        name: text(node, "name"),
+        kind: text(node, "type"),
+        parent: link("parent"),
+        child: link("child"),
+        parent_from_joint: pose(node),
+        axis: child(node, "axis").map(|a| triple(&text(a, "xyz"))),
+        limit,
+        mimic: child(node, "mimic").is_some(),
+    }
+}

@@ -1,0 +1,104 @@
+//! Meshes of a folder, read as far as the rules need.
+
+use nalgebra::Point3;
+
+/// What a mesh file holds.
+#[derive(Default)]
+pub(super) struct MeshText {
+    pub points: Vec<Point3<f64>>,
+    pub faces: usize,
+    pub normals: usize,
+    /// Lowest and highest texture coordinate.
+    pub uv_range: Option<[f64; 2]>,
+    pub vertex_colors: bool,
+    pub material_file: Option<String>,
+    /// A face names a vertex that is not there.
+    pub bad_index: bool,
+}
+
+impl MeshText {
+    /// Reads OBJ text; what is no number becomes NaN.
+    pub fn obj(text: &str) -> Self {
+        let mut mesh = Self::default();
+        let number = |w: &str| w.parse::<f64>().unwrap_or(f64::NAN);
+        let mut highest = 0i64;
+        for line in text.lines() {
+            let mut words = line.split_whitespace();
+            match words.next() {
+                Some("v") => {
+                    let values: Vec<f64> = words.map(number).collect();
+                    let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
+                    mesh.points.push(Point3::new(at(0), at(1), at(2)));
+                    mesh.vertex_colors |= values.len() >= 6;
+                }
+                Some("vn") => mesh.normals += 1,
+                Some("vt") => {
+                    for uv in words.take(2).map(number) {
+                        let [lo, hi] = mesh.uv_range.unwrap_or([uv; 2]);
+                        mesh.uv_range = Some([lo.min(uv), hi.max(uv)]);
+                    }
+                }
+                Some("f") => {
+                    mesh.faces += 1;
+                    for word in words {
+                        let index: i64 = word.split('/').next().and_then(|i| i.parse().ok()).unwrap_or(0);
+                        mesh.bad_index |= index == 0;
+                        highest = highest.max(index);
+                    }
+                }
+                Some("mtllib") => mesh.material_file = words.next().map(str::to_owned),
+                _ => {}
+            }
+        }
+        mesh.bad_index |= highest > mesh.points.len() as i64;
+        mesh
+    }
+
+    /// Reads STL, binary or text; `None` where it is cut short.
+    pub fn stl(bytes: &[u8]) -> Option<Self> {
+        let mut mesh = Self::default();
+        let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+        if let Some(count) = count.filter(|n| bytes.len() == 84 + 50 * n) {
+            for facet in bytes[84..].chunks_exact(50) {
+                let value = |k: usize| f64::from(f32::from_le_bytes([facet[k], facet[k + 1], facet[k + 2], facet[k + 3]]));
+                mesh.points.extend([12, 24, 36].map(|k| Point3::new(value(k), value(k + 4), value(k + 8))));
+            }
+            (mesh.faces, mesh.normals) = (count, count);
+            return Some(mesh);
+        }
+        let text = std::str::from_utf8(bytes).ok().filter(|t| t.trim_start().starts_with("solid"))?;
+        for line in text.lines() {
+            let mut words = line.split_whitespace();
+            if words.next() == Some("vertex") {
+                let at: Vec<f64> = words.map(|w| w.parse().unwrap_or(f64::NAN)).collect();
+                mesh.points.push(Point3::new(*at.first()?, *at.get(1)?, *at.get(2)?));
+            }
+        }
+        mesh.faces = mesh.points.len() / 3;
+        Some(mesh)
+    }
+}
+
+/// What a material file says: its textures, and whether a colour blackens them.
+pub(super) struct MaterialText {
+    pub materials: usize,
+    pub textures: Vec<String>,
+    pub black: bool,
+}
+
+impl MaterialText {
+    pub fn parse(text: &str) -> Self {
+        let mut material = Self { materials: 0, textures: Vec::new(), black: false };
+        for line in text.lines() {
+            let (word, rest) = line.trim().split_once(char::is_whitespace).unwrap_or((line.trim(), ""));
+            match word {
+                "newmtl" => material.materials += 1,
+                // Options may stand before the file.
+                "map_Kd" => material.textures.extend(rest.split_whitespace().last().map(str::to_owned)),
+                "Kd" => material.black |= rest.split_whitespace().all(|c| c.parse::<f64>() == Ok(0.0)),
+                _ => {}
+            }
+        }
+        material
+    }
+}

@@ -1,0 +1,226 @@
+//! Rules of paths, formats, meshes and textures; gives the convex solids that simulators will collide.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    Findings, Folder,
+    description::{Description, Geometry, ShapeText},
+    mesh_text::{MaterialText, MeshText},
+};
+use crate::surface::{ConvexSolid, convex_hull};
+
+/// Most faces of an STL that MuJoCo reads.
+const MAX_STL_FACES: usize = 200_000;
+/// Thinner hulls are refused or explode, metres.
+const MIN_THICKNESS_M: f64 = 5e-4;
+/// Smaller hulls are refused, cubic metres.
+const MIN_VOLUME_M3: f64 = 1e-9;
+/// Corners from which a hull is thinned out to its extremes along so many directions.
+const DIRECTIONS: usize = 200;
+
+/// Solids of every link, in the link frame.
+pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> Vec<Vec<ConvexSolid>> {
+    let mut basenames: BTreeMap<String, String> = BTreeMap::new();
+    let mut solids = Vec::new();
+    for link in &description.links {
+        for shape in &link.visuals {
+            if let Some((path, mesh)) = mesh_of(shape, folder, urdf, true, &mut basenames, found) {
+                looks(&path, &mesh, shape, folder, found);
+            }
+        }
+        let mut own = Vec::new();
+        for shape in &link.collisions {
+            let points = match &shape.geometry {
+                Geometry::Mesh { scale, path } => {
+                    let Some((file, mesh)) = mesh_of(shape, folder, urdf, false, &mut basenames, found) else { continue };
+                    if scale.iter().any(|s| !(s.is_finite() && *s != 0.0)) {
+                        found.error("mesh", path, "the scale is zero or no finite number");
+                        continue;
+                    }
+                    let points: Vec<Point3<f64>> = mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
+                    if hull(&points).is_none_or(|h| h.thickness_m() < MIN_THICKNESS_M || h.volume_m3() < MIN_VOLUME_M3) {
+                        found.error("mesh", &file, "its corners lie in a plane or nearly so: MuJoCo refuses the hull; make it 2 mm thick");
+                        continue;
+                    }
+                    points
+                }
+                primitive => corners(primitive),
+            };
+            own.extend(hull(&points).map(|h| h.transformed(&shape.link_from_shape)));
+        }
+        solids.push(own);
+    }
+    solids
+}
+
+/// The hull of a mesh's corners, thinned out where there are many.
+fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
+    if points.len() <= DIRECTIONS {
+        return convex_hull(points);
+    }
+    let extreme = |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
+    let some: Vec<Point3<f64>> = directions(DIRECTIONS).filter_map(extreme).collect();
+    convex_hull(&some)
+}
+
+/// Directions spread over the sphere (Fibonacci).
+fn directions(count: usize) -> impl Iterator<Item = Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..count).map(move |k| {
+        let z = 1.0 - (2.0 * k as f64 + 1.0) / count as f64;
+        let (s, c) = (golden * k as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vector3::new(r * c, r * s, z)
+    })
+}
+
+/// Corners of a primitive shape.
+fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
+    match geometry {
+        Geometry::Cuboid(size) => {
+            (0..8).map(|i| Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -0.5 } else { 0.5 }).component_mul(size))).collect()
+        }
+        Geometry::Cylinder { radius, length } => {
+            let angle = |k: u32| (f64::from(k / 2) * std::f64::consts::TAU / 24.0).sin_cos();
+            (0..48).map(|k| Point3::new(radius * angle(k).1, radius * angle(k).0, length * (f64::from(k % 2) - 0.5))).collect()
+        }
+        Geometry::Sphere(radius) => directions(64).map(|d| Point3::from(d * *radius)).collect(),
+        Geometry::Mesh { .. } | Geometry::Unknown => Vec::new(),
+    }
+}
+
+/// The mesh of a shape with its path in the folder; `None` for primitives and where a rule says why.
+fn mesh_of(
+    shape: &ShapeText,
+    folder: &Folder,
+    urdf: &str,
+    visual: bool,
+    basenames: &mut BTreeMap<String, String>,
+    found: &mut Findings,
+) -> Option<(String, MeshText)> {
+    let Geometry::Mesh { path, .. } = &shape.geometry else { return None };
+    let file = resolve(path, urdf, found)?;
+    let Some(bytes) = folder.get(&file) else {
+        found.error("path", path, "the file is missing");
+        return None;
+    };
+    let name = file.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
+    let first = basenames.entry(name.clone()).or_insert_with(|| file.clone());
+    if *first != file {
+        found.error("name", &file, format!("has the same file name as {first}: MuJoCo before 4 strips the folders and mixes them up"));
+    }
+    let extension = name.rsplit('.').next().unwrap_or_default().to_owned();
+    let mesh = match extension.as_str() {
+        "obj" => MeshText::obj(&String::from_utf8_lossy(bytes)),
+        "stl" if visual => {
+            found.warn("format", path, "an STL has no colors, and Drake draws none; use OBJ");
+            MeshText::stl(bytes)?
+        }
+        "stl" => {
+            found.error("format", path, "Drake refuses STL for collision; use OBJ");
+            MeshText::stl(bytes)?
+        }
+        other => {
+            found.error("format", path, format!("'.{other}' is refused or dropped by MuJoCo, PyBullet or Drake; use OBJ"));
+            return None;
+        }
+    };
+    health(&file, &mesh, extension == "stl", found).then_some((file, mesh))
+}
+
+/// The path of a mesh in the folder; `None`, with a finding, where it is none.
+fn resolve(path: &str, urdf: &str, found: &mut Findings) -> Option<String> {
+    let inside = if let Some(rest) = path.strip_prefix("package://") {
+        if !urdf.ends_with(".ros.urdf") {
+            found.error("path", path, "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path");
+        }
+        rest.split_once('/').map_or("", |(_, path)| path)
+    } else if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.get(1..2) == Some(":") {
+        found.error("path", path, "is not relative to the URDF: other machines do not have it");
+        return None;
+    } else {
+        path
+    };
+    let mut parts: Vec<&str> = urdf.split('/').collect();
+    parts.pop();
+    for part in inside.split('/') {
+        match part {
+            "" | "." => {}
+            ".." if parts.pop().is_some() => {}
+            ".." => {
+                found.error("path", path, "leads out of the folder");
+                return None;
+            }
+            name => parts.push(name),
+        }
+    }
+    Some(parts.join("/"))
+}
+
+fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool {
+    let before = found.all.len();
+    if mesh.faces == 0 {
+        found.error("mesh", file, "has no face");
+    }
+    if mesh.points.iter().any(|p| !p.iter().all(|x| x.is_finite())) {
+        found.error("mesh", file, "has a vertex that is no finite point");
+    }
+    if mesh.bad_index {
+        found.error("mesh", file, "has a face that names a vertex which is not there");
+    }
+    if stl && mesh.faces > MAX_STL_FACES {
+        found.error("mesh", file, format!("has {} faces; MuJoCo reads {MAX_STL_FACES} of an STL", mesh.faces));
+    }
+    let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+    let (lo, hi) = mesh.points.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let extent = (hi - lo).amax();
+    if found.all.len() == before && extent > 20.0 {
+        found.warn("mesh", file, format!("is {extent:.1} m long: are these millimetres?"));
+    }
+    found.all.len() == before || extent > 20.0
+}
+
+/// Rules of a visual mesh: normals, material, texture.
+fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found: &mut Findings) {
+    if !file.to_ascii_lowercase().ends_with(".obj") {
+        return;
+    }
+    if mesh.normals == 0 {
+        found.error("mesh", file, "has no normals: Drake's renderer fails");
+    }
+    if mesh.vertex_colors {
+        found.warn("texture", file, "has vertex colors: most importers drop them, Newton splits the mesh; bake a texture");
+    }
+    let beside = |name: &str| file.rsplit_once('/').map_or_else(|| name.to_owned(), |(f, _)| format!("{f}/{name}"));
+    let Some(material_file) = &mesh.material_file else { return };
+    let Some(bytes) = folder.get(&beside(material_file)) else {
+        found.error("texture", file, format!("its material file {material_file} is missing"));
+        return;
+    };
+    let material = MaterialText::parse(&String::from_utf8_lossy(bytes));
+    if material.materials != 1 {
+        found.warn("texture", file, format!("has {} materials; one loads everywhere", material.materials));
+    }
+    if material.black && !material.textures.is_empty() {
+        found.error("texture", file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
+    }
+    for texture in &material.textures {
+        match folder.get(&beside(texture)) {
+            None => found.error("texture", file, format!("the texture {texture} is missing")),
+            Some(bytes) if !bytes.starts_with(b"\x89PNG\r\n\x1a\n") || !texture.to_ascii_lowercase().ends_with(".png") => {
+                found.error("texture", file, format!("{texture} is no PNG; MuJoCo refuses others"));
+            }
+            Some(_) => {}
+        }
+    }
+    if !material.textures.is_empty() {
+        if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
+            found.warn("texture", file, "texture coordinates are missing or leave [0, 1]: Drake smears the texture");
+        }
+        if shape.has_material {
+            found.warn("texture", file, "a <material> in the URDF replaces the texture in Newton; leave it out");
+        }
+    }
+}

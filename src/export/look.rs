@@ -1,0 +1,180 @@
+//! How a link looks: a decimated mesh with a texture painted from the photos.
+
+use std::collections::BTreeMap;
+
+use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    capture::Capture,
+    geometry::Pose,
+    model::ArticulatedModel,
+    surface::{BakeView, RenderItem, TriangleMesh, bake, keep_components, render, simplify, unwrap},
+};
+
+/// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
+const MIN_COMPONENT: f64 = 0.01;
+/// Texels per pixel of the photos, as lengths on the surface.
+const TEXEL_SHARE: f64 = 0.8;
+/// Texels across a mesh without photos.
+const PLAIN_TEXELS: f64 = 400.0;
+
+/// Settings of what is exported for the eye.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LookConfig {
+    /// Most triangles of a part's visual mesh.
+    pub max_faces: usize,
+    /// Decimation stops before it moves the surface by more, metres.
+    pub max_error_m: f64,
+    /// Longest side of a texture, pixels.
+    pub max_texture_px: usize,
+}
+
+impl Default for LookConfig {
+    fn default() -> Self {
+        Self { max_faces: 20_000, max_error_m: 0.001, max_texture_px: 2048 }
+    }
+}
+
+/// A corner of triangles that share a chart: its place in the texture and its normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corner {
+    /// Vertex of the mesh.
+    pub vertex: u32,
+    /// Texture coordinates in `[0, 1]`, v up.
+    pub uv: [f64; 2],
+    /// Unit normal; smooth within a chart, with an edge between charts.
+    pub normal: Vector3<f64>,
+}
+
+/// A textured mesh, in the frame of its link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Look {
+    /// The mesh.
+    pub mesh: TriangleMesh,
+    /// Corners; a vertex has one in every chart that it lies in.
+    pub corners: Vec<Corner>,
+    /// Corners of every triangle of the mesh.
+    pub triangles: Vec<[u32; 3]>,
+    /// Side of the texture, pixels.
+    pub size_px: usize,
+    /// The texture, `size_px * size_px` sRGB pixels, row by row from the top.
+    pub texture: Vec<[u8; 3]>,
+}
+
+impl Look {
+    /// The texture as a PNG; empty for a texture without pixels.
+    #[must_use]
+    pub fn png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let side = self.size_px as u32;
+        let pixels = self.texture.as_flattened();
+        // Writing to memory fails only for a size that does not fit its pixels.
+        if PngEncoder::new(&mut bytes).write_image(pixels, side, side, ExtendedColorType::Rgb8).is_err() {
+            bytes.clear();
+        }
+        bytes
+    }
+}
+
+/// Looks of all links from the photos of both states, in the order of the links.
+#[must_use]
+pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
+    let meshes: Vec<TriangleMesh> = model.links.iter().map(|l| reduced(&l.visual, config)).collect();
+    let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
+    for (frames, positions) in capture.states.iter().zip(&model.states) {
+        let item = |(i, mesh)| RenderItem { mesh, world_from_mesh: model.world_from_link(i, positions), tint: None };
+        let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
+        depths.push(frames.iter().map(|f| render(&items, &f.intrinsics, &f.world_from_camera, false).depth_m).collect());
+    }
+    let look_of = |(i, mesh): (usize, TriangleMesh)| {
+        let mut views = Vec::new();
+        for (state, positions) in model.states.iter().enumerate().take(capture.states.len()) {
+            let world_from_mesh: Pose = model.world_from_link(i, positions);
+            let all = capture.states[state].iter().zip(&depths[state]);
+            views.extend(all.map(|(frame, depth_m)| BakeView { frame, world_from_mesh, depth_m }));
+        }
+        painted(mesh, &views, config)
+    };
+    meshes.into_iter().enumerate().map(look_of).collect()
+}
+
+/// The look of one mesh from some views; without any its own colors are the texture.
+#[must_use]
+pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
+    painted(reduced(mesh, config), views, config)
+}
+
+fn reduced(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
+    let whole = keep_components(mesh, MIN_COMPONENT);
+    let mut small = simplify(&whole, config.max_faces, f64::INFINITY);
+    // Fewer still where that costs nothing.
+    small = simplify(&small, 0, (0.25 * config.max_error_m).min(0.0005 * extent_m(mesh)));
+    small
+}
+
+fn extent_m(mesh: &TriangleMesh) -> f64 {
+    mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()))
+}
+
+fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
+    let atlas = unwrap(&mesh, texel_m(&mesh, views), config.max_texture_px);
+    let texture = bake(&mesh, &atlas, views);
+    let mut index: BTreeMap<(u32, u32), u32> = BTreeMap::new();
+    let mut corners: Vec<Corner> = Vec::new();
+    let mut triangles = Vec::with_capacity(mesh.triangles.len());
+    for (t, vertices) in mesh.triangles.iter().enumerate() {
+        let (uv, area_normal) = (atlas.uv(t), mesh.area_normal(t).cast::<f64>());
+        triangles.push([0, 1, 2].map(|k| {
+            let corner = *index.entry((vertices[k], atlas.chart[t])).or_insert_with(|| {
+                corners.push(Corner { vertex: vertices[k], uv: uv[k], normal: Vector3::zeros() });
+                corners.len() as u32 - 1
+            });
+            corners[corner as usize].normal += area_normal;
+            corner
+        }));
+    }
+    for corner in &mut corners {
+        corner.normal = corner.normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
+    }
+    Look { mesh, corners, triangles, size_px: atlas.size_px, texture }
+}
+
+/// Size of a texel, metres: somewhat finer than the median pixel of the photos on the mesh.
+fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
+    let center = mesh.bounds().map(|(lo, hi)| nalgebra::center(&lo, &hi).cast::<f64>());
+    let footprint = |v: &BakeView| {
+        let depth_m = v.frame.in_camera(&(v.world_from_mesh * center?)).z;
+        (depth_m > 0.0).then(|| depth_m / v.frame.intrinsics.fx)
+    };
+    let mut all: Vec<f64> = views.iter().filter_map(footprint).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).map_or(extent_m(mesh) / PLAIN_TEXELS, |m| TEXEL_SHARE * m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::{box_mesh, cabinet};
+
+    #[test]
+    fn a_mesh_without_photos_keeps_its_color() {
+        let mesh = box_mesh([0.0; 3], [0.4, 0.3, 0.02], [200, 60, 50]);
+        let look = look(&mesh, &[], &LookConfig::default());
+        assert_eq!((look.mesh.triangles.len(), look.corners.len()), (12, 24));
+        for c in &look.corners {
+            let (x, y) = ((c.uv[0] * look.size_px as f64) as usize, ((1.0 - c.uv[1]) * look.size_px as f64) as usize);
+            assert_eq!(look.texture[y * look.size_px + x], [200, 60, 50]);
+            assert!((c.normal.amax() - 1.0).abs() < 1e-9, "the edges of a box are sharp");
+        }
+        let decoded = image::load_from_memory(&look.png()).unwrap();
+        assert_eq!((decoded.width() as usize, decoded.height() as usize), (look.size_px, look.size_px));
+    }
+
+    #[test]
+    fn there_is_one_for_every_link() {
+        assert_eq!(looks(&cabinet(), &Capture::default(), &LookConfig::default()).len(), 3);
+    }
+}

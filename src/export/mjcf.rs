@@ -1,0 +1,169 @@
+//! MJCF text: what URDF cannot tell MuJoCo: textures, excluded pairs, keyframes, friction, armature, springs.
+
+use std::fmt::Write as _;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use super::{
+    number::decimal,
+    urdf::{escape, short, solid_name, solid_path, triple, visual_path},
+};
+use crate::{
+    geometry::Pose,
+    model::{ArticulatedModel, Joint, JointKind, Link},
+};
+
+/// Settings that every body shares. Collision geoms carry no mass: the bodies state theirs.
+const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <visual>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/>
+  </visual>
+  <default>
+    <default class="visual">
+      <geom type="mesh" contype="0" conaffinity="0" group="2" density="0"/>
+    </default>
+    <default class="collision">
+      <geom type="mesh" group="3" rgba="0.6 0.6 0.6 0.3" density="0" friction="0.6 0.005 0.0001"/>
+    </default>
+  </default>
+"#;
+
+/// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that friction holds.
+const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
+
+/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world.
+#[must_use]
+pub fn mjcf(model: &ArticulatedModel) -> String {
+    let mut text = format!("<mujoco model=\"{}\">\n{HEAD}  <asset>\n", escape(&model.name));
+    for link in &model.links {
+        push_assets(&mut text, link);
+    }
+    text.push_str("  </asset>\n  <worldbody>\n");
+    push_body(&mut text, model, 0, None, 2);
+    text.push_str("  </worldbody>\n  <contact>\n");
+    for joint in &model.joints {
+        let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
+        // Writing to a string cannot fail, here and below.
+        writeln!(text, "    <exclude body1=\"{parent}\" body2=\"{child}\"/>").ok();
+    }
+    text.push_str("  </contact>\n  <keyframe>\n");
+    let order = joint_order(model, 0);
+    for (k, state) in model.states.iter().enumerate() {
+        let positions: Vec<String> = order.iter().map(|&j| short(state[j])).collect();
+        writeln!(text, "    <key name=\"state{k}\" qpos=\"{}\"/>", positions.join(" ")).ok();
+    }
+    text.push_str("  </keyframe>\n</mujoco>\n");
+    text
+}
+
+/// Joints in the order in which the bodies of the text bring them, which is the order of positions in a keyframe.
+fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
+    let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
+    children.flat_map(|j| std::iter::once(j).chain(joint_order(model, model.joints[j].child)).collect::<Vec<_>>()).collect()
+}
+
+fn push_assets(text: &mut String, link: &Link) {
+    let name = escape(&link.name);
+    if !link.visual.is_empty() {
+        let file = visual_path(link);
+        writeln!(text, "    <texture name=\"{name}\" type=\"2d\" file=\"{}\"/>", file.replace(".obj", ".png")).ok();
+        writeln!(text, "    <material name=\"{name}\" texture=\"{name}\" specular=\"0.1\"/>").ok();
+        writeln!(text, "    <mesh name=\"{name}_visual\" file=\"{file}\"/>").ok();
+    }
+    for k in 0..link.collision.len() {
+        writeln!(text, "    <mesh name=\"{}\" file=\"{}\"/>", solid_name(link, k), solid_path(link, k)).ok();
+    }
+}
+
+fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: Option<&Joint>, depth: usize) {
+    let link = &model.links[index];
+    let (name, pad) = (escape(&link.name), "  ".repeat(depth));
+    let pose = joint.map_or_else(Pose::identity, |j| j.parent_from_joint);
+    writeln!(text, "{pad}<body name=\"{name}\" {}>", place(&pose)).ok();
+    let (mass, i) = (&link.inertial, &link.inertial.inertia);
+    let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(i[k])).join(" ");
+    let com = triple(mass.center_of_mass.coords.as_ref());
+    writeln!(text, "{pad}  <inertial pos=\"{com}\" mass=\"{}\" fullinertia=\"{full}\"/>", short(mass.mass_kg)).ok();
+    if let Some(joint) = joint {
+        push_joint(text, joint, &pad);
+    }
+    if !link.visual.is_empty() {
+        writeln!(text, "{pad}  <geom class=\"visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" material=\"{name}\"/>").ok();
+    }
+    for k in 0..link.collision.len() {
+        let solid = solid_name(link, k);
+        writeln!(text, "{pad}  <geom class=\"collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
+    }
+    for below in model.joints.iter().filter(|j| j.parent == index) {
+        push_body(text, model, below.child, Some(below), depth + 1);
+    }
+    writeln!(text, "{pad}</body>").ok();
+}
+
+fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
+    let kind = match joint.kind {
+        JointKind::Revolute => "hinge",
+        JointKind::Prismatic => "slide",
+    };
+    let (l, d) = (&joint.limit, &joint.dynamics);
+    writeln!(
+        text,
+        "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" frictionloss=\"{}\" armature=\"{}\" \
+         stiffness=\"{}\" springref=\"{}\" {HARD_FRICTION}/>",
+        escape(&joint.name),
+        triple(joint.axis.as_ref().as_ref()),
+        short(l.lower),
+        short(l.upper),
+        short(d.damping),
+        short(d.friction),
+        short(d.armature),
+        short(d.stiffness),
+        short(d.spring_reference),
+    )
+    .ok();
+}
+
+/// `pos` and `quat` (w first) of a pose.
+fn place(pose: &Pose) -> String {
+    format!(
+        "pos=\"{}\" quat=\"{}\"",
+        triple(pose.translation.vector.as_ref()),
+        quaternion(&pose.rotation).map(|x| decimal(x, 12)).join(" ")
+    )
+}
+
+/// w, x, y, z with w not negative.
+pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
+    let q: Quaternion<f64> = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
+    [q.w, q.i, q.j, q.k]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::cabinet;
+
+    #[test]
+    fn every_link_joint_pair_and_state_is_there() {
+        let mut model = cabinet();
+        model.joints[0].dynamics.friction = 0.3;
+        let text = mjcf(&model);
+        let count = |what: &str| text.matches(what).count();
+        assert_eq!([count("<body "), count("<joint "), count("<exclude "), count("<key "), count("<texture ")], [3, 2, 2, 2, 3]);
+        assert_eq!([count("class=\"visual\" name"), count("class=\"collision\" name"), count("<inertial ")], [3, 3, 3]);
+        assert!(text.contains("qpos=\"1.25 0\"") && text.contains("frictionloss=\"0.3\"") && text.contains("range=\"0 0.18\""), "{text}");
+        assert!(roxmltree::Document::parse(&text).is_ok());
+    }
+
+    #[test]
+    fn keyframes_follow_the_nesting_of_the_bodies() {
+        let mut model = cabinet();
+        // The drawer comes first in the list but hangs on the door.
+        model.joints.swap(0, 1);
+        model.states.iter_mut().for_each(|s| s.swap(0, 1));
+        model.joints[0].parent = 1;
+        assert_eq!(joint_order(&model, 0), [1, 0]);
+        assert!(mjcf(&model).contains("qpos=\"0 0.18\""));
+    }
+}

@@ -1,0 +1,121 @@
+//! Small pictures of the twin: a thumbnail and a turntable on which the joints move.
+
+use image::{
+    Delay, ExtendedColorType, Frame, ImageEncoder as _, RgbaImage,
+    codecs::gif::{GifEncoder, Repeat},
+    codecs::png::PngEncoder,
+};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::{
+    geometry::Intrinsics,
+    model::ArticulatedModel,
+    surface::TriangleMesh,
+    surface::{RenderItem, render, simplify},
+};
+
+/// Sides of the thumbnail, pixels.
+const THUMBNAIL_PX: [usize; 2] = [480, 360];
+/// Sides of the turntable, pixels.
+const TURNTABLE_PX: [usize; 2] = [320, 240];
+/// Pictures of a full turn.
+const FRAMES: usize = 24;
+/// Milliseconds between two pictures.
+const FRAME_MS: u32 = 110;
+/// Distance of the camera in radii of the object.
+const DISTANCE: f64 = 3.0;
+/// Height of the camera above the object's middle, in radii.
+const ELEVATION: f64 = 1.3;
+/// Focal length in picture widths.
+const FOCAL: f64 = 1.2;
+/// Direction of the thumbnail's camera, radians about z from x.
+const AZIMUTH_RAD: f64 = -0.9;
+/// Triangles of a mesh in the turntable.
+const TURNTABLE_FACES: usize = 8000;
+
+/// A PNG of the model in its last observed state; world z is up.
+#[must_use]
+pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
+    let meshes: Vec<&TriangleMesh> = model.links.iter().map(|l| &l.visual).collect();
+    let none = Vec::new();
+    let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
+    let mut bytes = Vec::new();
+    let [w, h] = THUMBNAIL_PX.map(|x| x as u32);
+    // Writing to memory fails only for a size that does not fit its pixels.
+    PngEncoder::new(&mut bytes).write_image(rgb.as_flattened(), w, h, ExtendedColorType::Rgb8).ok();
+    bytes
+}
+
+/// An animated GIF: one turn around the object while the joints go from the first observed state to the last and back.
+#[must_use]
+pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
+    let small: Vec<TriangleMesh> = model.links.iter().map(|l| simplify(&l.visual, TURNTABLE_FACES, f64::INFINITY)).collect();
+    let meshes: Vec<&TriangleMesh> = small.iter().collect();
+    let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
+    let mut bytes = Vec::new();
+    let mut encoder = GifEncoder::new_with_speed(&mut bytes, 30);
+    let mut whole = encoder.set_repeat(Repeat::Infinite).is_ok();
+    let [w, h] = TURNTABLE_PX.map(|x| x as u32);
+    for k in 0..FRAMES {
+        let turn = std::f64::consts::TAU * k as f64 / FRAMES as f64;
+        let share = 0.5 - 0.5 * turn.cos();
+        let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
+        let rgb = view(model, &meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
+        let rgba = rgb.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect();
+        let Some(image) = RgbaImage::from_raw(w, h, rgba) else { return Vec::new() };
+        let delay = Delay::from_numer_denom_ms(FRAME_MS, 1);
+        whole &= encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).is_ok();
+    }
+    drop(encoder);
+    if whole { bytes } else { Vec::new() }
+}
+
+/// The model from a camera that looks at its middle from an azimuth.
+fn view(
+    model: &ArticulatedModel,
+    meshes: &[&TriangleMesh],
+    positions: &[f64],
+    azimuth_rad: f64,
+    [width, height]: [usize; 2],
+) -> Vec<[u8; 3]> {
+    let item = |(i, mesh): (usize, &&'_ TriangleMesh)| (i, model.world_from_link(i, positions), mesh.bounds());
+    let posed: Vec<_> = meshes.iter().enumerate().map(item).collect();
+    // A sphere around all boxes in all states: the camera stands still while the joints move.
+    let mut corners: Vec<Point3<f64>> = Vec::new();
+    for state in &model.states {
+        for (i, _, bounds) in &posed {
+            let Some((lo, hi)) = bounds else { continue };
+            let pose = model.world_from_link(*i, state);
+            corners.extend((0..8).map(|k| pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))));
+        }
+    }
+    let Some(first) = corners.first().copied() else { return vec![[255; 3]; width * height] };
+    let (lo, hi) = corners.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let (middle, radius) = (nalgebra::center(&lo, &hi), 0.5 * (hi - lo).norm());
+    let (s, c) = azimuth_rad.sin_cos();
+    let eye = middle + Vector3::new(DISTANCE * c, DISTANCE * s, ELEVATION) * radius;
+    // Optical frames look along z with y down.
+    let world_from_camera = Isometry3::face_towards(&eye, &middle, &-Vector3::z());
+    let focal = FOCAL * width as f64;
+    let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx: 0.5 * (width as f64 - 1.0), cy: 0.5 * (height as f64 - 1.0) };
+    let items: Vec<RenderItem> =
+        posed.iter().zip(meshes).map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None }).collect();
+    render(&items, &intrinsics, &world_from_camera, true).rgb
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::cabinet;
+
+    #[test]
+    fn pictures_show_the_object_and_the_turntable_turns() {
+        let png = image::load_from_memory(&thumbnail(&cabinet())).unwrap().to_rgb8();
+        let shown = png.pixels().filter(|p| p.0 != [255; 3]).count() as f64 / png.pixels().len() as f64;
+        assert!((0.05..0.8).contains(&shown), "{shown}");
+        let gif = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(turntable(&cabinet()))).unwrap();
+        let frames = image::AnimationDecoder::into_frames(gif).collect_frames().unwrap();
+        assert_eq!(frames.len(), FRAMES);
+        assert!(frames[0].buffer() != frames[6].buffer());
+    }
+}

@@ -1,0 +1,115 @@
+//! `viewer.html`: the twin in one page that opens from the disk, with a slider for every joint.
+
+use base64::Engine as _;
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::{look::Look, urdf::escape};
+use crate::model::{ArticulatedModel, JointKind};
+
+const PAGE: &str = include_str!("viewer.html");
+
+#[derive(Serialize)]
+struct Data {
+    center: [f64; 3],
+    radius: f64,
+    links: Vec<LinkData>,
+    joints: Vec<JointData>,
+}
+
+#[derive(Serialize)]
+struct LinkData {
+    /// Eight little-endian `f32` a corner, three corners a triangle: position, normal, texture coordinates.
+    corners: String,
+    texture_png: String,
+}
+
+#[derive(Serialize)]
+struct JointData {
+    name: String,
+    kind: &'static str,
+    parent: usize,
+    child: usize,
+    /// Column by column.
+    parent_from_joint: Vec<f64>,
+    axis: [f64; 3],
+    lower: f64,
+    upper: f64,
+    start: f64,
+}
+
+/// The page; `looks` and their encoded `textures` in the order of the links. It loads nothing else.
+#[must_use]
+pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>]) -> String {
+    let base64 = |bytes: &[u8]| base64::engine::general_purpose::STANDARD.encode(bytes);
+    let first = model.states.first();
+    let joint = |(j, joint): (usize, &crate::model::Joint)| JointData {
+        name: joint.name.clone(),
+        kind: match joint.kind {
+            JointKind::Revolute => "revolute",
+            JointKind::Prismatic => "prismatic",
+        },
+        parent: joint.parent,
+        child: joint.child,
+        parent_from_joint: joint.parent_from_joint.to_homogeneous().as_slice().to_vec(),
+        axis: joint.axis.into_inner().into(),
+        lower: joint.limit.lower,
+        upper: joint.limit.upper,
+        start: first.and_then(|s| s.get(j)).copied().unwrap_or(joint.limit.lower),
+    };
+    let (center, radius) = sphere(model);
+    let data = Data {
+        center: center.into(),
+        radius,
+        links: looks.iter().zip(textures).map(|(l, png)| LinkData { corners: base64(&corners(l)), texture_png: base64(png) }).collect(),
+        joints: model.joints.iter().enumerate().map(joint).collect(),
+    };
+    // Text and numbers always serialise; `<` would end the script.
+    let json = serde_json::to_string(&data).unwrap_or_default().replace('<', "\\u003c");
+    PAGE.replace("@TITLE@", &escape(&model.name)).replace("@DATA@", &json)
+}
+
+fn corners(look: &Look) -> Vec<u8> {
+    let corner = |&i: &u32| {
+        let c = &look.corners[i as usize];
+        let p = look.mesh.vertices[c.vertex as usize];
+        [p.x, p.y, p.z, c.normal.x as f32, c.normal.y as f32, c.normal.z as f32, c.uv[0] as f32, c.uv[1] as f32]
+    };
+    look.triangles.iter().flatten().flat_map(corner).flat_map(f32::to_le_bytes).collect()
+}
+
+/// A sphere around the model in its first state.
+fn sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
+    let none = vec![0.0; model.joints.len()];
+    let positions = model.states.first().unwrap_or(&none);
+    let points = model.links.iter().enumerate().flat_map(|(i, l)| {
+        let pose = model.world_from_link(i, positions);
+        l.visual.vertices.iter().map(move |p| pose * p.cast::<f64>())
+    });
+    let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+    let (lo, hi) = points.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
+    if lo.x <= hi.x { (nalgebra::center(&lo, &hi), 0.5 * (hi - lo).norm()) } else { (Point3::origin(), 1.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        export::look::{LookConfig, look},
+        model::example::cabinet,
+    };
+
+    #[test]
+    fn the_page_holds_everything_and_asks_for_nothing() {
+        let model = cabinet();
+        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
+        let page = viewer_html(&model, &looks, &textures);
+        assert!(!page.contains("http") && !page.contains("@DATA@") && !page.contains("@TITLE@"));
+        let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
+        let data: serde_json::Value = serde_json::from_str(json).unwrap();
+        assert_eq!((data["links"].as_array().unwrap().len(), data["joints"][1]["start"].as_f64()), (3, Some(0.18)));
+        let bytes = base64::engine::general_purpose::STANDARD.decode(data["links"][0]["corners"].as_str().unwrap()).unwrap();
+        assert_eq!(bytes.len(), 12 * 3 * 8 * 4);
+    }
+}

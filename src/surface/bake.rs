@@ -1,0 +1,179 @@
+//! Photos painted into a texture.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{Atlas, TriangleMesh};
+use crate::{capture::RgbdFrame, geometry::Pose};
+
+/// A point this share of its depth behind what a view shows is hidden there.
+const DEPTH_SHARE: f64 = 0.015;
+/// A view at a smaller cosine than this is not used.
+const MIN_COSINE: f64 = 0.15;
+/// Exponent of cosine over depth in a view's weight: the best views count most.
+const SHARPNESS: i32 = 3;
+/// Pixels at the border of an image that are not used.
+const BORDER_PX: f64 = 3.0;
+/// Scale of color differences (levels) beyond which a view does not agree with the others: highlights, misses.
+const DISAGREEMENT: f32 = 24.0;
+/// Color where there is neither a view nor a vertex color.
+const PLAIN: [u8; 3] = [150; 3];
+
+/// A photo as seen from a mesh.
+pub struct BakeView<'a> {
+    /// Photo, depth and camera.
+    pub frame: &'a RgbdFrame,
+    /// Where the mesh stood in the world.
+    pub world_from_mesh: Pose,
+    /// z-depth of the whole object from that camera, metres; 0 where there is none.
+    pub depth_m: &'a [f32],
+}
+
+/// A texel on the surface.
+struct Texel {
+    index: u32,
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+    color: [u8; 3],
+}
+
+/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of the views that see it
+/// (head-on and near ones count most); the mesh's own color where none does; around the charts the nearest color.
+#[must_use]
+pub fn bake(mesh: &TriangleMesh, atlas: &Atlas, views: &[BakeView]) -> Vec<[u8; 3]> {
+    let texels = texels(mesh, atlas);
+    let colors: Vec<[u8; 3]> = texels.par_iter().with_min_len(512).map(|t| seen(t, views).unwrap_or(t.color)).collect();
+    let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
+    for (texel, color) in texels.iter().zip(colors) {
+        texture[texel.index as usize] = Some(color);
+    }
+    for _ in 0..3 {
+        texture = spread(&texture, atlas.size_px);
+    }
+    texture.into_iter().map(|c| c.unwrap_or(PLAIN)).collect()
+}
+
+/// All texels whose middle lies in a triangle.
+fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
+    let mut found = Vec::new();
+    let size = atlas.size_px;
+    for (t, c) in atlas.corners_px.iter().enumerate() {
+        let turn = (c[1] - c[0]).perp(&(c[2] - c[0]));
+        let Some(normal) = mesh.area_normal(t).cast::<f64>().try_normalize(0.0) else { continue };
+        if turn.abs() < 1e-12 {
+            continue;
+        }
+        let (lo, hi) = (c[0].inf(&c[1]).inf(&c[2]), c[0].sup(&c[1]).sup(&c[2]));
+        let corners = mesh.corners(t).map(|p| p.coords.cast::<f64>());
+        let colors = mesh.triangles[t].map(|v| mesh.colors.get(v as usize).copied().unwrap_or(PLAIN));
+        for y in (lo.y - 0.5).floor().max(0.0) as usize..=((hi.y as usize).min(size - 1)) {
+            for x in (lo.x - 0.5).floor().max(0.0) as usize..=((hi.x as usize).min(size - 1)) {
+                let p = nalgebra::Point2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let b = [(c[1] - p).perp(&(c[2] - p)) / turn, (c[2] - p).perp(&(c[0] - p)) / turn];
+                let weights = [b[0], b[1], 1.0 - b[0] - b[1]];
+                if weights.iter().any(|w| *w < -1e-9) {
+                    continue;
+                }
+                let point = Point3::from(corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]);
+                let channel = |k: usize| (0..3).map(|i| weights[i] * f64::from(colors[i][k])).sum::<f64>().round().clamp(0.0, 255.0) as u8;
+                found.push(Texel { index: (y * size + x) as u32, point, normal, color: [channel(0), channel(1), channel(2)] });
+            }
+        }
+    }
+    found
+}
+
+/// What the views show of a texel; `None` where none sees it.
+fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
+    let samples: Vec<(f32, Vector3<f32>)> = views.iter().filter_map(|v| sample(texel, v)).collect();
+    let mean = |weight: &dyn Fn(&(f32, Vector3<f32>)) -> f32| {
+        let total: f32 = samples.iter().map(weight).sum();
+        (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
+    };
+    let first = mean(&|s| s.0)?;
+    let agreed = mean(&|s| s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6))?;
+    Some(agreed.map(|c| c.round().clamp(0.0, 255.0) as u8).into())
+}
+
+/// Weight and color of a texel in a view.
+fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
+    let frame = view.frame;
+    let k = &frame.intrinsics;
+    let world = view.world_from_mesh * texel.point;
+    let p = frame.in_camera(&world);
+    let (u, v) = k.project(&p)?;
+    if !(u >= BORDER_PX && v >= BORDER_PX && u < k.width as f64 - 1.0 - BORDER_PX && v < k.height as f64 - 1.0 - BORDER_PX) {
+        return None;
+    }
+    let normal = frame.world_from_camera.rotation.inverse() * (view.world_from_mesh.rotation * texel.normal);
+    let cosine = -normal.dot(&p.coords) / p.coords.norm();
+    let pixel = v.round() as usize * k.width + u.round() as usize;
+    let (model, measured) = (f64::from(view.depth_m[pixel]), f64::from(frame.depth_m[pixel]));
+    let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE)) || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
+    if cosine < MIN_COSINE || hidden || !frame.is_object(pixel) {
+        return None;
+    }
+    let (x, y) = (u.floor(), v.floor());
+    let (fx, fy) = ((u - x) as f32, (v - y) as f32);
+    let at = |dx: usize, dy: usize| Vector3::from(frame.rgb[(y as usize + dy) * k.width + x as usize + dx].map(f32::from));
+    let color = (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy;
+    Some(((cosine / p.z).powi(SHARPNESS) as f32, color))
+}
+
+/// Empty texels take the mean of the filled ones around them.
+fn spread(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
+    let filled = |i: usize| {
+        if texture[i].is_some() {
+            return texture[i];
+        }
+        let (x, y) = (i % size, i / size);
+        let (mut sum, mut count) = ([0u32; 3], 0);
+        for v in y.saturating_sub(1)..=(y + 1).min(size - 1) {
+            for u in x.saturating_sub(1)..=(x + 1).min(size - 1) {
+                if let Some(c) = texture[v * size + u] {
+                    (0..3).for_each(|k| sum[k] += u32::from(c[k]));
+                    count += 1;
+                }
+            }
+        }
+        (count > 0).then(|| sum.map(|s| (s / count) as u8))
+    };
+    (0..texture.len()).into_par_iter().with_min_len(4096).map(filled).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Intrinsics,
+        surface::{
+            RenderItem, render,
+            shapes::{box_mesh, color_of, cuboid, looking_at_origin, view_of},
+            unwrap,
+        },
+    };
+
+    #[test]
+    fn what_was_seen_is_painted_and_what_was_not_keeps_its_color() {
+        let half = Vector3::new(0.3, 0.2, 0.1);
+        let mut mesh = box_mesh(half.cast());
+        mesh.colors = vec![[1, 2, 3]; mesh.vertices.len()];
+        let k = Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5 };
+        let eyes = [Point3::new(0.3, 0.2, 1.0), Point3::new(-0.3, -0.1, 1.1)];
+        let shape = cuboid(half);
+        let frames: Vec<_> = eyes.iter().map(|e| view_of(&shape, k, looking_at_origin(*e))).collect();
+        let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), tint: None };
+        let depths: Vec<_> = frames.iter().map(|f| render(&[item], &k, &f.world_from_camera, false).depth_m).collect();
+        let view = |(frame, depth_m): (_, &'static Vec<f32>)| BakeView { frame, world_from_mesh: Pose::identity(), depth_m };
+        let depths: &'static Vec<Vec<f32>> = Box::leak(Box::new(depths));
+        let views: Vec<BakeView> = frames.iter().zip(depths).map(view).collect();
+        let atlas = unwrap(&mesh, 0.004, 1024);
+        let texture = bake(&mesh, &atlas, &views);
+        let all = texels(&mesh, &atlas);
+        let top: Vec<&Texel> = all.iter().filter(|t| t.normal.z > 0.9 && t.point.x.abs() < 0.28 && t.point.y.abs() < 0.18).collect();
+        assert!(top.len() > 8000, "{}", top.len());
+        let off = |t: &&&Texel| (0..3).any(|c| texture[t.index as usize][c].abs_diff(color_of(&t.point)[c]) > 12);
+        assert!(top.iter().filter(off).count() < top.len() / 100);
+        assert!(all.iter().filter(|t| t.normal.z < -0.9).all(|t| texture[t.index as usize] == [1, 2, 3]));
+    }
+}

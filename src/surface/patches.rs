@@ -1,0 +1,118 @@
+//! A mesh cut into patches that are flat to a tolerance.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use nalgebra::{Point3, Vector3};
+
+use super::TriangleMesh;
+
+/// Cosine of the largest angle between a triangle and its patch, and the triangle that the patch began with.
+const MIN_COSINE: f64 = 0.82;
+
+/// Triangles near one plane; joined by sides.
+#[derive(Clone, Debug)]
+pub(crate) struct Patch {
+    /// Triangles, ascending.
+    pub triangles: Vec<u32>,
+    /// Mean normal, out of the object.
+    pub normal: Vector3<f64>,
+    /// Center of area.
+    pub center: Point3<f64>,
+    /// Area, square metres.
+    pub area_m2: f64,
+}
+
+/// Sums over the triangles of a patch.
+#[derive(Default)]
+struct Sums {
+    normal: Vector3<f64>,
+    center: Vector3<f64>,
+    area: f64,
+}
+
+impl Sums {
+    fn add(&mut self, area_normal: &Vector3<f64>, corners: &[Point3<f64>; 3]) {
+        let area = 0.5 * area_normal.norm();
+        self.normal += area_normal * 0.5;
+        self.center += corners.iter().map(|p| p.coords).sum::<Vector3<f64>>() * (area / 3.0);
+        self.area += area;
+    }
+}
+
+/// Patches that grow from the largest triangle that is left over triangles whose corners lie within `tolerance_m` of the
+/// patch's plane; largest area first.
+pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
+    let count = mesh.triangles.len();
+    let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
+    let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
+    let neighbors = neighbors(mesh);
+    let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
+    order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
+    let mut taken = vec![false; count];
+    let mut found = Vec::new();
+    for seed in order {
+        if taken[seed] {
+            continue;
+        }
+        let (mut sums, mut triangles, mut queue) = (Sums::default(), Vec::new(), VecDeque::from([seed]));
+        taken[seed] = true;
+        let first = normals[seed].normalize();
+        while let Some(t) = queue.pop_front() {
+            triangles.push(t as u32);
+            sums.add(&normals[t], &corners[t]);
+            let (normal, center) = (sums.normal.normalize(), sums.center / sums.area);
+            for &n in &neighbors[t] {
+                let n = n as usize;
+                let flat = |p: &Point3<f64>| (p.coords - center).dot(&normal).abs() <= tolerance_m;
+                let turned = |normal: &Vector3<f64>| normals[n].dot(normal) < MIN_COSINE * normals[n].norm();
+                if !taken[n] && !turned(&normal) && !turned(&first) && corners[n].iter().all(flat) {
+                    taken[n] = true;
+                    queue.push_back(n);
+                }
+            }
+        }
+        triangles.sort_unstable();
+        let (normal, center) = (sums.normal.normalize(), Point3::from(sums.center / sums.area));
+        found.push(Patch { triangles, normal, center, area_m2: sums.area });
+    }
+    found.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
+    found
+}
+
+/// Triangles that share a side with each triangle.
+fn neighbors(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
+    let mut sides: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
+    for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            sides.entry((p.min(q), p.max(q))).or_default().push(t as u32);
+        }
+    }
+    let mut out = vec![Vec::new(); mesh.triangles.len()];
+    for same in sides.values() {
+        for &t in same {
+            out[t as usize].extend(same.iter().filter(|u| **u != t));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::shapes::{box_mesh, sphere_mesh};
+
+    #[test]
+    fn a_box_has_six() {
+        let found = patches(&box_mesh(Vector3::new(0.3, 0.2, 0.1)), 0.002);
+        assert_eq!(found.len(), 6);
+        assert!((found[0].area_m2 - 0.24).abs() < 1e-6 && found[0].normal.z.abs() > 0.999);
+    }
+
+    #[test]
+    fn a_sphere_has_as_many_as_the_tolerance_asks_for() {
+        let mesh = sphere_mesh(0.3, 60);
+        let (few, many) = (patches(&mesh, 0.03), patches(&mesh, 0.003));
+        assert!(few.len() < many.len(), "{} {}", few.len(), many.len());
+        assert_eq!(many.iter().map(|p| p.triangles.len()).sum::<usize>(), mesh.triangles.len());
+    }
+}

@@ -1,0 +1,144 @@
+//! The whole folder in simulators and in a browser: every importer counts the same, the object rests, opens and holds a ball.
+//!
+//! Needs Python (see `common/venv.rs`), and chromium for the page; says so and passes where they are missing.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
+
+#[path = "common/objects.rs"]
+mod objects;
+#[path = "common/venv.rs"]
+mod venv;
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use artitwin::{
+    export::{Level, check_folder},
+    io::read_model_folder,
+    model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig},
+};
+use objects::{Temp, chest, chest_with, lamp, write_run};
+
+/// Runs a script of `tests/python` and gives the JSON of its last line; `None` without Python.
+fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
+    let python = venv::python()?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(name);
+    let output = Command::new(python).arg(script).args(arguments).output().expect("python runs");
+    assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    Some(serde_json::from_str(text.lines().last().unwrap_or_default()).expect("JSON"))
+}
+
+fn written(model: &ArticulatedModel, temp: &Temp) -> PathBuf {
+    let folder = write_run(model, &temp.0);
+    let found = check_folder(&read_model_folder(&folder).unwrap());
+    let errors: Vec<String> = found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
+    assert!(errors.is_empty(), "{}", errors.join("\n"));
+    folder
+}
+
+#[test]
+fn every_importer_counts_what_the_model_holds() {
+    for model in [chest(), lamp()] {
+        let temp = Temp::new(&format!("importers-{}", model.name));
+        let folder = written(&model, &temp);
+        let Some(found) = script("handoff_importers.py", &[folder.to_str().unwrap(), &model.name]) else { return };
+        let solids: usize = model.links.iter().map(|l| l.collision.len()).sum();
+        let mass: f64 = model.links.iter().map(|l| l.inertial.mass_kg).sum();
+        let counts = [("links", model.links.len()), ("joints", model.joints.len()), ("solids", solids), ("visuals", model.links.len())];
+        let extra = [("textures", model.links.len()), ("states", model.states.len()), ("excludes", model.joints.len())];
+        for (importer, seen) in found.as_object().unwrap() {
+            for (what, count) in counts.iter().chain(&extra) {
+                if let Some(n) = seen.get(what) {
+                    assert_eq!(n.as_u64(), Some(*count as u64), "{importer}: {what}");
+                }
+            }
+            if let Some(m) = seen.get("mass") {
+                assert!((m.as_f64().unwrap() / mass - 1.0).abs() < 1e-6, "{importer}: {m} kg of {mass} kg");
+            }
+            for joint in model.joints.iter().filter(|_| seen.get("limits").is_some()) {
+                let l = &seen["limits"][&joint.name];
+                let off = |k: usize, q: f64| (l[k].as_f64().unwrap() - q).abs();
+                assert!(off(0, joint.limit.lower) < 1e-6 && off(1, joint.limit.upper) < 1e-6, "{importer}: {} {l}", joint.name);
+            }
+        }
+        assert!(found.as_object().unwrap().len() >= 8, "{found}");
+    }
+}
+
+#[test]
+fn a_chest_rests_opens_and_its_drawer_holds_a_ball() {
+    let (model, temp) = (chest(), Temp::new("physics-chest"));
+    let folder = written(&model, &temp);
+    let arguments = [folder.to_str().unwrap(), &model.name, "--ball", "joint_1"];
+    let Some(found) = script("handoff_physics.py", &arguments) else { return };
+    rests_and_opens(&model, &found);
+    let ball = &found["ball"];
+    assert!(ball["outside_m"].as_f64().unwrap() < 1e-6, "{ball}");
+    assert!((ball["closed_to"].as_f64().unwrap() - ball["half"].as_f64().unwrap()).abs() < 0.01, "{ball}");
+}
+
+#[test]
+fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() {
+    let (model, temp) = (lamp(), Temp::new("physics-lamp"));
+    let folder = written(&model, &temp);
+    let Some(found) = script("handoff_physics.py", &[folder.to_str().unwrap(), &model.name]) else { return };
+    rests_and_opens(&model, &found);
+}
+
+fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
+    use artitwin::model::JointKind;
+    for simulator in ["mujoco", "pybullet"] {
+        for joint in &model.joints {
+            let drift = found[simulator]["rest"][&joint.name].as_f64().unwrap();
+            let most = if joint.kind == JointKind::Revolute { 1e-3 } else { 5e-4 };
+            assert!(drift < most, "{simulator}: {} drifts by {drift}", joint.name);
+            let share = found[simulator]["open"][&joint.name].as_f64().unwrap();
+            assert!(share > 0.95, "{simulator}: {} opens through {share} of its interval", joint.name);
+        }
+    }
+}
+
+#[test]
+fn limits_lie_between_what_was_seen_and_what_is_free() {
+    let observed = chest();
+    let limit = &observed.joints[0].limit;
+    let swept = limit.swept.unwrap();
+    assert_eq!(([limit.lower, limit.upper], limit.source), ([0.0, 0.2], LimitSource::Observed));
+    // The front stands before the boards: closed is closed. Open, nothing stops the drawer but its length.
+    assert!((-0.005..=0.0).contains(&swept[0]) && (0.3..0.4).contains(&swept[1]), "{swept:?}");
+    let free = chest_with(&ModelConfig { limits: LimitPolicy::Swept, ..ModelConfig::default() });
+    let limit = &free.joints[0].limit;
+    assert_eq!(([limit.lower, limit.upper], limit.source), (swept, LimitSource::Swept));
+}
+
+#[test]
+fn masses_follow_the_material_and_stay_in_their_range() {
+    let wood = chest();
+    let steel = ModelConfig { part_materials: vec![Material::Wood, Material::Steel], ..ModelConfig::default() };
+    let mixed = chest_with(&steel);
+    let mass = |m: &ArticulatedModel, l: usize| m.links[l].inertial.mass_kg;
+    assert!((mass(&mixed, 0) / mass(&wood, 0) - 1.0).abs() < 1e-9);
+    assert!((mass(&mixed, 1) / mass(&wood, 1) - 7850.0 / 600.0).abs() < 1e-6);
+    // Boards of 2 cm and 1 cm: 2 * (0.4 * 0.02 * 0.3 + 0.4 * 0.4 * 0.02) + 0.02 * 0.4 * 0.26 and the drawer's.
+    for (l, volume) in [(0, 0.013_28), (1, 0.005_084)] {
+        assert!((mass(&wood, l) / (600.0 * volume) - 1.0).abs() < 0.15, "{l}: {} kg of {}", mass(&wood, l), 600.0 * volume);
+        let range = wood.links[l].inertial.mass_range_kg;
+        assert!(range[0] < mass(&wood, l) && mass(&wood, l) < range[1]);
+    }
+}
+
+#[test]
+fn a_slider_of_the_page_moves_the_part() {
+    if Command::new("chromium").arg("--version").output().is_err() {
+        eprintln!("skipped: no chromium");
+        return;
+    }
+    let (model, temp) = (chest(), Temp::new("viewer"));
+    let page = written(&model, &temp).join("viewer.html");
+    let Some(found) = script("handoff_viewer.py", &[page.to_str().unwrap(), "joint_1"]) else { return };
+    assert_eq!((found["links"].as_u64(), found["errors"].as_array().map(Vec::len)), (Some(2), Some(0)), "{found}");
+    assert!(found["shown"].as_f64().unwrap() > 0.05 && found["changed"].as_f64().unwrap() > 0.01, "{found}");
+}
