@@ -19,6 +19,7 @@ pub mod config;
 pub mod evaluate;
 pub mod export;
 pub mod field;
+pub mod gap;
 pub mod geometry;
 pub mod io;
 pub mod model;

@@ -28,6 +28,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Find what would keep a simulator from loading a URDF folder as it is meant
     Check(CheckArgs),
+    /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
+    Diagnose(DiagnoseArgs),
     /// Show the configuration that would be used
     Config {
         /// What to do.
@@ -107,6 +109,40 @@ pub struct EvaluateArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Options of `diagnose`.
+#[derive(Args, Clone, Debug)]
+pub struct DiagnoseArgs {
+    /// URDF of the twin
+    #[arg(value_name = "TWIN.urdf")]
+    pub twin: PathBuf,
+    /// Bags with sensor_msgs/JointState: positions and efforts
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder of the result
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Run that only the proof reads; may be repeated; default: every third, at least the last
+    #[arg(long, value_name = "RUN")]
+    pub held_out: Vec<PathBuf>,
+    /// Gravity in the frame of the twin's root, m/s^2: x,y,z
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, default_value = "0,0,-9.81", allow_hyphen_values = true)]
+    pub gravity: [f64; 3],
+    /// How the effort runs between samples
+    #[arg(long, value_parser = ["zero", "linear"], default_value = "zero")]
+    pub effort_hold: String,
+    /// Seed of the permutation tests
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+fn vector(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        _ => Err("give three numbers x,y,z".to_owned()),
+    }
 }
 
 /// Options of `reconstruct`.

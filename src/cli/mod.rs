@@ -3,6 +3,7 @@
 mod args;
 mod check;
 mod config;
+mod diagnose;
 mod doctor;
 mod evaluate;
 mod exit;
@@ -50,6 +51,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Inspect(args) => inspect::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Diagnose(args) => diagnose::run(&args),
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),
     }

@@ -1,16 +1,20 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
+mod joint_log;
 mod mesh_files;
 mod model_folder;
 mod npy;
 mod ply;
 mod run_dir;
+mod twin_file;
 mod urdf;
 
+pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
+pub use twin_file::{read_twin, twin_of};
 pub use urdf::{UrdfError, read_urdf};
 pub mod image_codec;
 pub mod ros2msg;

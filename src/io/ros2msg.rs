@@ -297,6 +297,21 @@ pub struct Odometry {
     pub pose: Transform,
 }
 
+/// `sensor_msgs/msg/JointState`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// When the joints were measured.
+    pub header: Header,
+    /// Names of the joints.
+    pub name: Vec<String>,
+    /// Positions, rad or m; empty where there are none.
+    pub position: Vec<f64>,
+    /// Velocities, rad/s or m/s; empty where there are none.
+    pub velocity: Vec<f64>,
+    /// Efforts, N m or N; empty where there are none.
+    pub effort: Vec<f64>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

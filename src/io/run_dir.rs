@@ -85,6 +85,20 @@ impl RunDir {
         Ok(Self { partial, target, committed: false })
     }
 
+    /// Starts the folder `target`, whatever its name, under the same conditions.
+    ///
+    /// # Errors
+    /// A path without a last part; a file or a foreign folder there; a disk that refuses.
+    pub fn replace(target: &Path) -> Result<Self, RunDirError> {
+        let name = target.file_name().map(|n| n.to_string_lossy().into_owned());
+        let name = name.ok_or_else(|| RunDirError::Name(target.display().to_string()))?;
+        let out = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        check_replaceable(target)?;
+        fs::create_dir_all(out).map_err(disk("make", out))?;
+        let partial = free_sibling(out, &name, "partial")?;
+        Ok(Self { partial, target: target.to_owned(), committed: false })
+    }
+
     /// Where the folder will be.
     #[must_use]
     pub fn target(&self) -> &Path {

@@ -3,6 +3,7 @@
 mod articulation;
 mod checkpoint;
 mod checksum;
+mod diagnose;
 mod fields;
 mod fingerprint;
 mod monitor;
@@ -15,6 +16,7 @@ mod state_surface;
 mod twin;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use diagnose::{DiagnoseOutcome, DiagnoseRequest, diagnose};
 pub use fingerprint::Fingerprint;
 pub use monitor::{Cancelled, Event, Monitor};
 pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError};

@@ -1,0 +1,32 @@
+//! `artitwin diagnose`.
+
+use super::{
+    args::DiagnoseArgs,
+    exit::{CliError, Exit},
+};
+use crate::{
+    gap::{drive::Hold, verdict::Verdict},
+    run::{self, DiagnoseRequest, Monitor},
+};
+
+/// Diagnoses a twin and prints the summary.
+///
+/// # Errors
+/// If the twin or a run cannot be read, or the result cannot be written.
+pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+    let request = DiagnoseRequest {
+        twin: args.twin.clone(),
+        runs: args.runs.clone(),
+        held_out: args.held_out.clone(),
+        out: args.out.clone(),
+        gravity: args.gravity,
+        hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
+        seed: args.seed,
+    };
+    let outcome = run::diagnose(&request, &Monitor::silent())?;
+    for warning in &outcome.warnings {
+        super::tell(&format!("warning: {warning}"));
+    }
+    super::print(&format!("{}report: {}\n", outcome.summary, outcome.folder.join("report.html").display()))?;
+    Ok(if outcome.verdict == Verdict::Insufficient { Exit::Degraded } else { Exit::Done })
+}

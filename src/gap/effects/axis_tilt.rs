@@ -1,0 +1,40 @@
+//! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+
+/// See the module.
+#[derive(Debug)]
+pub struct AxisTilt;
+
+const PARAMETERS: &[Parameter] = &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];
+
+impl Effect for AxisTilt {
+    fn name(&self) -> &'static str {
+        "axis_tilt"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let (s, c) = at.q.sin_cos();
+        out.value = p[0] * s + p[1] * c;
+        out.q = p[0] * c - p[1] * s;
+        out.p[0] = s;
+        out.p[1] = c;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        // A sliding joint sees gravity as a constant.
+        if coverage.turns { vec![vec![0.0, 0.0]] } else { Vec::new() }
+    }
+
+    fn experiment(&self) -> &'static str {
+        "turn through 90 degrees or more, at rest in several positions"
+    }
+}

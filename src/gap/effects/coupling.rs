@@ -1,0 +1,51 @@
+//! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Coupling {
+    /// Index of the other joint, among those that the log holds beside this one.
+    pub other: usize,
+}
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, true),
+    amplitude("other_stiffness", Dimension::Effort, true),
+    amplitude("offset", Dimension::Effort, true),
+];
+
+impl Effect for Coupling {
+    fn name(&self) -> &'static str {
+        "coupling"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let other = at.others.get(self.other).copied().unwrap_or(0.0);
+        out.value = p[2] - p[0] * at.q + p[1] * other;
+        out.q = -p[0];
+        out.p[0] = -at.q;
+        out.p[1] = other;
+        out.p[2] = 1.0;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        if self.other < coverage.others { vec![vec![0.0; 3]] } else { Vec::new() }
+    }
+
+    fn contains(&self) -> &'static [&'static str] {
+        &["spring_return", "constant_bias"]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "move the other joint while this one is free"
+    }
+}

@@ -1,0 +1,35 @@
+//! The effort acts, or the position is recorded, later than stamped.
+
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Delay;
+
+const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
+
+impl Effect for Delay {
+    fn name(&self) -> &'static str {
+        "delay"
+    }
+
+    fn place(&self) -> Place {
+        Place::Delay
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0].iter().map(|n| vec![n * coverage.interval_s]).collect()
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        (-2.0 * coverage.interval_s, 60.0 * coverage.interval_s)
+    }
+
+    fn experiment(&self) -> &'static str {
+        "step the effort sharply, and tap the part beside a second synchronized sensor"
+    }
+}

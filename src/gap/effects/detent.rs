@@ -1,0 +1,52 @@
+//! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width from it.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Detent;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("effort", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
+
+impl Effect for Detent {
+    fn name(&self) -> &'static str {
+        "detent"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = (at.q - p[1]) / p[2];
+        if x.abs() > 8.0 {
+            return;
+        }
+        let bump = (0.5 * (1.0 - x * x)).exp();
+        out.value = -p[0] * x * bump;
+        out.q = -p[0] * (1.0 - x * x) * bump / p[2];
+        out.p[0] = -x * bump;
+        out.p[1] = -out.q;
+        out.p[2] = p[0] * x * (1.0 - x * x) * bump / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        super::bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        if index == 0 { (0.0, 20.0 * coverage.effort_rms) } else { super::bump_bounds(index, coverage) }
+    }
+
+    fn experiment(&self) -> &'static str {
+        "cross the place slowly, both ways, three times"
+    }
+}

@@ -1,0 +1,36 @@
+//! The recorded position is the true one plus an offset. Only loads that depend on the position show it.
+
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+
+/// See the module.
+#[derive(Debug)]
+pub struct EncoderBias;
+
+const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
+
+impl Effect for EncoderBias {
+    fn name(&self) -> &'static str {
+        "encoder_bias"
+    }
+
+    fn place(&self) -> Place {
+        Place::Bias
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        if coverage.has_load_slope { vec![vec![0.0]] } else { Vec::new() }
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        let range = coverage.position.1 - coverage.position.0;
+        (-range, range)
+    }
+
+    fn experiment(&self) -> &'static str {
+        "touch a stop whose position is known"
+    }
+}

@@ -1,0 +1,73 @@
+//! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it and `c` times the speed, never pulled.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+
+/// See the module.
+#[derive(Debug)]
+pub struct EndStop {
+    /// At the high end of the range.
+    pub upper: bool,
+}
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, false),
+    amplitude("contact_damping", Dimension::Damping, false),
+    shape("position", Dimension::Position, true),
+];
+
+impl Effect for EndStop {
+    fn name(&self) -> &'static str {
+        "end_stop"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let side = if self.upper { 1.0 } else { -1.0 };
+        let depth = side * (at.q - p[2]);
+        if depth <= 0.0 {
+            return;
+        }
+        let push = p[0] * depth + p[1] * side * at.v;
+        if push < 0.0 {
+            return;
+        }
+        out.value = -side * push;
+        out.q = -p[0];
+        out.v = -p[1];
+        out.p[0] = -side * depth;
+        out.p[1] = -at.v;
+        out.p[2] = p[0];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        let (low, high) = coverage.position;
+        let range = high - low;
+        let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
+        [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23].iter().map(|f| vec![0.0, 0.0, edge + inward * f * range]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        // The stiffest stop that the step of the rollout resolves.
+        match index {
+            0 => (0.0, coverage.inertia * 200.0 * 200.0),
+            1 => (0.0, coverage.inertia * 400.0),
+            _ => (coverage.position.0, coverage.position.1),
+        }
+    }
+
+    fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
+        let at_rate = |rate: f64| vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2]];
+        [12.0, 35.0, 90.0].into_iter().map(at_rate).collect()
+    }
+
+    fn experiment(&self) -> &'static str {
+        "touch the stop twice or more, slowly and fast"
+    }
+}

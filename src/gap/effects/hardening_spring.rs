@@ -1,0 +1,55 @@
+//! A spring that hardens: `effort = -k x - h x^3` with `x = q - r`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+
+/// See the module.
+#[derive(Debug)]
+pub struct HardeningSpring;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, false),
+    amplitude("hardening", Dimension::CubicStiffness, false),
+    shape("rest_position", Dimension::Position, true),
+];
+
+impl Effect for HardeningSpring {
+    fn name(&self) -> &'static str {
+        "hardening_spring"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = at.q - p[2];
+        out.value = -p[0] * x - p[1] * x * x * x;
+        out.q = -p[0] - 3.0 * p[1] * x * x;
+        out.p[0] = -x;
+        out.p[1] = -x * x * x;
+        out.p[2] = -out.q;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        let (low, high) = coverage.position;
+        (0..7).map(|i| vec![0.0, 0.0, low + (high - low) * (f64::from(i) - 1.0) / 4.0]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        let (low, high) = coverage.position;
+        let range = high - low;
+        if index == 2 { (low - range, high + range) } else { (0.0, 1e9) }
+    }
+
+    fn contains(&self) -> &'static [&'static str] {
+        &["spring_return", "constant_bias"]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "let it go from several positions over the whole range"
+    }
+}

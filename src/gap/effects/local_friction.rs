@@ -1,0 +1,49 @@
+//! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+
+/// See the module.
+#[derive(Debug)]
+pub struct LocalFriction;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
+
+impl Effect for LocalFriction {
+    fn name(&self) -> &'static str {
+        "local_friction"
+    }
+
+    fn place(&self) -> Place {
+        Place::Friction
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = (at.q - p[1]) / p[2];
+        let bump = (-x * x).exp();
+        out.value = p[0] * bump;
+        out.q = -2.0 * p[0] * bump * x / p[2];
+        out.p[0] = bump;
+        out.p[1] = -out.q;
+        out.p[2] = 2.0 * p[0] * bump * x * x / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        super::bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        if index == 0 { (0.0, 20.0 * coverage.effort_rms) } else { super::bump_bounds(index, coverage) }
+    }
+
+    fn experiment(&self) -> &'static str {
+        "cross the place slowly, both ways, three times"
+    }
+}

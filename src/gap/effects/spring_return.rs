@@ -1,0 +1,53 @@
+//! A spring: `effort = e - k q`, at rest where `q = e / k`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, amplitude};
+
+/// See the module.
+#[derive(Debug)]
+pub struct SpringReturn;
+
+const PARAMETERS: &[Parameter] = &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("offset", Dimension::Effort, true)];
+
+impl Effect for SpringReturn {
+    fn name(&self) -> &'static str {
+        "spring_return"
+    }
+
+    fn place(&self) -> Place {
+        Place::Effort
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        out.value = p[1] - p[0] * at.q;
+        out.q = -p[0];
+        out.p[0] = -at.q;
+        out.p[1] = 1.0;
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0, 0.0]]
+    }
+
+    fn reported(&self, p: &[f64]) -> Vec<Reported> {
+        let mut stiffness = [0.0; MAX_PARAMETERS];
+        stiffness[0] = 1.0;
+        let mut rest = [0.0; MAX_PARAMETERS];
+        (rest[0], rest[1]) = (-p[1] / (p[0] * p[0]), 1.0 / p[0]);
+        vec![
+            Reported { name: "stiffness", dimension: Dimension::Stiffness, value: p[0], gradient: stiffness },
+            Reported { name: "rest_position", dimension: Dimension::Position, value: p[1] / p[0], gradient: rest },
+        ]
+    }
+
+    fn contains(&self) -> &'static [&'static str] {
+        &["constant_bias"]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "let it go from several positions over the whole range"
+    }
+}

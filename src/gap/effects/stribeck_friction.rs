@@ -1,0 +1,53 @@
+//! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
+
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+
+/// See the module.
+#[derive(Debug)]
+pub struct StribeckFriction;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    amplitude("breakaway_excess", Dimension::Effort, false),
+    shape("stribeck_velocity", Dimension::Velocity, false),
+];
+
+impl Effect for StribeckFriction {
+    fn name(&self) -> &'static str {
+        "stribeck_friction"
+    }
+
+    fn place(&self) -> Place {
+        Place::Friction
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = at.v / p[2];
+        let bump = (-x * x).exp();
+        out.value = p[0] + p[1] * bump;
+        out.v = -2.0 * p[1] * bump * x / p[2];
+        out.p[0] = 1.0;
+        out.p[1] = bump;
+        out.p[2] = 2.0 * p[1] * bump * x * x / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        [0.01, 0.03, 0.08, 0.2].iter().map(|f| vec![0.0, 0.0, f * coverage.speed.1]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        if index == 2 { (0.002 * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
+    }
+
+    fn contains(&self) -> &'static [&'static str] {
+        &["coulomb_friction"]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "pull slowly until it breaks loose, several times, then slide at two speeds"
+    }
+}

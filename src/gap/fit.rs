@@ -1,0 +1,434 @@
+//! Multiple shooting: parameters, start states of all windows and the effort noise, by damped Gauss-Newton with the
+//! start states eliminated window by window.
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+use super::{
+    drive::Drive,
+    effect::Place,
+    joint_model::JointModel,
+    problem::Problem,
+    rollout::{MAX_COLUMNS, MAX_FREE, Rollout, Row, Start, roll, width},
+    whiten::{Gain, Local, gains, linearize, whiten},
+};
+
+/// Column of the residual in the rows that are whitened: the one behind the sensitivities.
+#[must_use]
+pub fn residual_column(free: usize) -> usize {
+    2 + free
+}
+
+/// Most free parameters of a fit, the lag included.
+pub const MAX_FIT_FREE: usize = MAX_FREE - 1;
+
+/// A fitted model.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model.
+    pub model: JointModel,
+    /// Start state of each window.
+    pub starts: Vec<Start>,
+    /// Standard deviation of the effort noise, N m or N.
+    pub sigma_u: f64,
+    /// Restricted log likelihood.
+    pub log_likelihood: f64,
+    /// Covariance of the free parameters; rows of frozen ones are zero.
+    pub covariance: DMatrix<f64>,
+    /// Sum of squared whitened residuals of each window.
+    pub costs: Vec<f64>,
+}
+
+/// Noise of a fit: local linearizations, gains of each window, the sum of log variances.
+pub struct Whitening {
+    /// Of each log.
+    pub locals: Vec<Vec<Local>>,
+    /// Of each window.
+    pub gains: Vec<Vec<Gain>>,
+    /// Sum of the log variances.
+    pub log_variance: f64,
+}
+
+impl Whitening {
+    /// The filter of a model and a noise level.
+    #[must_use]
+    pub fn new(problem: &Problem, model: &JointModel, sigma_u: f64) -> Self {
+        let each = problem.logs.iter().enumerate();
+        let locals = each.map(|(i, l)| linearize(model, problem.catalogue, l, i, &problem.traces[i])).collect();
+        let mut whitening = Self { locals, gains: vec![Vec::new(); problem.windows.len()], log_variance: 0.0 };
+        whitening.set_noise(problem, sigma_u);
+        whitening
+    }
+
+    /// Another noise level.
+    pub fn set_noise(&mut self, problem: &Problem, sigma_u: f64) {
+        self.log_variance = 0.0;
+        for (w, out) in problem.windows.iter().zip(&mut self.gains) {
+            self.log_variance += gains(&self.locals[w.log], *w, problem.sigma_y, sigma_u, out);
+        }
+    }
+}
+
+/// Normal equations of one window.
+#[derive(Clone)]
+struct Block {
+    cost: f64,
+    start: Matrix2<f64>,
+    cross: DMatrix<f64>,
+    start_gradient: Vector2<f64>,
+}
+
+/// Normal equations of all windows.
+struct Normal {
+    blocks: Vec<Block>,
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+/// Residuals and sensitivities of a window, not yet whitened.
+pub fn predict(problem: &Problem, model: &JointModel, drives: &[Drive], window: usize, start: Start, out: &mut Rollout) {
+    let span = problem.windows[window];
+    let log = &problem.logs[span.log];
+    roll(model, problem.catalogue, log, &drives[span.log], span, start, out);
+    let residual = residual_column(model.free());
+    for (k, row) in out.rows.iter_mut().enumerate() {
+        row[residual] = log.position[span.start + k] - out.position[k];
+    }
+}
+
+/// What a fit may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Free {
+    /// Parameters, lag and start states.
+    All,
+    /// Start states only.
+    Starts,
+}
+
+/// Start-state prior that only keeps a stuck joint's velocity from being undetermined.
+fn start_ridge(problem: &Problem) -> Matrix2<f64> {
+    let range = problem.coverage.position.1 - problem.coverage.position.0;
+    let (q, v) = ((range + problem.sigma_y).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
+    Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
+}
+
+struct Evaluation {
+    normal: Normal,
+    /// Total cost with the priors.
+    cost: f64,
+}
+
+/// Whitened normal equations at a model and start states; `frozen` parameters have no columns.
+fn evaluate(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &Whitening, frozen: &[bool]) -> Evaluation {
+    match width(model.free()) {
+        4 => evaluate_columns::<4>(problem, model, starts, whitening, frozen),
+        8 => evaluate_columns::<8>(problem, model, starts, whitening, frozen),
+        12 => evaluate_columns::<12>(problem, model, starts, whitening, frozen),
+        _ => evaluate_columns::<MAX_COLUMNS>(problem, model, starts, whitening, frozen),
+    }
+}
+
+fn evaluate_columns<const W: usize>(
+    problem: &Problem,
+    model: &JointModel,
+    starts: &[Start],
+    whitening: &Whitening,
+    frozen: &[bool],
+) -> Evaluation {
+    let drives = problem.drives(model);
+    let free = model.free();
+    let mut rollout = Rollout::default();
+    let mut hessian = DMatrix::zeros(free, free);
+    let mut gradient = DVector::zeros(free);
+    let mut blocks = Vec::with_capacity(starts.len());
+    let ridge = start_ridge(problem);
+    let residual = residual_column(free);
+    for (w, start) in starts.iter().enumerate() {
+        predict(problem, model, &drives, w, *start, &mut rollout);
+        let span = problem.windows[w];
+        whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
+        let sums = products::<W>(&rollout.rows);
+        let cross = DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] });
+        for i in (0..free).filter(|&i| !frozen[i]) {
+            gradient[i] += sums[2 + i][residual];
+            for j in (0..free).filter(|&j| !frozen[j]) {
+                hessian[(i, j)] += if i <= j { sums[2 + i][2 + j] } else { sums[2 + j][2 + i] };
+            }
+        }
+        blocks.push(Block {
+            cost: sums[residual][residual],
+            start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
+            cross,
+            start_gradient: Vector2::new(sums[0][residual], sums[1][residual]),
+        });
+    }
+    let lag = model.lag_s / problem.lag_sigma_s;
+    let cost = blocks.iter().map(|b| b.cost).sum::<f64>() + lag * lag;
+    let cost = if cost.is_finite() { cost } else { f64::INFINITY };
+    if !frozen[0] {
+        hessian[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
+        gradient[0] -= lag / problem.lag_sigma_s;
+    }
+    Evaluation { normal: Normal { blocks, hessian, gradient }, cost }
+}
+
+/// `rows' * rows` over the first `W` columns.
+fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
+    let mut sums = [[0.0; W]; W];
+    for row in rows {
+        for i in 0..W {
+            let x = row[i];
+            for j in 0..W {
+                sums[i][j] += x * row[j];
+            }
+        }
+    }
+    sums
+}
+
+/// A step of all unknowns.
+struct Step {
+    parameters: DVector<f64>,
+    starts: Vec<Vector2<f64>>,
+}
+
+fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
+    let (mut s, mut g) = (normal.hessian.clone(), normal.gradient.clone());
+    let inverses: Vec<Matrix2<f64>> = normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
+    for (b, inverse) in normal.blocks.iter().zip(&inverses) {
+        let weighted = b.cross.transpose() * inverse;
+        s -= &weighted * &b.cross;
+        g -= &weighted * b.start_gradient;
+    }
+    for i in 0..g.len() {
+        if frozen[i] {
+            s[(i, i)] = 1.0;
+            g[i] = 0.0;
+        } else {
+            s[(i, i)] = s[(i, i)] * (1.0 + damping) + 1e-12 * normal.hessian[(i, i)] + 1e-300;
+        }
+    }
+    let parameters = s.cholesky()?.solve(&g);
+    let starts = normal.blocks.iter().zip(&inverses).map(|(b, inverse)| inverse * (b.start_gradient - &b.cross * &parameters)).collect();
+    Some(Step { parameters, starts })
+}
+
+/// Parameters moved by a step, kept inside their bounds.
+fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
+    let mut parameters = model.parameters();
+    let mut at = 1;
+    parameters[0] = (parameters[0] + step[0]).clamp(-5.0 * problem.lag_sigma_s, 5.0 * problem.lag_sigma_s);
+    for term in &model.terms {
+        for i in 0..term.p.len() {
+            let (low, high) = problem.catalogue[term.effect].bounds(i, &problem.coverage);
+            parameters[at] = (parameters[at] + step[at]).clamp(low, high);
+            at += 1;
+        }
+    }
+    model.with_parameters(&parameters)
+}
+
+/// Shares of the effort noise that a fit with play runs through first: under the noise of the twin, which takes the
+/// missing play for noise, a window that starts on the wrong side of the gap would never leave it.
+const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
+
+/// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
+#[must_use]
+pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, rounds: usize) -> Fit {
+    let mut model = model.clone();
+    let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
+    let mut sigma_u = sigma_u.max(problem.min_sigma_u);
+    let mut frozen = vec![free == Free::Starts; model.free()];
+    frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
+    let mut whitening = Whitening::new(problem, &model, sigma_u);
+    let anneal = if free == Free::All && model.sensor(problem.catalogue).half_gap > 0.0 { ANNEALING } else { &[] };
+    for share in anneal {
+        whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
+        restart(problem, &model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen);
+    }
+    for round in 0..rounds.max(1) {
+        if round > 0 || !anneal.is_empty() {
+            sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
+            whitening = Whitening::new(problem, &model, sigma_u);
+        }
+        restart(problem, &model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen);
+    }
+    let end = evaluate(problem, &model, &starts, &whitening, &frozen);
+    let log_likelihood = restricted(problem, &model, &end, &whitening);
+    let covariance = covariance(&end.normal, &frozen);
+    let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
+    Fit { model, starts, sigma_u, log_likelihood, covariance, costs }
+}
+
+/// Takes the smoothed motion's start state for every window that it serves better: an earlier model may have pulled a
+/// start state far away.
+fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitening: &Whitening, frozen: &[bool]) {
+    let mut trials = vec![problem.starts(model)];
+    let half_gap = model.sensor(problem.catalogue).half_gap;
+    if half_gap > 0.0 {
+        // A window may start anywhere within the play; the sensor then stands where it was measured.
+        let at_play = |from: &[Start], play: f64| -> Vec<Start> {
+            from.iter().map(|s| Start { position: s.position + (s.play - play) * half_gap, play, ..*s }).collect()
+        };
+        let fresh = trials[0].clone();
+        for play in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+            trials.push(at_play(&fresh, play));
+            trials.push(at_play(starts, play));
+        }
+    }
+    // What one step of the start state alone would still gain counts.
+    let reach = |b: &Block| b.cost - b.start.try_inverse().map_or(0.0, |i| b.start_gradient.dot(&(i * b.start_gradient)));
+    let mut best: Vec<f64> = evaluate(problem, model, starts, whitening, frozen).normal.blocks.iter().map(reach).collect();
+    for trial in trials {
+        let blocks = evaluate(problem, model, &trial, whitening, frozen).normal.blocks;
+        for w in 0..starts.len() {
+            let other = reach(&blocks[w]);
+            if !(best[w] <= other) {
+                (best[w], starts[w]) = (other, trial[w]);
+            }
+        }
+    }
+}
+
+/// Most steps of one round.
+const MAX_STEPS: usize = 14;
+
+fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, whitening: &Whitening, frozen: &[bool]) {
+    let mut damping = 1e-4;
+    let mut now = evaluate(problem, model, starts, whitening, frozen);
+    for _ in 0..MAX_STEPS {
+        let Some(step) = solve(&now.normal, frozen, damping) else {
+            damping = (damping * 10.0).max(1e-4);
+            continue;
+        };
+        let trial_model = moved(problem, model, &step.parameters);
+        let trial_starts: Vec<Start> = starts
+            .iter()
+            .zip(&step.starts)
+            .map(|(s, d)| Start { position: s.position + d[0], velocity: s.velocity + d[1], play: s.play })
+            .collect();
+        let mut trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
+        let mut trial_starts = trial_starts;
+        if !(trial.cost < now.cost) {
+            // Window by window, the start state that serves the new parameters better.
+            let kept = evaluate(problem, &trial_model, starts, whitening, frozen);
+            for w in 0..starts.len() {
+                if !(trial.normal.blocks[w].cost <= kept.normal.blocks[w].cost) {
+                    trial_starts[w] = starts[w];
+                }
+            }
+            trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
+        }
+        if trial.cost < now.cost {
+            let gained = now.cost - trial.cost;
+            (*model, *starts, now) = (trial_model, trial_starts, trial);
+            damping = (damping * 0.2).max(1e-7);
+            if gained < 0.05 + 3e-6 * now.cost {
+                break;
+            }
+        } else {
+            damping = (damping * 12.0).max(1e-3);
+            if damping > 1e5 {
+                break;
+            }
+        }
+    }
+}
+
+fn covariance(normal: &Normal, frozen: &[bool]) -> DMatrix<f64> {
+    let mut s = normal.hessian.clone();
+    for b in &normal.blocks {
+        if let Some(inverse) = b.start.try_inverse() {
+            s -= b.cross.transpose() * inverse * &b.cross;
+        }
+    }
+    let n = s.nrows();
+    for i in 0..n {
+        if frozen[i] {
+            s[(i, i)] = 1.0;
+        }
+    }
+    let mut c = s.clone().cholesky().map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |c| c.inverse());
+    for i in (0..n).filter(|&i| frozen[i]) {
+        c.row_mut(i).fill(0.0);
+        c.column_mut(i).fill(0.0);
+    }
+    c
+}
+
+/// Log likelihood with the start states integrated out, up to a constant.
+fn restricted(problem: &Problem, model: &JointModel, at: &Evaluation, whitening: &Whitening) -> f64 {
+    let lag = model.lag_s / problem.lag_sigma_s;
+    let mut twice = whitening.log_variance + lag * lag;
+    for b in &at.normal.blocks {
+        let inverse = b.start.try_inverse().unwrap_or_else(Matrix2::zeros);
+        twice += b.cost - b.start_gradient.dot(&(inverse * b.start_gradient)) + b.start.determinant().max(1e-300).ln();
+    }
+    -0.5 * twice
+}
+
+/// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
+fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &mut Whitening, around: f64) -> f64 {
+    let drives = problem.drives(model);
+    let mut rollouts = Vec::with_capacity(starts.len());
+    for (w, start) in starts.iter().enumerate() {
+        let mut rollout = Rollout::default();
+        predict(problem, model, &drives, w, *start, &mut rollout);
+        let residual = residual_column(model.free());
+        let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
+        rollouts.push(compact);
+    }
+    let mut score = |sigma: f64| {
+        whitening.set_noise(problem, sigma);
+        let mut twice = whitening.log_variance;
+        let ridge = start_ridge(problem);
+        for (w, rows) in rollouts.iter().enumerate() {
+            let span = problem.windows[w];
+            let (cost, start, gradient) = whiten_three(rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
+            let start = start + ridge;
+            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
+            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+        }
+        -0.5 * twice
+    };
+    let mut best = (score(around), around);
+    let mut factor = 4.0;
+    while factor > 1.08 {
+        let center = best.1;
+        let mut improved = false;
+        for trial in [center / factor, center * factor] {
+            let trial = trial.max(problem.min_sigma_u);
+            let s = score(trial);
+            if s > best.0 {
+                best = (s, trial);
+                improved = true;
+            }
+        }
+        if !improved {
+            factor = factor.sqrt();
+        }
+    }
+    best.1
+}
+
+/// Whitens (start position, start velocity, residual) and gives their products.
+fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
+    let (mut q, mut v) = ([0.0; 3], [0.0; 3]);
+    let mut sums = [0.0; 6];
+    for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
+        let mut white = [0.0; 3];
+        for c in 0..3 {
+            let innovation = row[c] - q[c];
+            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
+            white[c] = innovation * gain.scale;
+            q[c] = local.a[0] * uq + local.a[1] * uv;
+            v[c] = local.a[2] * uq + local.a[3] * uv;
+        }
+        let [x, y, e] = white;
+        for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
+            *sum += term;
+        }
+    }
+    (sums[5], Matrix2::new(sums[0], sums[1], sums[1], sums[2]), Vector2::new(sums[3], sums[4]))
+}

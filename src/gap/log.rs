@@ -1,0 +1,125 @@
+//! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
+
+/// One recorded run of one joint, stamps strictly increasing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointLog {
+    /// Name of the run.
+    pub run: String,
+    /// Seconds from the start of the run.
+    pub time_s: Vec<f64>,
+    /// Measured position, rad or m.
+    pub position: Vec<f64>,
+    /// Effort at the joint from this sample on, N m or N.
+    pub effort: Vec<f64>,
+    /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
+    pub others: Vec<Vec<f64>>,
+}
+
+/// Consecutive samples without a gap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Index of the log.
+    pub log: usize,
+    /// First sample.
+    pub start: usize,
+    /// Number of samples.
+    pub len: usize,
+}
+
+/// An interval longer than this many usual ones is a gap.
+const GAP_INTERVALS: f64 = 3.5;
+
+impl JointLog {
+    /// Usual sample interval, seconds; `None` below two samples.
+    #[must_use]
+    pub fn interval_s(&self) -> Option<f64> {
+        let mut steps: Vec<f64> = self.time_s.windows(2).map(|w| w[1] - w[0]).collect();
+        if steps.is_empty() {
+            return None;
+        }
+        steps.sort_by(f64::total_cmp);
+        Some(steps[steps.len() / 2])
+    }
+
+    /// Runs of samples without a gap.
+    #[must_use]
+    pub fn segments(&self, log: usize) -> Vec<Span> {
+        let Some(usual) = self.interval_s() else { return Vec::new() };
+        let mut spans = Vec::new();
+        let mut start = 0;
+        for k in 1..=self.time_s.len() {
+            if k == self.time_s.len() || self.time_s[k] - self.time_s[k - 1] > GAP_INTERVALS * usual {
+                spans.push(Span { log, start, len: k - start });
+                start = k;
+            }
+        }
+        spans
+    }
+
+    /// A part of it.
+    #[must_use]
+    pub fn part(&self, from: usize, to: usize) -> Self {
+        Self {
+            run: self.run.clone(),
+            time_s: self.time_s[from..to].to_vec(),
+            position: self.position[from..to].to_vec(),
+            effort: self.effort[from..to].to_vec(),
+            others: self.others.iter().map(|o| o[from..to].to_vec()).collect(),
+        }
+    }
+
+    /// Length, seconds.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match (self.time_s.first(), self.time_s.last()) {
+            (Some(a), Some(b)) => b - a,
+            _ => 0.0,
+        }
+    }
+}
+
+/// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are left out.
+#[must_use]
+pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
+    let mut windows = Vec::new();
+    for (index, log) in logs.iter().enumerate() {
+        let Some(interval) = log.interval_s() else { continue };
+        let wanted = (length_s / interval).round().max(8.0) as usize;
+        for segment in log.segments(index) {
+            if segment.len * 3 < wanted || segment.len < 8 {
+                continue;
+            }
+            let count = (segment.len as f64 / wanted as f64).round().max(1.0) as usize;
+            for w in 0..count {
+                let (a, b) = (segment.len * w / count, segment.len * (w + 1) / count);
+                windows.push(Span { log: index, start: segment.start + a, len: b - a });
+            }
+        }
+    }
+    windows
+}
+
+/// White noise of the positions, rad or m: the median absolute fourth difference, which motion of a mass hardly enters.
+#[must_use]
+pub fn position_noise(logs: &[JointLog]) -> f64 {
+    let mut differences = Vec::new();
+    let mut steps = Vec::new();
+    for (index, log) in logs.iter().enumerate() {
+        for s in log.segments(index) {
+            let q = &log.position[s.start..s.start + s.len];
+            differences.extend(q.windows(5).map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs()));
+            steps.extend(q.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0));
+        }
+    }
+    if differences.is_empty() {
+        return 0.0;
+    }
+    differences.sort_by(f64::total_cmp);
+    // Standard deviation of the fourth difference of unit white noise is sqrt(70).
+    let sigma = differences[differences.len() / 2] / 0.674_49 / 70f64.sqrt();
+    // A quantized encoder that stands still still has its rounding noise.
+    steps.sort_by(f64::total_cmp);
+    let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
+    let quantized = steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > 0.49).count() * 10 > steps.len() * 9;
+    if quantized { sigma.max(smallest / 12f64.sqrt()) } else { sigma }
+}

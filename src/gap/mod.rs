@@ -1,0 +1,24 @@
+//! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
+
+#[cfg(test)]
+mod derivative_tests;
+pub mod drive;
+pub mod effect;
+pub mod effects;
+pub mod fit;
+pub mod joint_model;
+pub mod locate;
+pub mod log;
+pub mod plant;
+pub mod problem;
+pub mod proof;
+pub mod recording;
+pub mod report;
+pub mod rollout;
+pub mod screen;
+pub mod search;
+pub mod smooth;
+pub mod twin_tree;
+pub mod update;
+pub mod verdict;
+pub mod whiten;

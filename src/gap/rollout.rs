@@ -1,0 +1,277 @@
+//! Forward simulation of one joint with its sensitivities to the start state and to every parameter.
+//!
+//! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent efforts are
+//! taken linearly implicit, friction is set-valued: a velocity that the friction bound can take away within the step is
+//! taken away, so that a joint that sticks stands still exactly.
+
+use super::{
+    drive::Drive,
+    effect::{At, Place, Response, run_time_s},
+    joint_model::{Catalogue, JointModel},
+    log::{JointLog, Span},
+};
+
+/// Columns of a sensitivity: start position, start velocity, parameters.
+pub const MAX_COLUMNS: usize = 16;
+/// Most free parameters.
+pub const MAX_FREE: usize = MAX_COLUMNS - 2;
+
+/// One row of sensitivities.
+pub type Row = [f64; MAX_COLUMNS];
+
+/// Predicted positions of a window and their sensitivities; the buffers are used again.
+#[derive(Clone, Debug, Default)]
+pub struct Rollout {
+    /// Predicted measurement at each sample.
+    pub position: Vec<f64>,
+    /// Its sensitivities.
+    pub rows: Vec<Row>,
+}
+
+/// State that a window starts in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// Position of the joint, rad or m.
+    pub position: f64,
+    /// Velocity.
+    pub velocity: f64,
+    /// Where in the play the sensor stands: -1 to 1.
+    pub play: f64,
+}
+
+/// Efforts at a state, summed over the plant and the terms.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sum {
+    /// Smooth effort without the measured one.
+    pub effort: f64,
+    /// By position.
+    pub q: f64,
+    /// By velocity.
+    pub v: f64,
+    /// Bound of the friction.
+    pub friction: f64,
+    /// By position.
+    pub friction_q: f64,
+    /// By the measured effort.
+    pub friction_u: f64,
+}
+
+/// Adds up plant and terms at a state. `columns` takes the derivatives by the parameters: of the effort minus
+/// `direction` times the friction.
+#[inline]
+fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
+    let plant = &model.plant;
+    let (load, slope) = plant.load.at(at.q);
+    let mut sum = Sum { effort: -load - plant.damping * at.v, q: -slope, v: -plant.damping, friction: plant.friction, ..Sum::default() };
+    let mut column = 3;
+    for term in &model.terms {
+        let effect = &catalogue[term.effect];
+        let place = effect.place();
+        if matches!(place, Place::Effort | Place::Friction) {
+            let mut r = Response::default();
+            effect.respond(at, &term.p, &mut r);
+            let target = if place == Place::Effort {
+                sum.effort += r.value;
+                sum.q += r.q;
+                sum.v += r.v;
+                &mut *effort
+            } else {
+                sum.friction += r.value.max(0.0);
+                sum.friction_q += r.q;
+                sum.friction_u += r.u;
+                &mut *friction
+            };
+            target[column..column + term.p.len()].copy_from_slice(&r.p[..term.p.len()]);
+        }
+        column += term.p.len();
+    }
+    sum
+}
+
+/// Efforts at a state without derivatives by parameters.
+#[must_use]
+pub fn efforts_at(model: &JointModel, catalogue: &Catalogue, at: &At) -> Sum {
+    add_up(model, catalogue, at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
+}
+
+/// Columns that are computed for a number of free parameters: start state, parameters, and one for the caller.
+#[must_use]
+pub fn width(free: usize) -> usize {
+    (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
+}
+
+/// Simulates a window from a start state.
+pub fn roll(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &Drive, span: Span, start: Start, out: &mut Rollout) {
+    match width(model.free()) {
+        4 => roll_columns::<4>(model, catalogue, log, drive, span, start, out),
+        8 => roll_columns::<8>(model, catalogue, log, drive, span, start, out),
+        12 => roll_columns::<12>(model, catalogue, log, drive, span, start, out),
+        _ => roll_columns::<MAX_COLUMNS>(model, catalogue, log, drive, span, start, out),
+    }
+}
+
+/// Scalars of a model that enter every step, and their columns.
+struct Layout {
+    gain: f64,
+    gain_column: Option<usize>,
+    /// One over the inertia.
+    inverse: f64,
+    inertia_column: Option<usize>,
+    delay_column: Option<usize>,
+    /// Offset, scale and play of the sensor.
+    sensors: [Option<usize>; 3],
+}
+
+impl Layout {
+    fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
+        let scalar = |place, neutral| model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)));
+        let (added, inertia_column) = scalar(Place::Inertia, 0.0);
+        let (gain, gain_column) = scalar(Place::Gain, 1.0);
+        Self {
+            gain,
+            gain_column,
+            inverse: 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia),
+            inertia_column,
+            delay_column: scalar(Place::Delay, 0.0).1,
+            sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+        }
+    }
+}
+
+/// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way through rest
+/// the larger one of both sides.
+fn bound_at_turn(model: &JointModel, catalogue: &Catalogue, at: &At, bound: f64, friction: &mut Row) -> f64 {
+    let mut unused = [0.0; MAX_COLUMNS];
+    let turned = At { direction: -at.direction, v: 0.0, ..*at };
+    if at.v == 0.0 {
+        return add_up(model, catalogue, &turned, &mut unused, friction).friction;
+    }
+    if bound <= 0.0 {
+        return bound;
+    }
+    bound.max(add_up(model, catalogue, &turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
+}
+
+/// Moves the position at a constant velocity.
+#[inline]
+fn drift<const W: usize>(h: f64, q: &mut f64, dq: &mut Row, v: f64, dv: &Row) {
+    *q += h * v;
+    for c in 0..W {
+        dq[c] += h * dv[c];
+    }
+}
+
+/// Rolls a window with `W` columns.
+fn roll_columns<const W: usize>(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    out: &mut Rollout,
+) {
+    let sensor = model.sensor(catalogue);
+    let Layout { gain, gain_column, inverse, inertia_column, delay_column, sensors } = Layout::of(model, catalogue);
+    let (mut q, mut v) = (start.position, start.velocity);
+    let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
+    (dq[0], dv[1]) = (1.0, 1.0);
+    let mut gauge = q + start.play * sensor.half_gap;
+    let mut dgauge = dq;
+    if let Some(c) = sensors[2] {
+        dgauge[c] = start.play;
+    }
+    out.position.clear();
+    out.rows.clear();
+    let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
+    let mut others_now = [0.0; 8];
+    let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
+    for k in span.start..span.start + span.len {
+        measure(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
+        if k + 1 == span.start + span.len {
+            break;
+        }
+        let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
+        let t = run_time_s(span.log, log, k);
+        for (now, other) in others_now.iter_mut().zip(&others) {
+            *now = 0.5 * (other[k] + other[k + 1]);
+        }
+        for s in 0..drive.steps {
+            let index = k * drive.steps + s;
+            let u = gain * drive.effort[index];
+            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
+            let direction = if v != 0.0 { v.signum() } else { 1.0 };
+            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now };
+            let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
+            effort_p[2] = gain * drive.by_delay[index];
+            friction_p[2] = sum.friction_u * effort_p[2];
+            if let Some(c) = delay_column {
+                (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
+            }
+            if let Some(c) = gain_column {
+                effort_p[c] = drive.effort[index];
+                friction_p[c] = sum.friction_u * drive.effort[index];
+            }
+            let total = u + sum.effort;
+            let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
+            if let Some(c) = inertia_column {
+                (effort_p[c], friction_p[c]) = (-total * inverse, -sum.friction * inverse);
+            }
+            let free = v + kick * total;
+            if free * direction < 0.0 {
+                sum.friction = bound_at_turn(model, catalogue, &at, sum.friction, &mut friction_p);
+            }
+            let bound = kick * sum.friction;
+            if free.abs() <= bound {
+                v = 0.0;
+                dv = [0.0; MAX_COLUMNS];
+            } else {
+                let sign = free.signum();
+                v = free - sign * bound;
+                let by_q = kick * (sum.q - sign * sum.friction_q);
+                let by_v = 1.0 + kick * sum.v;
+                for c in 0..W {
+                    dv[c] = by_v * dv[c] + by_q * dq[c] + kick * (effort_p[c] - sign * friction_p[c]);
+                }
+            }
+            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
+        }
+    }
+}
+
+/// Passes the position through play, scale and offset of the sensor.
+#[inline]
+fn measure(
+    q: f64,
+    dq: &Row,
+    sensor: &super::joint_model::Sensor,
+    columns: [Option<usize>; 3],
+    gauge: &mut f64,
+    dgauge: &mut Row,
+    out: &mut Rollout,
+) {
+    let half = sensor.half_gap;
+    if *gauge < q - half || half == 0.0 {
+        (*gauge, *dgauge) = (q - half, *dq);
+        if let Some(c) = columns[2] {
+            dgauge[c] -= 1.0;
+        }
+    } else if *gauge > q + half {
+        (*gauge, *dgauge) = (q + half, *dq);
+        if let Some(c) = columns[2] {
+            dgauge[c] += 1.0;
+        }
+    }
+    let mut row = *dgauge;
+    for x in &mut row {
+        *x *= sensor.scale;
+    }
+    if let Some(c) = columns[0] {
+        row[c] += 1.0;
+    }
+    if let Some(c) = columns[1] {
+        row[c] += *gauge;
+    }
+    out.position.push(sensor.scale * *gauge + sensor.bias);
+    out.rows.push(row);
+}

@@ -1,0 +1,228 @@
+//! Which set of effects explains the logs best: singles, then pairs and triples grown from several of them.
+
+use rayon::prelude::*;
+
+use super::{
+    effect::Place,
+    fit::{Fit, Free, MAX_FIT_FREE, fit},
+    joint_model::JointModel,
+    problem::Problem,
+    rollout::Start,
+    screen::{Hit, Screen},
+};
+
+/// A fitted set of effects.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// The fit.
+    pub fit: Fit,
+    /// Twice the log likelihood minus the price of its parameters and shapes.
+    pub score: f64,
+}
+
+impl Candidate {
+    /// Indices of its effects, sorted.
+    #[must_use]
+    pub fn effects(&self) -> Vec<usize> {
+        let mut effects: Vec<usize> = self.fit.model.terms.iter().map(|t| t.effect).collect();
+        effects.sort_unstable();
+        effects
+    }
+}
+
+/// How wide the search is.
+#[derive(Clone, Copy, Debug)]
+pub struct Breadth {
+    /// Effects that are fitted alone.
+    pub singles: usize,
+    /// Sets of each size that are grown.
+    pub grown: usize,
+    /// Effects tried beside each of them.
+    pub partners: usize,
+    /// Largest set.
+    pub largest: usize,
+}
+
+impl Default for Breadth {
+    fn default() -> Self {
+        Self { singles: 9, grown: 3, partners: 5, largest: 2 }
+    }
+}
+
+/// Sets by size: index 0 holds the twin itself, then singles, pairs, ...; each sorted, best first.
+#[derive(Debug)]
+pub struct Search {
+    /// Candidates by the number of effects.
+    pub by_size: Vec<Vec<Candidate>>,
+}
+
+impl Search {
+    /// The smallest set that no larger one beats by what one more effect must bring.
+    #[must_use]
+    pub fn accepted(&self) -> &Candidate {
+        let nothing = self.by_size[0][0].score;
+        let mut best = &self.by_size[0][0];
+        for sets in self.by_size.iter().skip(1) {
+            if let Some(first) = sets.first()
+                && first.score > best.score + MIN_GAIN.max(MIN_SHARE * (best.score - nothing))
+            {
+                best = first;
+            }
+        }
+        best
+    }
+}
+
+/// Gain of score that one more effect must bring.
+pub const MIN_GAIN: f64 = 12.0;
+
+/// What a set of effects costs: each parameter, and each choice of shape.
+fn price(problem: &Problem, model: &JointModel) -> f64 {
+    let n = problem.samples().max(2) as f64;
+    let one = |t: &super::joint_model::Term| {
+        let shapes = problem.catalogue[t.effect].shapes(&problem.coverage).len().max(1) as f64;
+        t.p.len() as f64 * n.ln() + 2.0 * shapes.ln()
+    };
+    model.terms.iter().map(one).sum()
+}
+
+fn candidate(problem: &Problem, fit: Fit) -> Candidate {
+    let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
+    Candidate { score: if score.is_finite() { score } else { f64::NEG_INFINITY }, fit }
+}
+
+/// The twin as it is, with its start states and noise fitted.
+#[must_use]
+pub fn baseline(problem: &Problem) -> Candidate {
+    let guess = 0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0);
+    candidate(problem, fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, 3))
+}
+
+/// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
+#[must_use]
+pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
+    let base = baseline(problem);
+    let nothing = base.score;
+    let mut by_size = vec![vec![base]];
+    for size in 1..=breadth.largest {
+        let (grown, tried) = if size == 1 { (1, breadth.singles) } else { (breadth.grown, breadth.partners) };
+        let best_before = by_size[size - 1][0].score;
+        // One more effect must bring a share of what the others brought: an inexact shape is no further effect.
+        let wanted = MIN_GAIN.max(MIN_SHARE * (best_before - nothing));
+        let mut found: Vec<Candidate> = Vec::new();
+        for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
+            let hits = ranked(problem, parent, if size > 2 && rank > 0 { 2 } else { tried });
+            let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
+            if rank == 0 && hope < wanted {
+                return Search { by_size };
+            }
+            found.extend(grow(problem, parent, &hits));
+        }
+        let sets = best_of_each_set(found);
+        let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
+        let smaller: Vec<Candidate> =
+            if size > 1 { sets.iter().take(2).flat_map(|c| without_one(problem, c)).collect() } else { Vec::new() };
+        by_size.push(sets);
+        if !smaller.is_empty() {
+            let known = std::mem::take(&mut by_size[size - 1]);
+            by_size[size - 1] = best_of_each_set(known.into_iter().chain(smaller).collect());
+        }
+        if best < by_size[size - 1][0].score + wanted {
+            break;
+        }
+    }
+    Search { by_size }
+}
+
+/// The candidate with each of its effects taken away in turn, refitted.
+fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
+    let one = |i: usize| {
+        let mut model = candidate_.fit.model.clone();
+        model.terms.remove(i);
+        candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, 3))
+    };
+    (0..candidate_.fit.model.terms.len()).into_par_iter().map(one).collect()
+}
+
+/// Share of the gain so far that one more effect must add to be looked into.
+const MIN_SHARE: f64 = 0.03;
+/// Candidates that are fitted to the end after a first pass over all.
+const FINALISTS: usize = 5;
+
+/// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
+fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
+    let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
+    let first = |m: &JointModel| {
+        let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
+        // The same measured start, through the new sensor.
+        let start = |s: &Start| {
+            let measured = seen.scale * (s.position + s.play * seen.half_gap) + seen.bias;
+            let position = (measured - sees.bias) / sees.scale - s.play * sees.half_gap;
+            Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
+        };
+        let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, 2))
+    };
+    let mut fits: Vec<Candidate> = best_of_each_set(jobs.par_iter().map(first).collect());
+    let last = |c: &Candidate| {
+        let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, 2);
+        let again = candidate(problem, again);
+        if again.score > c.score { again } else { c.clone() }
+    };
+    let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(last).collect();
+    fits.splice(..ended.len(), ended);
+    fits
+}
+
+/// Best shapes of the effects that score best beside a candidate.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize) -> Vec<Vec<Hit>> {
+    if parent.fit.model.free() + 3 > MAX_FIT_FREE {
+        return Vec::new();
+    }
+    let screen = Screen::new(problem, &parent.fit);
+    let taken = parent.effects();
+    let names: Vec<&str> = taken.iter().map(|e| problem.catalogue[*e].name()).collect();
+    let free: Vec<usize> = (0..problem.catalogue.len()).filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names)).collect();
+    let mut hits: Vec<Vec<Hit>> = free.par_iter().map(|e| screen.hits(*e, 2)).filter(|h| !h.is_empty()).collect();
+    let n = problem.samples().max(2) as f64;
+    let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
+    hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
+    hits.truncate(count);
+    hits
+}
+
+/// Whether an effect says something that those already there do not say by themselves.
+fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
+    let own = &problem.catalogue[effect];
+    let contains = |e: &dyn super::effect::Effect, other: &str| e.contains().contains(&other);
+    names.iter().all(|n| {
+        let there = problem.catalogue.iter().find(|e| e.name() == *n);
+        !contains(own.as_ref(), n) && there.is_none_or(|t| !contains(t.as_ref(), own.name()))
+    })
+}
+
+/// Models that a fit starts from: the parent with the effect at its shape and at its restarts.
+fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel> {
+    let effect = &problem.catalogue[hit.effect];
+    let with = |p: &Vec<f64>| {
+        let mut model = parent.fit.model.with(hit.effect, p);
+        // A delay takes the place of the lag.
+        if effect.place() == Place::Delay {
+            model.lag_s = 0.0;
+        }
+        model
+    };
+    effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect()
+}
+
+/// One candidate a set of effects, the best of each; best set first.
+fn best_of_each_set(mut found: Vec<Candidate>) -> Vec<Candidate> {
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut sets: Vec<Candidate> = Vec::new();
+    for c in found {
+        if !sets.iter().any(|s| s.effects() == c.effects()) {
+            sets.push(c);
+        }
+    }
+    sets
+}

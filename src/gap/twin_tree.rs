@@ -1,0 +1,180 @@
+//! Tree dynamics of a twin: recursive Newton-Euler in the world frame, and what one joint sees of it.
+
+use nalgebra::{DMatrix, Matrix3, Point3, Unit, Vector3};
+
+use crate::geometry::Pose;
+
+/// What a joint lets its child do, as far as its dynamics go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Nothing.
+    Fixed,
+    /// Turns; radians and N m.
+    Turn,
+    /// Slides; metres and N.
+    Slide,
+}
+
+/// A link's mass properties.
+#[derive(Clone, Debug)]
+pub struct TwinLink {
+    /// Name.
+    pub name: String,
+    /// Mass, kg; 0 where the twin gives none.
+    pub mass_kg: f64,
+    /// Center of mass, link frame, metres.
+    pub center_of_mass: Point3<f64>,
+    /// Inertia about the center of mass, axes of the link frame, kg m^2.
+    pub inertia: Matrix3<f64>,
+}
+
+/// A joint of the twin; its frame is the child's frame.
+#[derive(Clone, Debug)]
+pub struct TwinJoint {
+    /// Name.
+    pub name: String,
+    /// What it lets its child do.
+    pub motion: Motion,
+    /// Index of the parent link.
+    pub parent: usize,
+    /// Index of the child link.
+    pub child: usize,
+    /// Joint frame in the parent's frame at position 0.
+    pub parent_from_joint: Pose,
+    /// Axis in the joint frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// Viscous damping, N m s/rad or N s/m.
+    pub damping: f64,
+    /// Coulomb friction, N m or N.
+    pub friction: f64,
+    /// Lowest and highest position, where the twin has limits.
+    pub limit: Option<(f64, f64)>,
+    /// The joint follows another one and has no motion of its own.
+    pub is_mimic: bool,
+}
+
+/// Links and joints, parents before children.
+#[derive(Clone, Debug)]
+pub struct TwinTree {
+    /// Robot name.
+    pub name: String,
+    /// Links.
+    pub links: Vec<TwinLink>,
+    /// Joints, in an order in which every parent link stands before its child.
+    pub joints: Vec<TwinJoint>,
+    /// Index of the root link.
+    pub root: usize,
+    /// Gravity in the root's frame, m/s^2.
+    pub gravity: Vector3<f64>,
+}
+
+/// Motion of a link in the world.
+#[derive(Clone, Copy, Debug)]
+struct LinkMotion {
+    pose: Pose,
+    /// Angular velocity.
+    w: Vector3<f64>,
+    /// Angular acceleration.
+    dw: Vector3<f64>,
+    /// Acceleration of the origin, gravity subtracted.
+    acc: Vector3<f64>,
+}
+
+impl TwinTree {
+    /// Efforts that produce the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q, v)`.
+    #[must_use]
+    pub fn inverse_dynamics(&self, position: &[f64], velocity: &[f64], acceleration: &[f64], with_gravity: bool) -> Vec<f64> {
+        let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
+        let rest = LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
+        let mut motion = vec![rest; self.links.len()];
+        for (j, joint) in self.joints.iter().enumerate() {
+            motion[joint.child] = step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
+        }
+        // Force and moment about the world's origin that each link needs.
+        let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> = self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
+        let mut effort = vec![0.0; self.joints.len()];
+        for (j, joint) in self.joints.iter().enumerate().rev() {
+            let (force, moment) = wrench[joint.child];
+            let pose = &motion[joint.child].pose;
+            let axis = pose.rotation * joint.axis.into_inner();
+            effort[j] = match joint.motion {
+                Motion::Fixed => 0.0,
+                Motion::Turn => axis.dot(&(moment - pose.translation.vector.cross(&force))),
+                Motion::Slide => axis.dot(&force),
+            };
+            wrench[joint.parent].0 += force;
+            wrench[joint.parent].1 += moment;
+        }
+        effort
+    }
+
+    /// The mass matrix over the joints, kg m^2 and kg; rows of fixed joints are zero.
+    #[must_use]
+    pub fn mass_matrix(&self, position: &[f64]) -> DMatrix<f64> {
+        let n = self.joints.len();
+        let zero = vec![0.0; n];
+        let mut matrix = DMatrix::zeros(n, n);
+        for j in (0..n).filter(|&j| self.joints[j].motion != Motion::Fixed) {
+            let mut unit = zero.clone();
+            unit[j] = 1.0;
+            let column = self.inverse_dynamics(position, &zero, &unit, false);
+            matrix.column_mut(j).copy_from_slice(&column);
+        }
+        matrix
+    }
+
+    /// Effort that holds the tree against gravity, N m or N.
+    #[must_use]
+    pub fn gravity_effort(&self, position: &[f64]) -> Vec<f64> {
+        let zero = vec![0.0; self.joints.len()];
+        self.inverse_dynamics(position, &zero, &zero, true)
+    }
+
+    /// Whether another moving joint lies between a joint and the root, or beyond it.
+    #[must_use]
+    pub fn is_coupled(&self, joint: usize) -> bool {
+        let moves = |j: usize| self.joints[j].motion != Motion::Fixed;
+        (0..self.joints.len()).any(|k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k)))
+    }
+
+    /// Whether joint `upper` lies between the root and joint `lower`.
+    fn is_above(&self, upper: usize, lower: usize) -> bool {
+        let mut link = self.joints[lower].parent;
+        while let Some(j) = self.joints.iter().position(|j| j.child == link) {
+            if j == upper {
+                return true;
+            }
+            link = self.joints[j].parent;
+        }
+        false
+    }
+}
+
+fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> LinkMotion {
+    let frame = parent.pose * joint.parent_from_joint;
+    let local = joint.axis.into_inner();
+    let axis = frame.rotation * local;
+    let pose = match joint.motion {
+        Motion::Fixed => frame,
+        Motion::Turn => frame * Pose::rotation(local * q),
+        Motion::Slide => frame * Pose::translation(local.x * q, local.y * q, local.z * q),
+    };
+    let arm = pose.translation.vector - parent.pose.translation.vector;
+    let (w, dw) = (parent.w, parent.dw);
+    let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
+    match joint.motion {
+        Motion::Fixed => LinkMotion { pose, w, dw, acc: carried },
+        Motion::Turn => LinkMotion { pose, w: w + axis * v, dw: dw + axis * a + w.cross(&(axis * v)), acc: carried },
+        Motion::Slide => LinkMotion { pose, w, dw, acc: carried + axis * a + 2.0 * w.cross(&(axis * v)) },
+    }
+}
+
+fn newton_euler(link: &TwinLink, motion: &LinkMotion) -> (Vector3<f64>, Vector3<f64>) {
+    let arm = motion.pose.rotation * link.center_of_mass.coords;
+    let acc = motion.acc + motion.dw.cross(&arm) + motion.w.cross(&motion.w.cross(&arm));
+    let force = acc * link.mass_kg;
+    let r = motion.pose.rotation.to_rotation_matrix();
+    let inertia = r.matrix() * link.inertia * r.matrix().transpose();
+    let spin = inertia * motion.dw + motion.w.cross(&(inertia * motion.w));
+    (force, spin + (motion.pose.translation.vector + arm).cross(&force))
+}

@@ -1,0 +1,269 @@
+//! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion to tell.
+
+use rand_core::Rng;
+
+use super::{
+    effect::{Coverage, Place},
+    fit::{Free, fit},
+    joint_model::JointModel,
+    locate::{Dependence, locate},
+    problem::Problem,
+    screen::Screen,
+    search::{Breadth, Candidate, Search, search},
+};
+
+/// What a diagnosis ends in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The twin agrees with the recording.
+    None,
+    /// Effects with their names.
+    Named,
+    /// A class of effects that this recording does not tell apart.
+    Ambiguous,
+    /// Something that no effect of the catalogue explains.
+    Unknown,
+    /// The recording lacks what a diagnosis needs.
+    Insufficient,
+}
+
+impl Verdict {
+    /// Name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Named => "named",
+            Self::Ambiguous => "ambiguous",
+            Self::Unknown => "unknown",
+            Self::Insufficient => "insufficient",
+        }
+    }
+}
+
+/// A parameter with its interval.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterEstimate {
+    /// Name.
+    pub name: String,
+    /// Estimate.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
+    /// Interval that holds the truth with 95 %.
+    pub interval: (f64, f64),
+}
+
+/// A named effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Index in the catalogue.
+    pub index: usize,
+    /// Name.
+    pub effect: String,
+    /// Parameters.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Weight of the set of effects among those of the same size.
+    pub weight: f64,
+    /// Other effects that explain the recording as well, with their weights.
+    pub alternatives: Vec<(String, f64)>,
+    /// Recording that would decide.
+    pub experiment: String,
+}
+
+/// The diagnosis of one joint.
+#[derive(Clone, Debug)]
+pub struct Diagnosis {
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Named effects.
+    pub findings: Vec<Finding>,
+    /// Where the twin and the recording disagree, strongest first.
+    pub before: Vec<Dependence>,
+    /// Where the updated twin and the recording still disagree.
+    pub after: Vec<Dependence>,
+    /// The updated model; the twin itself where nothing is named.
+    pub model: JointModel,
+    /// Share of what was to be explained that is left.
+    pub left: f64,
+    /// What the recording lacks.
+    pub lacks: Vec<String>,
+}
+
+/// Weight that a set of effects needs to be named.
+const NAME_WEIGHT: f64 = 0.95;
+/// Weight below which an alternative is not worth a word.
+const ALTERNATIVE_WEIGHT: f64 = 0.02;
+/// Score by which a special case may fall behind the effect that contains it.
+const SPECIAL_CASE: f64 = 10.0;
+/// Share of the explained that a table over one variable may still find before the names count as wrong.
+const MAX_LEFT: f64 = 0.12;
+/// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
+const MAX_NOISE_LEFT: f64 = 0.4;
+/// Effort noise that may be left, as a share of the recorded effort, unless it is a small share of the twin's.
+const MAX_NOISE_SHARE: f64 = 0.2;
+/// Level of the test of a table.
+const LEVEL: f64 = 0.01;
+/// Gain over its size that a table must have before it means that something is missing.
+const MIN_TABLE_GAIN: f64 = 40.0;
+
+/// What the motion lacks for any diagnosis, as sentences that say what to record.
+#[must_use]
+pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
+    let mut lacks = Vec::new();
+    let duration: f64 = coverage.durations_s.iter().sum();
+    if duration < 4.0 || windows < 4 {
+        lacks.push(format!("{duration:.1} s of motion are left to fit; record 10 s or more, in two runs or more"));
+    }
+    let range = coverage.position.1 - coverage.position.0;
+    if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
+        lacks.push(format!(
+            "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through most of its range",
+            coverage.position_noise
+        ));
+    }
+    lacks
+}
+
+/// Diagnoses a joint from its fitting runs.
+#[must_use]
+pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
+    let twin = JointModel::of(&problem.plant);
+    let lacks = lacks(&problem.coverage, problem.windows.len());
+    if !lacks.is_empty() {
+        return Diagnosis {
+            verdict: Verdict::Insufficient,
+            findings: Vec::new(),
+            before: Vec::new(),
+            after: Vec::new(),
+            model: twin,
+            left: 0.0,
+            lacks,
+        };
+    }
+    let found = search(problem, &Breadth::default());
+    let chosen = special_case(problem, &found, found.accepted());
+    let base = &found.by_size[0][0];
+    // The twin under the noise of the chosen model: what there is to explain.
+    let at_noise = fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, 1);
+    let to_explain = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
+    let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
+    let before = if chosen.fit.model.terms.is_empty() { after.clone() } else { locate(problem, &Screen::new(problem, &base.fit), rng) };
+    let excess = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
+    let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > MIN_TABLE_GAIN).map(excess).fold(0.0, f64::max);
+    let mut diagnosis = Diagnosis { verdict: Verdict::None, findings: Vec::new(), before, after, model: twin, left: 0.0, lacks };
+    if chosen.fit.model.terms.is_empty() {
+        if open > 0.0 {
+            (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
+        }
+        return diagnosis;
+    }
+    diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
+    let noise_left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
+    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
+    let noisy = noise_left > MAX_NOISE_LEFT || (loud && noise_left > 0.4 * MAX_NOISE_LEFT);
+    diagnosis.left = diagnosis.left.max(if noisy { noise_left * noise_left } else { 0.0 });
+    if diagnosis.left > MAX_LEFT || noisy || !is_credible(problem, chosen) {
+        diagnosis.verdict = Verdict::Unknown;
+        return diagnosis;
+    }
+    let rivals = rivals(problem, &found, chosen);
+    let total: f64 = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
+    diagnosis.verdict = if 1.0 / total >= NAME_WEIGHT { Verdict::Named } else { Verdict::Ambiguous };
+    diagnosis.findings = findings(problem, chosen, &rivals, total);
+    diagnosis.model = chosen.fit.model.clone();
+    diagnosis
+}
+
+/// The candidate itself, or one of its size in which an effect is replaced by a special case of it and that does about
+/// as well.
+fn special_case<'s>(problem: &Problem, found: &'s Search, chosen: &'s Candidate) -> &'s Candidate {
+    let size = chosen.fit.model.terms.len();
+    let is_special = |c: &Candidate| {
+        let (own, other) = (chosen.effects(), c.effects());
+        let lost: Vec<usize> = own.iter().copied().filter(|e| !other.contains(e)).collect();
+        let new: Vec<usize> = other.iter().copied().filter(|e| !own.contains(e)).collect();
+        match (lost.as_slice(), new.as_slice()) {
+            ([a], [b]) => problem.catalogue[*a].contains().contains(&problem.catalogue[*b].name()),
+            _ => false,
+        }
+    };
+    let simpler = found.by_size[size].iter().find(|c| is_special(c) && c.score > chosen.score - SPECIAL_CASE);
+    simpler.unwrap_or(chosen)
+}
+
+/// Candidates of the same size that explain about as much, with their weights relative to the chosen one. Effects that
+/// contain a chosen one do not count, nor do other shapes of the same effect.
+fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
+    let own = chosen.effects();
+    let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
+    let own_names = names(&own);
+    let generalizes = |effects: &[usize]| {
+        effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].contains().iter().any(|n| own_names.contains(n)))
+    };
+    // Without a load that depends on the position, a gain of the effort and a scale of the position are one effect.
+    let twins = [("torque_gain", "encoder_scale"), ("encoder_scale", "torque_gain")];
+    let twin = twins.iter().find(|(a, _)| own_names.contains(a) && !problem.coverage.has_load_slope).map(|(a, b)| {
+        let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
+        let mut effects: Vec<usize> = own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
+        effects.sort_unstable();
+        effects
+    });
+    let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
+    let same_size = found.by_size[own.len()].iter().filter(|c| c.effects() != own);
+    same_size
+        .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names && !is_twin(&c.effects()))
+        .map(|c| (c.effects(), (0.5 * (c.score - chosen.score)).exp()))
+        .filter(|(_, w)| *w > ALTERNATIVE_WEIGHT)
+        .chain(twin.clone().map(|effects| (effects, 1.0)))
+        .collect()
+}
+
+/// Whether every effect is of a size that a model of the joint, not its discretization, would show.
+fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
+    chosen.fit.model.terms.iter().all(|t| match problem.catalogue[t.effect].place() {
+        Place::Delay => t.p[0].abs() > 0.25 * problem.coverage.interval_s,
+        Place::Gain | Place::Scale => (t.p[0] - 1.0).abs() > 0.004,
+        Place::Inertia => t.p[0].abs() > 0.004 * problem.plant.inertia,
+        _ => true,
+    })
+}
+
+fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
+    let own = chosen.effects();
+    let mut at = 1;
+    let mut findings = Vec::new();
+    for term in &chosen.fit.model.terms {
+        let effect = &problem.catalogue[term.effect];
+        let n = term.p.len();
+        let covariance = chosen.fit.covariance.view((at, at), (n, n));
+        let estimate = |r: super::effect::Reported| {
+            let variance: f64 =
+                (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
+            let half = 1.96 * variance.max(0.0).sqrt();
+            let value = if r.name == "time" { r.value % super::effect::RUN_SPACING_S } else { r.value };
+            ParameterEstimate {
+                name: r.name.to_owned(),
+                value,
+                unit: r.dimension.unit(problem.turns).to_owned(),
+                interval: (value - half, value + half),
+            }
+        };
+        let mut alternatives: Vec<(String, f64)> = Vec::new();
+        for (effects, weight) in rivals.iter().filter(|(effects, _)| !effects.contains(&term.effect)) {
+            for other in effects.iter().filter(|e| !own.contains(e)) {
+                alternatives.push((problem.catalogue[*other].name().to_owned(), weight / total));
+            }
+        }
+        findings.push(Finding {
+            index: term.effect,
+            effect: effect.name().to_owned(),
+            parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
+            weight: 1.0 / total,
+            alternatives,
+            experiment: effect.experiment().to_owned(),
+        });
+        at += n;
+    }
+    findings
+}

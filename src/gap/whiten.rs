@@ -1,0 +1,117 @@
+//! White residuals: a Kalman filter for the linearized joint, driven by white effort noise, turns positions into
+//! independent innovations of variance one. It is linear, so residuals and sensitivities pass through the same filter.
+
+use super::{
+    effect::{At, Place, run_time_s},
+    joint_model::{Catalogue, JointModel},
+    log::{JointLog, Span},
+    rollout::{Row, efforts_at},
+    smooth::Trace,
+};
+
+/// Linearized joint between two samples: state transition (row-major) and effect of an effort.
+#[derive(Clone, Copy, Debug)]
+pub struct Local {
+    /// Transition of (position, velocity).
+    pub a: [f64; 4],
+    /// Effect of a held effort.
+    pub g: [f64; 2],
+}
+
+/// Linearizes a model along the smoothed motion of a log.
+#[must_use]
+pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, index: usize, trace: &Trace) -> Vec<Local> {
+    let n = log.time_s.len();
+    let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+    let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let inverse = 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia);
+    let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
+    let mut now = [0.0; 8];
+    let still = 0.003 * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let mut locals = Vec::with_capacity(n);
+    for k in 0..n {
+        let dt = if k + 1 < n { log.time_s[k + 1] - log.time_s[k] } else { 0.0 };
+        for (x, other) in now.iter_mut().zip(&others) {
+            *x = other[k];
+        }
+        let (q, v, u) = (trace.position[k], trace.velocity[k], gain * trace.effort[k]);
+        let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now };
+        let sum = efforts_at(model, catalogue, &at);
+        let sticks = v.abs() <= still && (u + sum.effort).abs() < sum.friction;
+        if sticks {
+            locals.push(Local { a: [1.0, 0.0, 0.0, 0.0], g: [0.0, 0.0] });
+            continue;
+        }
+        let spring = (-sum.q * inverse * dt * dt).clamp(-0.2, 1.0);
+        let kept = 1.0 - (-sum.v * inverse * dt).clamp(-0.2, 0.9);
+        let mean = 0.5 * (1.0 + kept);
+        let per = if dt > 0.0 { spring / dt } else { 0.0 };
+        locals.push(Local {
+            a: [1.0 - 0.5 * spring, dt * mean, -per * mean, kept - 0.5 * spring],
+            g: [0.5 * dt * dt * inverse, dt * inverse * mean],
+        });
+    }
+    locals
+}
+
+/// Gain of one update.
+#[derive(Clone, Copy, Debug)]
+pub struct Gain {
+    /// One over the standard deviation of the innovation.
+    pub scale: f64,
+    /// Gain of the position.
+    pub kq: f64,
+    /// Gain of the velocity.
+    pub kv: f64,
+}
+
+/// Gains of a window whose start state is known (it is a column of its own), and the sum of the log variances.
+pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut Vec<Gain>) -> f64 {
+    out.clear();
+    let (r, w) = (sigma_y * sigma_y, sigma_u * sigma_u);
+    let (mut qq, mut qv, mut vv) = (0.0, 0.0, 0.0);
+    let mut log_variance = 0.0;
+    for local in &locals[span.start..span.start + span.len] {
+        let s = qq + r;
+        log_variance += s.ln();
+        let (kq, kv) = (qq / s, qv / s);
+        out.push(Gain { scale: 1.0 / s.sqrt(), kq, kv });
+        let (uqq, uqv, uvv) = (qq * (1.0 - kq), qv * (1.0 - kq), vv - kv * qv);
+        let (a, g) = (&local.a, &local.g);
+        let (m00, m01) = (a[0] * uqq + a[1] * uqv, a[0] * uqv + a[1] * uvv);
+        let (m10, m11) = (a[2] * uqq + a[3] * uqv, a[2] * uqv + a[3] * uvv);
+        qq = m00 * a[0] + m01 * a[1] + w * g[0] * g[0];
+        qv = m00 * a[2] + m01 * a[3] + w * g[0] * g[1];
+        vv = m10 * a[2] + m11 * a[3] + w * g[1] * g[1];
+    }
+    log_variance
+}
+
+/// Passes the first `W` columns of rows through the filter.
+pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
+    let (mut q, mut v) = ([0.0; W], [0.0; W]);
+    for ((row, local), gain) in rows.iter_mut().zip(locals).zip(gains) {
+        let a = &local.a;
+        for c in 0..W {
+            let innovation = row[c] - q[c];
+            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
+            row[c] = innovation * gain.scale;
+            q[c] = a[0] * uq + a[1] * uv;
+            v[c] = a[2] * uq + a[3] * uv;
+        }
+    }
+}
+
+/// Whitened response of the position to efforts (one a sample) and to a direct change of the measurement.
+pub fn respond(effort: &[f64], direct: Option<&[f64]>, locals: &[Local], gains: &[Gain], out: &mut [f64]) {
+    let (mut q, mut v) = (0.0, 0.0);
+    for k in 0..gains.len() {
+        // Difference between the true and the predicted state.
+        let innovation = q + direct.map_or(0.0, |d| d[k]);
+        out[k] = innovation * gains[k].scale;
+        let (uq, uv) = (q - gains[k].kq * innovation, v - gains[k].kv * innovation);
+        let (a, g) = (&locals[k].a, &locals[k].g);
+        q = a[0] * uq + a[1] * uv + g[0] * effort[k];
+        v = a[2] * uq + a[3] * uv + g[1] * effort[k];
+    }
+}

@@ -1,0 +1,178 @@
+//! The diagnosis: twin and runs in, verdict, updated twin and report out.
+
+use std::path::{Path, PathBuf};
+
+use super::{Event, Monitor, RunError, stage_rng};
+use crate::{
+    gap::{
+        drive::Hold,
+        effects::catalogue,
+        log::JointLog,
+        plant::Plant,
+        problem::Problem,
+        proof::prove,
+        recording::Recording,
+        report::{self, JointReport},
+        twin_tree::Motion,
+        update,
+        verdict::{Diagnosis, Verdict, diagnose as diagnose_joint},
+    },
+    io::{self, RunDir},
+};
+
+/// What is asked of a diagnosis.
+#[derive(Clone, Debug)]
+pub struct DiagnoseRequest {
+    /// URDF of the twin.
+    pub twin: PathBuf,
+    /// Bags of the runs.
+    pub runs: Vec<PathBuf>,
+    /// Bags, among the runs or beside them, that only the proof reads.
+    pub held_out: Vec<PathBuf>,
+    /// Folder of the result.
+    pub out: PathBuf,
+    /// Gravity in the root's frame, m/s^2.
+    pub gravity: [f64; 3],
+    /// How the effort runs between samples.
+    pub hold: Hold,
+    /// Seed of the permutation tests.
+    pub seed: u64,
+}
+
+/// What a diagnosis gives back.
+#[derive(Clone, Debug)]
+pub struct DiagnoseOutcome {
+    /// Folder of the result.
+    pub folder: PathBuf,
+    /// Verdict over all joints.
+    pub verdict: Verdict,
+    /// Summary for the terminal.
+    pub summary: String,
+    /// What was odd.
+    pub warnings: Vec<String>,
+}
+
+/// Runs of one joint, split.
+struct Split {
+    fitted: Vec<JointLog>,
+    held_out: Vec<JointLog>,
+}
+
+/// Diagnoses a twin.
+///
+/// # Errors
+/// [`RunError`] where the twin or a run cannot be read, nothing can be said about any joint, or the disk refuses.
+pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
+    let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
+    let tree = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
+    let text = std::fs::read_to_string(&request.twin).map_err(|e| failed("twin", &e))?;
+    let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
+    let mut warnings = Vec::new();
+    let mut recordings: Vec<(Recording, bool)> = Vec::new();
+    let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
+    let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
+    for path in request.runs.iter().chain(beside) {
+        monitor.check()?;
+        let recording = io::read_joint_log(path).map_err(|e| failed("recording", &e))?;
+        warnings.extend(recording.warnings.iter().cloned());
+        recordings.push((recording, is_held(path)));
+    }
+    if request.held_out.is_empty() && recordings.len() > 1 {
+        // Every third run, at least the last.
+        let n = recordings.len();
+        let count = (n / 3).max(1);
+        for i in 0..count {
+            recordings[n - 1 - i * n / count].1 = true;
+        }
+    }
+    let moving: Vec<usize> =
+        (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
+    let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
+    let effects = catalogue(names.len().saturating_sub(1));
+    let mut joints: Vec<JointReport> = Vec::new();
+    let mut refused: Vec<String> = Vec::new();
+    for &j in &moving {
+        monitor.check()?;
+        let name = tree.joints[j].name.clone();
+        let stage = format!("diagnose/{name}");
+        monitor.tell(Event::StageStarted { stage: stage.clone(), steps: None });
+        let ready = Plant::of(&tree, j).map_err(|e| e.to_string());
+        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, &name, &names, &mut warnings)?)));
+        match ready {
+            Ok((plant, split)) => {
+                let turns = tree.joints[j].motion == Motion::Turn;
+                joints.push(one_joint(request, &effects, &plant, &name, turns, split));
+            }
+            Err(why) => refused.push(why),
+        }
+    }
+    if joints.is_empty() {
+        let why = if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
+        return Err(RunError::stage("diagnose", why));
+    }
+    warnings.extend(refused);
+    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, &effects, "twin.urdf");
+    let (mjcf, notes) = update::mjcf(&tree, &joints, &effects, "twin.xml");
+    exports.extend(notes);
+    let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))?;
+    let files = [("twin.urdf", urdf), ("twin.xml", mjcf), ("report.json", json + "\n"), ("report.html", report::html(&joints))];
+    for (path, content) in files {
+        run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
+    }
+    let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
+    for warning in &warnings {
+        monitor.warn(warning.clone());
+    }
+    Ok(DiagnoseOutcome { folder, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
+}
+
+/// Logs of one joint. A single run gives its last third to the proof.
+fn split(recordings: &[(Recording, bool)], name: &str, names: &[String], warnings: &mut Vec<String>) -> Result<Split, String> {
+    let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
+    for (recording, held) in recordings {
+        let log = recording.joint(name, names, warnings).map_err(|e| e.to_string())?;
+        if *held { held_out.push(log) } else { fitted.push(log) }
+    }
+    if held_out.is_empty() && fitted.len() == 1 {
+        let log = fitted.remove(0);
+        let cut = log.time_s.len() * 2 / 3;
+        fitted.push(log.part(0, cut));
+        held_out.push(log.part(cut, log.time_s.len()));
+    }
+    Ok(Split { fitted, held_out })
+}
+
+fn one_joint(
+    request: &DiagnoseRequest,
+    effects: &crate::gap::joint_model::Catalogue,
+    plant: &Plant,
+    name: &str,
+    turns: bool,
+    split: Split,
+) -> JointReport {
+    let problem = Problem::new(effects, plant, turns, split.fitted, request.hold);
+    let mut rng = stage_rng(request.seed, &format!("diagnose/{name}"), 0);
+    let mut diagnosis: Diagnosis = diagnose_joint(&problem, &mut rng);
+    let mut proof = None;
+    let mut series = Vec::new();
+    if diagnosis.verdict != Verdict::Insufficient && !split.held_out.is_empty() {
+        let held_out = Problem::held_out(&problem, split.held_out);
+        let twin = crate::gap::joint_model::JointModel::of(plant);
+        // A push belongs to the run that it happened in.
+        let mut updated = diagnosis.model.clone();
+        updated.terms.retain(|t| effects[t.effect].name() != "disturbance");
+        let (gap, residuals) = prove(&held_out, &twin, &updated);
+        let named = diagnosis.findings.iter().any(|f| f.effect != "disturbance");
+        if named && gap.after > gap.before {
+            // A name that makes held-out runs worse is no name.
+            diagnosis.verdict = Verdict::Unknown;
+            diagnosis.findings.clear();
+            diagnosis.model = twin.clone();
+            let (gap, residuals) = prove(&held_out, &twin, &twin);
+            (proof, series) = (Some(gap), residuals);
+        } else {
+            (proof, series) = (Some(gap), residuals);
+        }
+    }
+    JointReport { joint: name.to_owned(), turns, diagnosis, gap: proof, series }
+}
