@@ -5,6 +5,7 @@ mod checkpoint;
 mod checksum;
 mod fields;
 mod fingerprint;
+mod matching;
 mod monitor;
 mod outcome;
 mod pictures;
