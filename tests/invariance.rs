@@ -30,7 +30,7 @@ fn recording(name: &str) -> Capture {
 /// The one joint of a recording, and its motion from state 0 to state 1.
 fn joint(capture: &Capture) -> (Joint, Pose) {
     let monitor = Monitor::silent();
-    let twin = reconstruct_twin("object", capture, &config(), None, &mut Stages::new(&monitor)).unwrap();
+    let twin = reconstruct_twin("object", capture, None, &config(), None, &mut Stages::new(&monitor)).unwrap();
     let model = twin.model;
     let [start, end] = [0, 1].map(|s| model.world_from_link(model.joints[0].child, &model.states[s]));
     (model.joints[0].clone(), end * start.inverse())

@@ -1,5 +1,7 @@
 //! Pixel matches between the frames of two states by their features.
 
+use std::path::PathBuf;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +12,7 @@ use super::{
 use crate::capture::{PixelMatch, RgbdFrame};
 
 /// How matches are found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MatchConfig {
     /// Features of a frame.
@@ -19,12 +21,52 @@ pub struct MatchConfig {
     pub neighbors: usize,
     /// A match is kept where its descriptor distance is below this share of the distance to the second best.
     pub ratio: f32,
+    /// ONNX file of a model that matches pairs of images, in place of the built-in features.
+    pub onnx: Option<PathBuf>,
+    /// Longer side of the images for a model that takes any size, pixels.
+    pub onnx_max_side_px: usize,
+    /// Matches below this confidence are dropped; a model without confidences gives 1.
+    pub onnx_min_confidence: f32,
 }
 
 impl Default for MatchConfig {
     fn default() -> Self {
-        Self { features: FeatureConfig::default(), neighbors: 12, ratio: 0.85 }
+        Self { features: FeatureConfig::default(), neighbors: 12, ratio: 0.85, onnx: None, onnx_max_side_px: 640, onnx_min_confidence: 0.2 }
     }
+}
+
+/// A match as a model finds it in two frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correspondence {
+    /// Pixels (u, v) of the frame of state 0 and of that of state 1.
+    pub pixels: [[f32; 2]; 2],
+    /// How sure the model is, 0 to 1.
+    pub confidence: f32,
+}
+
+/// Matches of a pair of frames whose confidence suffices and whose ends both lie on the object, in order of their pixels.
+#[must_use]
+pub fn on_object(
+    states: [&[RgbdFrame]; 2],
+    (frame0, frame1): (usize, usize),
+    found: &[Correspondence],
+    min_confidence: f32,
+) -> Vec<PixelMatch> {
+    let object = |frame: &RgbdFrame, [u, v]: [f32; 2]| {
+        let k = &frame.intrinsics;
+        // A negative number or NaN becomes pixel 0 here; models' pixels were checked against their frames before.
+        let (u, v) = (u.round() as usize, v.round() as usize);
+        u < k.width && v < k.height && frame.is_object(v * k.width + u)
+    };
+    let kept = |c: &&Correspondence| {
+        c.confidence >= min_confidence && object(&states[0][frame0], c.pixels[0]) && object(&states[1][frame1], c.pixels[1])
+    };
+    let mut matches: Vec<PixelMatch> =
+        found.iter().filter(kept).map(|c| PixelMatch { frame0, pixel0: c.pixels[0], frame1, pixel1: c.pixels[1] }).collect();
+    let key = |m: &PixelMatch| (m.pixel0.map(f32::to_bits), m.pixel1.map(f32::to_bits));
+    matches.sort_by_key(key);
+    matches.dedup_by_key(|m| key(m));
+    matches
 }
 
 /// Features closer than this to the best match are the same place, pixels.
@@ -49,7 +91,8 @@ pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<Pixe
 }
 
 /// Pairs of frames of the two states of which one is among the `neighbors` nearest of the other, in order.
-fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, usize)> {
+#[must_use]
+pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, usize)> {
     let all = || states.iter().flat_map(|s| s.iter());
     let count = all().count().max(1) as f64;
     let center = all().map(|f| f.world_from_camera.translation.vector).sum::<nalgebra::Vector3<f64>>() / count;
@@ -131,6 +174,29 @@ mod tests {
         back.sort_by_key(|m| (m.frame0, m.frame1, m.pixel0.map(f32::to_bits), m.pixel1.map(f32::to_bits)));
         assert_eq!(back, matches);
         assert_eq!(match_states([&frames[0], &frames[1]], &config), matches);
+    }
+
+    #[test]
+    fn matches_of_a_model_are_kept_on_the_object_only() {
+        let mut frame = Scene::box_with_lid().frames(0, &camera_ring(1)).remove(0);
+        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        frame.mask = Some((0..w * h).map(|i| i % w < 10).collect());
+        let frames = [frame];
+        let (on, off) = ([9.4, 3.0], [9.6, 3.0]);
+        let found = |pixel0, pixel1, confidence| Correspondence { pixels: [pixel0, pixel1], confidence };
+        let all = [
+            found(on, [2.0, 5.0], 0.9),
+            found([1.0, 1.0], on, 0.3),
+            found(on, off, 0.9),
+            found(off, on, 0.9),
+            found(on, on, 0.1),
+            found(on, on, f32::NAN),
+            found(on, [3.0, h as f32], 0.9),
+            found(on, [2.0, 5.0], 0.8),
+        ];
+        let matches = on_object([&frames, &frames], (0, 0), &all, 0.3);
+        let of = |pixel0, pixel1| PixelMatch { frame0: 0, pixel0, frame1: 0, pixel1 };
+        assert_eq!(matches, [of([1.0, 1.0], on), of(on, [2.0, 5.0])]);
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod labeling;
 mod lift;
 mod matcher;
 mod mesh_samples;
+mod model_image;
 mod ransac;
 mod refine;
 mod register;
@@ -37,7 +38,8 @@ pub use descriptor::{DESCRIPTOR_LENGTH, DESCRIPTOR_NORM, Descriptor, similarity}
 pub use features::{Feature, FeatureConfig, features};
 pub use labeling::FreeSpace;
 pub use lift::lift;
-pub use matcher::{MatchConfig, match_states};
+pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
+pub use model_image::{ImageFormat, ModelImage, SIDE_MULTIPLE};
 mod adam;
 mod articulation_config;
 mod collision;

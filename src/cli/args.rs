@@ -184,6 +184,13 @@ pub struct ReconstructArgs {
     /// Joint limits: what was observed, or as far as the collision solids allow
     #[arg(long, value_parser = ["observed", "swept"])]
     pub limits: Option<String>,
+    /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features onnx`
+    ///
+    /// Inputs `image0`, `image1`: float32 [1, C, H, W] in 0 to 1, C = 1 (luma) or 3 (RGB), H and W fixed or open.
+    /// Outputs `keypoints0`, `keypoints1`: [N, 2] or [1, N, 2], pixels (u, v) of the inputs, integers at pixel centers;
+    /// `confidence`, which may be absent: [N] or [1, N]. Others are ignored. Weights stand in the file, 512 MiB at most.
+    #[arg(long, value_name = "FILE.onnx")]
+    pub matcher: Option<PathBuf>,
     /// What trains the fields
     #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
     pub engine: Option<String>,

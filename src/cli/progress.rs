@@ -97,14 +97,15 @@ impl<W: Write> Listener for Lines<W> {
                     None => format!("{stage}: started"),
                 }
             }
-            Event::Step { stage, done, total, loss } => {
+            Event::Step { stage, done, total, .. } | Event::Count { stage, done, total } => {
                 let (began, shown) = self.stages.entry(stage.clone()).or_insert((at, at));
                 if at < *shown + LINE_INTERVAL {
                     return;
                 }
                 *shown = at;
                 let left = time_left(at.saturating_sub(*began), *done, *total);
-                format!("{stage}: {done} of {total}, loss {loss:.4e}{left}")
+                let loss = if let Event::Step { loss, .. } = event { format!(", loss {loss:.4e}") } else { String::new() };
+                format!("{stage}: {done} of {total}{loss}{left}")
             }
             other => match sentence(other) {
                 Some(line) => line,
@@ -153,6 +154,9 @@ impl Listener for Bars {
                 bar.set_position(*done as u64);
                 bar.set_message(format!("loss {loss:.3e}"));
             }
+            Event::Count { stage, done, total } => {
+                self.bar(stage, Some(*total)).set_position(*done as u64);
+            }
             other => {
                 if let Event::StageFinished { stage, .. } = other
                     && let Some(bar) = self.running.remove(stage)
@@ -180,7 +184,7 @@ impl Drop for Bars {
 fn sentence(event: &Event) -> Option<String> {
     match event {
         // The program says last why it fails.
-        Event::StageStarted { .. } | Event::Step { .. } | Event::Error { .. } => None,
+        Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } | Event::Error { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
         Event::Warning { message } => Some(format!("warning: {message}")),
         Event::Note { message } => Some(message.clone()),

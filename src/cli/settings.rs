@@ -36,6 +36,7 @@ impl ReconstructArgs {
             ("--seed", "run.seed", self.seed.map(Value::from)),
             ("--init", "run.init", self.init.clone().map(Value::from)),
             ("--limits", "model.limits", self.limits.clone().map(Value::from)),
+            ("--matcher", "matching.onnx", self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned()))),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
             ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),

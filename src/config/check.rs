@@ -11,6 +11,10 @@ const POSITIVE: f64 = 1e-9;
 /// Checks all groups.
 pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
     config.run.check()?;
+    if config.matching.onnx.is_some() && !cfg!(feature = "onnx") {
+        let reason = "this binary was built without ONNX models; build it with `cargo build --release --features onnx`";
+        return Err(unusable("matching.onnx", reason));
+    }
     config.capture.check().map_err(|error| match error {
         CaptureError::Setting { key, reason } => unusable(key, reason),
         other => unusable("capture", other),
@@ -73,6 +77,8 @@ fn matching(config: &Config) -> Ranges {
     vec![
         ("matching.neighbors", m.neighbors as f64, 1.0, 1e4),
         ("matching.ratio", f64::from(m.ratio), POSITIVE, 1.0),
+        ("matching.onnx_max_side_px", m.onnx_max_side_px as f64, 32.0, 4096.0),
+        ("matching.onnx_min_confidence", f64::from(m.onnx_min_confidence), 0.0, 1.0),
         ("matching.features.scales", f.scales as f64, 1.0, 16.0),
         ("matching.features.sigma_px", f64::from(f.sigma_px), 0.5, 16.0),
         ("matching.features.contrast", f64::from(f.contrast), 0.0, 1.0),
@@ -173,6 +179,9 @@ mod tests {
             "surface.nodes=1",
             "surface.truncation_m=-1",
             "matching.ratio=0",
+            "matching.onnx_max_side_px=31",
+            "matching.onnx_max_side_px=4097",
+            "matching.onnx_min_confidence=1.5",
             "register.ransac.cell=0",
             "articulation.grid_nodes=1",
             "articulation.late_start=2",

@@ -26,6 +26,9 @@ mod camera;
 mod dataset;
 mod inspect;
 mod mcap_file;
+mod onnx;
+#[cfg(feature = "onnx")]
+mod onnx_matcher;
 mod pixels;
 mod poses;
 mod recording;
@@ -34,4 +37,9 @@ mod topics;
 mod views;
 
 pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
+#[cfg(not(feature = "onnx"))]
+pub use onnx::OnnxMatcher;
+pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
+#[cfg(feature = "onnx")]
+pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open};

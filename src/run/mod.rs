@@ -6,6 +6,7 @@ mod checksum;
 mod diagnose;
 mod fields;
 mod fingerprint;
+mod matching;
 mod monitor;
 mod outcome;
 mod pictures;

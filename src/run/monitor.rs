@@ -31,6 +31,15 @@ pub enum Event {
         /// Current loss.
         loss: f64,
     },
+    /// A part of a stage without a loss was done.
+    Count {
+        /// Name of the stage.
+        stage: String,
+        /// Parts done.
+        done: usize,
+        /// Parts in all.
+        total: usize,
+    },
     /// A stage ended.
     StageFinished {
         /// Name of the stage.

@@ -6,13 +6,14 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     articulation::Search,
     fields::train_field,
+    matching::{pairs, pixel_matches},
     outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
     twin::{assemble, joints},
 };
 use crate::{
-    articulate::{LiftedMatch, lift, match_states},
+    articulate::lift,
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
     export::{
@@ -47,12 +48,13 @@ pub struct Twin {
 /// stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     let name = checked_name(request)?;
+    let matcher = matcher(&request.config)?;
     let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
     if request.resume && !checkpoint.is_continued() {
         let message = format!("there is no usable checkpoint of {name} in {}; the run starts anew", request.out.display());
         monitor.tell(Event::Note { message });
     }
-    match reconstruct_files(&name, request, &checkpoint, monitor) {
+    match reconstruct_files(&name, matcher.as_ref(), request, &checkpoint, monitor) {
         Ok(outcome) => {
             checkpoint.remove()?;
             monitor.tell(Event::Artifact { path: outcome.folder.display().to_string() });
@@ -76,8 +78,20 @@ fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     Ok(name)
 }
 
+/// The user's matching model, if there is one.
+fn matcher(config: &Config) -> Result<Option<io::OnnxMatcher>, RunError> {
+    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
+    config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))
+}
+
 /// All stages, and the run folder in its place.
-fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Checkpoint, monitor: &Monitor) -> Result<Outcome, RunError> {
+fn reconstruct_files(
+    name: &str,
+    matcher: Option<&io::OnnxMatcher>,
+    request: &ReconstructRequest,
+    checkpoint: &Checkpoint,
+    monitor: &Monitor,
+) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
     let capture = stages.run("capture", None, |_| {
@@ -85,7 +99,7 @@ fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Chec
     })?;
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
-    let twin = reconstruct_twin(name, &capture, config, Some(checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(name, &capture, matcher, config, Some(checkpoint), &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
     let found = stages
@@ -103,6 +117,7 @@ fn reconstruct_files(name: &str, request: &ReconstructRequest, checkpoint: &Chec
 pub fn reconstruct_twin(
     name: &str,
     capture: &Capture,
+    matcher: Option<&io::OnnxMatcher>,
     config: &Config,
     checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
@@ -115,7 +130,9 @@ pub fn reconstruct_twin(
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
     let band = Band::of(frames, &scene, noise, &config.surface);
-    let matches = stages.run("match", None, |_| Ok::<_, RunError>(matches(capture, config)))?;
+    let matches =
+        stages.run("match", matcher.map(|_| pairs(capture, &config.matching)), |m| pixel_matches(capture, matcher, &config.matching, m))?;
+    let matches = lift(frames, &matches, noise);
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
@@ -168,13 +185,6 @@ pub fn reconstruct_twin(
     Ok(Twin { model, starts, registered, warnings: registration.warnings, replaced_engines })
 }
 
-/// Matches that came with the recording, else those found; lifted to 3D.
-fn matches(capture: &Capture, config: &Config) -> Vec<LiftedMatch> {
-    let frames = [&capture.states[0][..], &capture.states[1][..]];
-    let found = if capture.matches.is_empty() { match_states(frames, &config.matching) } else { capture.matches.clone() };
-    lift(frames, &found, &config.capture.noise)
-}
-
 /// Cells near the object in either state.
 fn occupancy(frames: [&[RgbdFrame]; 2], scene: &SceneBox, band: &Band) -> Occupancy {
     const EVERY: usize = 7;
@@ -192,6 +202,9 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     let failed = |e| RunError::stage("checkpoint", e);
     let mut all =
         Fingerprint::default().with("version", env!("CARGO_PKG_VERSION")).with_settings("config", &request.config).map_err(failed)?;
+    if let Some(path) = &request.config.matching.onnx {
+        all = all.with_source("matcher", path).map_err(failed)?;
+    }
     for (i, source) in request.sources.iter().enumerate() {
         all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
     }

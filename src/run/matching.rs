@@ -1,0 +1,59 @@
+//! The stage that finds pixel matches between the states.
+
+use rayon::prelude::*;
+
+use super::{Event, Monitor, RunError};
+use crate::{
+    articulate::{MatchConfig, frame_pairs, match_states, on_object},
+    capture::{Capture, PixelMatch, RgbdFrame},
+    io::OnnxMatcher,
+};
+
+const STAGE: &str = "match";
+
+/// Matches by the user's model; else those that came with the recording; else those of the built-in features.
+///
+/// # Errors
+/// A model that fails, a stop request.
+pub(super) fn pixel_matches(
+    capture: &Capture,
+    matcher: Option<&OnnxMatcher>,
+    config: &MatchConfig,
+    monitor: &Monitor,
+) -> Result<Vec<PixelMatch>, RunError> {
+    let frames = [&capture.states[0][..], &capture.states[1][..]];
+    match matcher {
+        Some(matcher) => by_model(frames, matcher, config, monitor),
+        None if capture.matches.is_empty() => Ok(match_states(frames, config)),
+        None => Ok(capture.matches.clone()),
+    }
+}
+
+/// Number of pairs of frames that a model is asked about.
+pub(super) fn pairs(capture: &Capture, config: &MatchConfig) -> usize {
+    frame_pairs([&capture.states[0], &capture.states[1]], config.neighbors).len()
+}
+
+fn by_model(
+    frames: [&[RgbdFrame]; 2],
+    matcher: &OnnxMatcher,
+    config: &MatchConfig,
+    monitor: &Monitor,
+) -> Result<Vec<PixelMatch>, RunError> {
+    let pairs = frame_pairs(frames, config.neighbors);
+    let mut matches = Vec::new();
+    let mut done = 0;
+    // As many at once as there are threads: images and intermediate results of no more pairs are held.
+    for some in pairs.chunks(rayon::current_num_threads().max(1)) {
+        monitor.check()?;
+        let found: Vec<_> = some.par_iter().map(|&(i, j)| matcher.correspondences([&frames[0][i], &frames[1][j]])).collect();
+        for (pair, found) in some.iter().zip(found) {
+            let found = found.map_err(|e| RunError::stage(STAGE, e))?;
+            matches.extend(on_object(frames, *pair, &found, config.onnx_min_confidence));
+        }
+        done += some.len();
+        monitor.tell(Event::Count { stage: STAGE.to_owned(), done, total: pairs.len() });
+    }
+    monitor.tell(Event::Note { message: format!("{} pixel matches on the object in {} pairs of frames", matches.len(), pairs.len()) });
+    Ok(matches)
+}
