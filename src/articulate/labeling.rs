@@ -119,8 +119,7 @@ impl<'a> Evidence<'a> {
     /// any evidence are static (label 0).
     pub fn labels(&self, state: usize, costs: &[f32], motions: usize) -> Vec<u8> {
         let graph = &self.graphs[state];
-        let beliefs = graph.mean_field(costs, motions);
-        let mut labels = graph.fill(&beliefs, costs, motions);
+        let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions);
         graph.join_islands(&mut labels, costs, motions);
         labels
     }

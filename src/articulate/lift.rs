@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::LiftedMatch;
+use super::{LiftedMatch, index_sets::IndexSets};
 use crate::capture::{NoiseConfig, PixelMatch, RgbdFrame};
 
 /// Half the side of the depth patch that gives a feature's depth, pixels.
@@ -106,24 +106,6 @@ fn fit_plane(patch: impl Iterator<Item = (f64, f64, f64)>) -> Option<Vector3<f64
     normal.cholesky().map(|c| c.solve(&right)).filter(|p| p[0] > 0.0)
 }
 
-/// Sets of indices joined pairwise; the smaller index is the root, so the result does not depend on the order.
-struct Sets(Vec<usize>);
-
-impl Sets {
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] != i {
-            self.0[i] = self.0[self.0[i]];
-            i = self.0[i];
-        }
-        i
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b);
-    }
-}
-
 /// Matches of one pair of merged points.
 fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
     type Key = (usize, [u32; 2]);
@@ -173,7 +155,7 @@ fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
 
 /// Cluster of every feature of one state: features that match one feature of the other state and agree in 3D.
 fn clusters(matches: &[(&PixelMatch, [Reading; 2])], ends: &[[usize; 2]], state: usize, counts: [usize; 2]) -> Vec<usize> {
-    let mut sets = Sets((0..counts[state]).collect());
+    let mut sets = IndexSets::new(counts[state]);
     let mut order: Vec<usize> = (0..ends.len()).collect();
     order.sort_by_key(|&i| (ends[i][1 - state], ends[i][state]));
     for group in order.chunk_by(|&a, &b| ends[a][1 - state] == ends[b][1 - state]) {

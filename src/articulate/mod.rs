@@ -2,6 +2,7 @@
 
 mod assemble;
 mod evidence;
+mod index_sets;
 mod joint;
 mod labels;
 mod match_evidence;

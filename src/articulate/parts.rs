@@ -59,11 +59,13 @@ pub fn part_joint(
     let frames = [states[0].frames, states[1].frames];
     let sdf = [states[0].sdf, states[1].sdf];
     let spacing_m = states[0].sdf.spacing_m;
+    let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
+    let correlation_m = (config.refine.correlation_spacings * spacing_m).max(smoothing_m);
     let mut lifted = match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
     let sparse = lifted.len();
     let mut estimate = None;
     for _ in 0..ROUNDS {
-        let evidence = evidence(&surfaces, states, &lifted, spacing_m, extent_m, config, [share(0), share(1)]);
+        let evidence = evidence(&surfaces, states, &lifted, correlation_m, extent_m, config, [share(0), share(1)]);
         let from = estimate.as_ref().map_or(*start, |e: &JointEstimate| e.evidence.state1_from_state0);
         let found = estimate_joint(&from, &evidence, &near, &config.refine);
         let dense = texture_matches([&surfaces[0], &surfaces[1]], frames, sdf, &found.state1_from_state0, noise, &config.texture);
@@ -71,7 +73,7 @@ pub fn part_joint(
         lifted.extend(dense);
         estimate = Some(found);
     }
-    let evidence = evidence(&surfaces, states, &lifted, spacing_m, extent_m, config, [share(0), share(1)]);
+    let evidence = evidence(&surfaces, states, &lifted, correlation_m, extent_m, config, [share(0), share(1)]);
     let from = estimate.map_or(*start, |e| e.evidence.state1_from_state0);
     estimate_joint(&from, &evidence, &near, &config.refine)
 }
@@ -80,13 +82,11 @@ fn evidence<'a>(
     surfaces: &'a [SurfaceSamples; 2],
     states: &'a [ObservedState; 2],
     matches: &'a [MatchEvidence],
-    spacing_m: f64,
+    correlation_m: f64,
     extent_m: f64,
     config: &JointConfig,
     shares: [f64; 2],
 ) -> MotionEvidence<'a> {
-    let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
-    let correlation_m = (config.refine.correlation_spacings * spacing_m).max(smoothing_m);
     MotionEvidence {
         surfaces: [&surfaces[0], &surfaces[1]],
         sdf: [states[0].sdf, states[1].sdf],

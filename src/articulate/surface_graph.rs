@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{SurfaceSamples, sample_index::SampleIndex};
+use super::{SurfaceSamples, index_sets::IndexSets, sample_index::SampleIndex};
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
@@ -21,6 +21,8 @@ const OWN_PULL: f32 = 4.0;
 /// An island is joined to its surroundings if it holds less than this share of the evidence of its label's largest piece.
 const ISLAND_SHARE: f32 = 0.02;
 
+/// Weight of the offset from the tangent planes against that along them, squared.
+const LIFT: f64 = 4.0;
 /// Neighbors on one flat patch: largest difference of the normals, and largest slope of the offset against the tangent
 /// planes.
 const PATCH_BEND: f64 = 0.3;
@@ -95,10 +97,9 @@ impl SurfaceGraph {
 
     /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is reached first
     /// along the surface wins.
-    pub fn fill(&self, beliefs: &[f32], costs: &[f32], labels: usize) -> Vec<u8> {
+    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize) -> Vec<u8> {
         let n = self.neighbors.len();
         let mut pull: Vec<f32> = (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
-        let mut beliefs = beliefs.to_vec();
         self.pull_of_patches(&mut beliefs, &mut pull, labels);
         let mut reached = vec![0.0f32; n * labels];
         let mut mean = vec![0.0f32; labels];
@@ -174,38 +175,28 @@ impl SurfaceGraph {
 
 /// Number of the connected piece that each sample is in, over the neighbors for which `joined` holds.
 fn pieces(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usize) -> bool) -> Vec<u32> {
-    fn find(root: &mut [u32], mut i: u32) -> u32 {
-        while root[i as usize] != i {
-            root[i as usize] = root[root[i as usize] as usize];
-            i = root[i as usize];
-        }
-        i
-    }
-    let mut root: Vec<u32> = (0..neighbors.len() as u32).collect();
+    let mut sets = IndexSets::new(neighbors.len());
     for (i, slots) in neighbors.iter().enumerate() {
         for &(j, w) in slots {
             if w > 0.0 && joined(i, j as usize) {
-                let (a, b) = (find(&mut root, i as u32), find(&mut root, j));
-                root[a.max(b) as usize] = a.min(b);
+                sets.join(i, j as usize);
             }
         }
     }
-    let mut number = vec![u32::MAX; root.len()];
+    let mut number = vec![0; neighbors.len()];
     let mut count = 0;
-    (0..root.len() as u32)
-        .map(|i| {
-            let r = find(&mut root, i) as usize;
-            if number[r] == u32::MAX {
-                number[r] = count;
-                count += 1;
-            }
-            number[r]
-        })
-        .collect()
+    for i in 0..neighbors.len() {
+        let root = sets.root(i);
+        // A root comes before the rest of its set.
+        if root == i {
+            number[i] = count;
+            count += 1;
+        } else {
+            number[i] = number[root];
+        }
+    }
+    number
 }
-
-/// Weight of the offset from the tangent planes against that along them, squared.
-const LIFT: f64 = 4.0;
 
 /// How much the best cost is below the second best, beyond what counts as none.
 fn evidence(costs: &[f32]) -> f32 {
@@ -235,7 +226,7 @@ mod tests {
         let hidden = [0.9, 0.9, 0.9];
         let costs = [[0.9, 0.9, 0.0], hidden, hidden, [0.9, 0.0, 0.9], hidden, hidden].concat();
         let graph = chain();
-        assert_eq!(graph.fill(&graph.mean_field(&costs, 3), &costs, 3), vec![2, 2, 1, 1, 0, 0]);
+        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![2, 2, 1, 1, 0, 0]);
     }
 
     #[test]

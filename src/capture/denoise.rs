@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::{NoiseConfig, RgbdFrame};
+use super::{NoiseConfig, RgbdFrame, median_over_object};
 
 /// Windows: half a side and distance between the readings used, in pixels, and how many readings with correlated noise
 /// are worth one (stereo noise is correlated over about three pixels).
@@ -75,13 +75,9 @@ pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
 /// the median depth; 0 for raw depth.
 #[must_use]
 pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
-    const EVERY: usize = 97;
-    let reach = |f: &RgbdFrame, i: usize| f64::from(WINDOWS[WINDOWS.len() - 1].radius) * f64::from(f.depth_m[i]) / f.intrinsics.fx;
-    let usable = |f: &RgbdFrame, i: usize| f.depth_m[i] > 0.0 && f.is_object(i) && !f.readings.is_empty();
-    let of = |f: &RgbdFrame| (0..f.depth_m.len()).step_by(EVERY).filter(|&i| usable(f, i)).map(|i| reach(f, i)).collect::<Vec<_>>();
-    let mut all: Vec<f64> = frames.iter().flat_map(of).collect();
-    let middle = all.len() / 2;
-    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let denoised = frames.iter().filter(|f| !f.readings.is_empty());
+    let radius = f64::from(WINDOWS[WINDOWS.len() - 1].radius);
+    median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
 /// The plane of the largest window that holds one.

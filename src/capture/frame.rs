@@ -55,6 +55,18 @@ impl RgbdFrame {
     }
 }
 
+/// Median of a value over every 97th pixel with depth on the object; `None` where there is none.
+#[must_use]
+pub fn median_over_object<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, value: impl Fn(&RgbdFrame, usize) -> f64) -> Option<f64> {
+    const EVERY: usize = 97;
+    let mut all = Vec::new();
+    for f in frames {
+        all.extend((0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.depth_m[i] > 0.0 && f.is_object(i)).map(|i| value(f, i)));
+    }
+    let middle = all.len() / 2;
+    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// The recording: frames of state 0 and of state 1, and what was found or lost on the way.
 #[derive(Clone, Debug, Default)]
 pub struct Capture {

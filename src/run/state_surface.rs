@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::RunError;
 use crate::{
     articulate::{SurfaceSamples, mesh_samples},
-    capture::{NoiseConfig, RgbdFrame, pixel_weights},
+    capture::{NoiseConfig, RgbdFrame, median_over_object, pixel_weights},
     field::ObjectField,
     geometry::{Grid3, Pose, SceneBox},
     surface::{
@@ -27,16 +27,10 @@ impl Band {
     /// From the median depth of the object's pixels in both states.
     #[must_use]
     pub fn of(states: [&[RgbdFrame]; 2], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
-        const EVERY: usize = 97;
-        let median = |value: &dyn Fn(&RgbdFrame, usize) -> f64| {
-            let usable = |f: &RgbdFrame, i: &usize| f.depth_m[*i] > 0.0 && f.is_object(*i);
-            let of = |f: &RgbdFrame| (0..f.depth_m.len()).step_by(EVERY).filter(|i| usable(f, i)).map(|i| value(f, i)).collect::<Vec<_>>();
-            let mut all: Vec<f64> = states.iter().flat_map(|s| s.iter()).flat_map(of).collect();
-            let middle = all.len() / 2;
-            if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
-        };
-        let sigma_m = median(&|f, i| f.sigma_m(i, noise));
-        let one_reading_m = noise.sigma_m(median(&|f, i| f64::from(f.depth_m[i])));
+        let all = || states.into_iter().flatten();
+        let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
+        let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
+        let one_reading_m = noise.sigma_m(depth_m);
         Self {
             truncation_m: config.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
             min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,

@@ -21,8 +21,7 @@ impl Effect for ConstantBias {
         PARAMETERS
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
-        let _ = at;
+    fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0];
         out.p[0] = 1.0;
     }

@@ -40,7 +40,7 @@ impl Effect for LocalFriction {
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
-        if index == 0 { (0.0, 20.0 * coverage.effort_rms) } else { super::bump_bounds(index, coverage) }
+        super::bump_bounds(index, coverage)
     }
 
     fn experiment(&self) -> &'static str {

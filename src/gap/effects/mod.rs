@@ -71,7 +71,7 @@ fn bumps(coverage: &Coverage) -> Vec<(f64, f64)> {
 fn bump_bounds(index: usize, coverage: &Coverage) -> (f64, f64) {
     let (low, high) = coverage.position;
     match index {
-        0 => (-1e9, 1e9),
+        0 => (0.0, 20.0 * coverage.effort_rms),
         1 => (low, high),
         _ => (0.003 * (high - low), 0.25 * (high - low)),
     }
