@@ -233,10 +233,14 @@ impl Run<'_> {
     /// Labels and costs of both states.
     fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
         let costs = [0, 1].map(|s| self.evidence.costs(s, motions, None));
-        let alone = [0, 1].map(|s| self.evidence.labels(s, &costs[s], motions.len()));
+        let label = |costs: &[Vec<f32>; 2]| {
+            let one = |s: usize| self.evidence.labels(s, &costs[s], motions.len());
+            <[Vec<u8>; 2]>::from(rayon::join(|| one(0), || one(1)))
+        };
+        let alone = label(&costs);
         // Once more with each state's labels known to the other: a surface belongs to one part only.
         let costs = [0, 1].map(|s| self.evidence.costs(s, motions, Some(&alone[1 - s])));
-        ([0, 1].map(|s| self.evidence.labels(s, &costs[s], motions.len())), costs)
+        (label(&costs), costs)
     }
 
     /// The motion that every match follows.

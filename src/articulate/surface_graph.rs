@@ -14,8 +14,9 @@ const SMOOTHNESS: f32 = 0.8;
 const TEMPERATURE: f32 = 0.12;
 /// A sample whose costs differ by less holds no evidence.
 const EVIDENCE: f32 = 0.08;
-/// Rounds in which labels are handed along the surface.
+/// Most rounds in which labels are handed along the surface, and the largest change of a share at which they end.
 const FILL_ROUNDS: usize = 60;
+const FILL_CHANGE: f32 = 1e-3;
 /// Pull of a sample's own evidence against that of its neighbors while filling, at a cost difference of 1.
 const OWN_PULL: f32 = 4.0;
 /// An island is joined to its surroundings if it holds less than this share of the evidence of its label's largest piece.
@@ -78,9 +79,10 @@ impl SurfaceGraph {
     pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let n = self.neighbors.len();
         let mut beliefs = vec![1.0 / labels as f32; n * labels];
+        let mut next = beliefs.clone();
         for _ in 0..ROUNDS {
-            let next = (0..n).into_par_iter().flat_map_iter(|i| {
-                let mut energy: Vec<f32> = costs[i * labels..(i + 1) * labels].to_vec();
+            next.par_chunks_mut(labels).with_min_len(512).enumerate().for_each(|(i, energy)| {
+                energy.copy_from_slice(&costs[i * labels..(i + 1) * labels]);
                 for &(j, w) in &self.neighbors[i] {
                     let belief = &beliefs[j as usize * labels..(j as usize + 1) * labels];
                     energy.iter_mut().zip(belief).for_each(|(e, b)| *e += SMOOTHNESS * w * (1.0 - b));
@@ -88,9 +90,9 @@ impl SurfaceGraph {
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
-                energy.into_iter().map(move |e| e / sum)
+                energy.iter_mut().for_each(|e| *e /= sum);
             });
-            beliefs = next.collect();
+            std::mem::swap(&mut beliefs, &mut next);
         }
         beliefs
     }
@@ -104,6 +106,7 @@ impl SurfaceGraph {
         let mut reached = vec![0.0f32; n * labels];
         let mut mean = vec![0.0f32; labels];
         for round in 0..FILL_ROUNDS {
+            let mut change = 0.0f32;
             for k in 0..n {
                 // Forth and back, so that labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
@@ -111,7 +114,14 @@ impl SurfaceGraph {
                 for &(j, w) in &self.neighbors[i] {
                     mean.iter_mut().zip(&reached[j as usize * labels..]).for_each(|(m, o)| *m += w * o);
                 }
-                reached[i * labels..(i + 1) * labels].iter_mut().zip(&mean).for_each(|(r, m)| *r = m / (1.0 + pull[i]));
+                for (r, m) in reached[i * labels..(i + 1) * labels].iter_mut().zip(&mean) {
+                    let new = m / (1.0 + pull[i]);
+                    change = change.max((new - *r).abs());
+                    *r = new;
+                }
+            }
+            if change < FILL_CHANGE {
+                break;
             }
         }
         let best = |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
