@@ -148,12 +148,13 @@ fn vector(text: &str) -> Result<[f64; 3], String> {
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0 and state1, or a dataset folder
-    #[arg(value_name = "BAG")]
-    pub bag: PathBuf,
-    /// Recording of state 1, where BAG holds only state 0
-    #[arg(value_name = "BAG1", conflicts_with_all = ["split", "marker_topic"])]
-    pub bag1: Option<PathBuf>,
+    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0 and state1, or a dataset folder; two of them are the
+    /// two states of one object
+    #[arg(value_name = "BAG", required = true)]
+    pub bags: Vec<PathBuf>,
+    /// Every BAG is an object of its own; reconstruct N of them at a time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64), conflicts_with = "name")]
+    pub jobs: Option<u8>,
     /// Folder that gets the run folder
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -248,7 +249,8 @@ mod tests {
             "artitwin",
             "artitwin reconstruct bag",
             "artitwin reconstruct --out runs",
-            "artitwin reconstruct a b --out runs --split 3",
+            "artitwin reconstruct a b --out runs --jobs 0",
+            "artitwin reconstruct a b --out runs --jobs 2 --name x",
             "artitwin reconstruct a --out runs --split 3 --marker-topic /m",
             "artitwin reconstruct a --out runs --name ../x",
             "artitwin reconstruct a --out runs --workspace 1,2,3",

@@ -2,7 +2,12 @@
 
 use std::process::ExitCode;
 
-use crate::{capture::CaptureError, config::ConfigError, evaluate::EvaluateError, run::RunError};
+use crate::{
+    capture::CaptureError,
+    config::ConfigError,
+    evaluate::EvaluateError,
+    run::{RunError, chain},
+};
 
 /// How a command ended; the number is the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,33 +54,37 @@ pub enum CliError {
     /// The machine cannot do what the configuration asks.
     #[error("{0}")]
     Machine(String),
+    /// The command line asks for what does not go together.
+    #[error("{0}")]
+    Usage(&'static str),
+    /// Some objects of several have no result; why was told.
+    #[error("{failed} of {total} objects failed, the others are in their folders")]
+    Batch {
+        /// Objects without a result.
+        failed: usize,
+        /// All objects.
+        total: usize,
+        /// Whether they were stopped on request.
+        cancelled: bool,
+    },
     /// Standard output could not be written.
     #[error("cannot write the result")]
     Output(#[source] std::io::Error),
 }
 
 impl CliError {
-    /// The error and what led to it, on one line. A cause that a message already ends with is not repeated.
+    /// The error and what led to it, on one line.
     #[must_use]
     pub fn chain(&self) -> String {
-        let mut text = self.to_string();
-        let mut cause = std::error::Error::source(self);
-        while let Some(error) = cause {
-            let told = error.to_string();
-            if !text.ends_with(&told) {
-                text = format!("{text}: {told}");
-            }
-            cause = error.source();
-        }
-        text
+        chain(self)
     }
 
     /// The exit code of this error.
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Config(_) | Self::Run(RunError::Config(_)) => Exit::Usage,
-            Self::Run(RunError::Cancelled(_)) => Exit::Cancelled,
+            Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Usage(_) => Exit::Usage,
+            Self::Run(RunError::Cancelled(_)) | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
             _ => Exit::Failed,
         }
     }

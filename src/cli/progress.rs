@@ -187,6 +187,7 @@ fn sentence(event: &Event) -> Option<String> {
         Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } | Event::Error { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
         Event::Warning { message } => Some(format!("warning: {message}")),
+        Event::Failed { message } => Some(format!("failed: {message}")),
         Event::Note { message } => Some(message.clone()),
         Event::Artifact { path } => Some(format!("wrote {path}")),
     }

@@ -37,6 +37,16 @@ pub enum ConfigError {
         /// What is wrong.
         reason: String,
     },
+    /// Two objects of one command would get one name.
+    #[error("{first} and {second} would both be named {name}; rename one, or reconstruct them into different folders")]
+    SameName {
+        /// The name.
+        name: String,
+        /// One recording.
+        first: String,
+        /// The other.
+        second: String,
+    },
     /// Not of the form `group.key=value`.
     #[error("--set {text:?}: give group.key=value, for example --set run.seed=3")]
     Assignment {

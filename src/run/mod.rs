@@ -1,6 +1,7 @@
 //! The pipeline: stages in order, progress, cancellation, checkpoints.
 
 mod articulation;
+mod batch;
 mod checkpoint;
 mod checksum;
 mod diagnose;
@@ -16,11 +17,12 @@ mod stage;
 mod state_surface;
 mod twin;
 
+pub use batch::{MAX_JOBS, reconstruct_all};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use diagnose::{DiagnoseOutcome, DiagnoseRequest, diagnose};
 pub use fingerprint::Fingerprint;
 pub use monitor::{Cancelled, Event, Monitor};
-pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError};
+pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError, chain};
 pub use reconstruct::{Twin, reconstruct, reconstruct_twin};
 pub use seed::stage_rng;
 pub use stage::Stages;

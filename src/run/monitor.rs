@@ -62,6 +62,11 @@ pub enum Event {
         /// Its path.
         path: String,
     },
+    /// One object of several has no result; the others go on.
+    Failed {
+        /// What, where and the remedy.
+        message: String,
+    },
     /// The run ended without a result. The last event.
     Error {
         /// What, where and the remedy.
@@ -81,13 +86,15 @@ pub struct Cancelled;
 pub struct Monitor {
     events: Sender<Event>,
     cancel: Arc<AtomicBool>,
+    /// Name of the object, where there are several.
+    object: Option<String>,
 }
 
 impl Monitor {
     /// A monitor that tells `events` and stops once `cancel` is set.
     #[must_use]
     pub fn new(events: Sender<Event>, cancel: Arc<AtomicBool>) -> Self {
-        Self { events, cancel }
+        Self { events, cancel, object: None }
     }
 
     /// A monitor that nobody listens to.
@@ -96,8 +103,28 @@ impl Monitor {
         Self::new(std::sync::mpsc::channel().0, Arc::default())
     }
 
+    /// The same monitor for one object of several: its stages are `object/stage`, its sentences begin with its name.
+    #[must_use]
+    pub fn of_object(&self, name: &str) -> Self {
+        Self { object: Some(name.to_owned()), ..self.clone() }
+    }
+
     /// Reports an event to whoever still listens.
-    pub fn tell(&self, event: Event) {
+    pub fn tell(&self, mut event: Event) {
+        if let Some(object) = &self.object {
+            match &mut event {
+                Event::StageStarted { stage, .. }
+                | Event::Step { stage, .. }
+                | Event::Count { stage, .. }
+                | Event::StageFinished { stage, .. } => {
+                    *stage = format!("{object}/{stage}");
+                }
+                Event::Warning { message } | Event::Note { message } | Event::Failed { message } | Event::Error { message, .. } => {
+                    *message = format!("{object}: {message}");
+                }
+                Event::Artifact { .. } => {}
+            }
+        }
         self.events.send(event).ok();
     }
 

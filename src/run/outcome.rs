@@ -96,6 +96,21 @@ impl RunError {
     }
 }
 
+/// An error and what led to it, on one line. A cause that a message already ends with is not repeated.
+#[must_use]
+pub fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let told = error.to_string();
+        if !text.ends_with(&told) {
+            text = format!("{text}: {told}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
 impl JointSummary {
     /// Summaries of all joints of a model that was observed in two states.
     #[must_use]
