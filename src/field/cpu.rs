@@ -20,6 +20,21 @@ const CHUNK: usize = 128;
 /// Floats of a level that one task updates.
 const UPDATE_FLOATS: usize = 1024 * CHUNK;
 
+/// What a step of [`CpuEngine`] consists of, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepPhase {
+    /// Samples that have a loss are put into blocks.
+    Plan,
+    /// Features are read from the hash grid.
+    Encode,
+    /// Both networks run forward and backward, with the losses between.
+    Networks,
+    /// The features' gradient is added to the table's, and Adam moves the table.
+    Table,
+    /// Adam moves the networks' layers.
+    Layers,
+}
+
 /// Trains a field on the CPU.
 pub struct CpuEngine {
     isa: InstructionSet,
@@ -78,15 +93,36 @@ impl CpuEngine {
         &self.params
     }
 
-    /// Forward and backward pass up to the features' gradient; returns the losses and the layers' gradient.
+    /// As [`FieldEngine::step`]; `after` is told every phase once it is done.
+    pub fn step_by_phases(&mut self, batch: &SampleBatch, learning_rate: f32, mut after: impl FnMut(StepPhase)) -> FieldLosses {
+        let plan = Plan::new(batch);
+        after(StepPhase::Plan);
+        self.encode(&plan);
+        after(StepPhase::Encode);
+        let (losses, gradient) = self.networks(batch, &plan);
+        after(StepPhase::Networks);
+        self.steps += 1;
+        let step = AdamStep::new(learning_rate, self.steps);
+        self.scatter(&plan, Some(step));
+        after(StepPhase::Table);
+        let gradient = gradient.unpack(&self.params);
+        self.update_layers(step, gradient);
+        after(StepPhase::Layers);
+        losses
+    }
+
+    /// Features of all columns.
+    fn encode(&mut self, plan: &Plan) {
+        self.features.resize(FEATURES * self.params.levels.len() * plan.columns(), 0.0);
+        encode(self.isa, &self.params, plan, &mut self.features);
+    }
+
+    /// Forward and backward pass from the features to their gradient; returns the losses and the layers' gradient.
     fn networks(&mut self, batch: &SampleBatch, plan: &Plan) -> (FieldLosses, NetworkGradient) {
         let network = Network::pack(&self.params);
         let backward = BackwardNetwork::pack(&network);
         let columns = plan.columns();
         let rows = FEATURES * self.params.levels.len();
-        self.features.resize(rows * columns, 0.0);
-        encode(self.isa, &self.params, plan, &mut self.features);
-
         let d_rows = padded(rows);
         self.d_features.resize(d_rows * columns, 0.0);
         let mut rest = self.d_features.as_mut_slice();
@@ -173,18 +209,12 @@ impl CpuEngine {
 
 impl FieldEngine for CpuEngine {
     fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
-        let plan = Plan::new(batch);
-        let (losses, gradient) = self.networks(batch, &plan);
-        self.steps += 1;
-        let step = AdamStep::new(learning_rate, self.steps);
-        self.scatter(&plan, Some(step));
-        let gradient = gradient.unpack(&self.params);
-        self.update_layers(step, gradient);
-        losses
+        self.step_by_phases(batch, learning_rate, |_| {})
     }
 
     fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
         let plan = Plan::new(batch);
+        self.encode(&plan);
         let (losses, gradient) = self.networks(batch, &plan);
         self.scatter(&plan, None);
         let mut all = self.table_gradient.clone();

@@ -31,7 +31,7 @@ mod trainer;
 pub use burn_device::{EngineError, adapters};
 pub use burn_engine::BurnEngine;
 pub use config::{BackgroundLoss, FieldError, SurfaceDistance, TrainConfig};
-pub use cpu::CpuEngine;
+pub use cpu::{CpuEngine, StepPhase};
 pub use engine::{ADAM_BETAS, ADAM_EPSILON, EngineState, FieldEngine, FieldLosses, SampleBatch, SdfTarget};
 pub use harmonics::view_coefficients;
 pub use object::ObjectField;
