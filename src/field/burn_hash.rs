@@ -1,4 +1,4 @@
-//! Multi-resolution hash encoding in tensor operations (method.md 2.1).
+//! Multi-resolution hash encoding (method.md 2.1): own kernels on a GPU, tensor operations on the CPU device.
 //!
 //! The table is read by `gather`, whose backward pass is an atomic `scatter`. `select` would be shorter, but its
 //! backward pass runs one thread per table column, which is slow on a GPU and wrong on drivers that cap loops.
@@ -15,6 +15,11 @@ const HASH_PRIMES: [i32; 3] = [1, 2_654_435_761_u32 as i32, 805_459_861];
 ///
 /// `tables` holds one tensor `[2 entries]` per level. Differentiable by the tables, not by the points.
 pub(super) fn hash_encode(points: &Tensor<2>, tables: &[Tensor<1>], levels: &[LevelLayout]) -> Tensor<2> {
+    #[cfg(feature = "gpu")]
+    if points.device().without_autodiff() != Device::flex() {
+        let features = tables.iter().zip(levels).map(|(table, level)| super::gpu_hash::level_features(points, table, level));
+        return Tensor::cat(features.collect(), 1);
+    }
     let upper = Corners::new(&points.device());
     let features = tables.iter().zip(levels).map(|(table, level)| upper.features(points, table, level));
     Tensor::cat(features.collect(), 1)

@@ -15,6 +15,10 @@ mod cpu;
 #[cfg(test)]
 mod cpu_tests;
 mod engine;
+#[cfg(feature = "gpu")]
+mod gpu_hash;
+#[cfg(feature = "gpu")]
+mod gpu_kernels;
 mod harmonics;
 mod matrix;
 mod object;
