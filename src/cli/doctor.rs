@@ -71,6 +71,9 @@ fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> R
         (Engine::Gpu, Ok(found)) if found.is_empty() => {
             Err("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu".to_owned())
         }
+        (Engine::Gpu, Ok(found)) if found.iter().all(|a| a.contains("(Cpu,")) => {
+            Ok("burn on a software adapter, which is slower than the cpu engine".to_owned())
+        }
         (Engine::Gpu, Ok(_)) => Ok("burn on a GPU".to_owned()),
         (Engine::Gpu, Err(error)) => Err(format!("run.engine is gpu: {error}")),
     }
@@ -104,6 +107,8 @@ mod tests {
 
     #[test]
     fn an_engine_that_cannot_run_is_refused() {
+        let software = vec!["llvmpipe (Cpu, Vulkan, driver x)".to_owned()];
+        assert!(engine_name(Engine::Gpu, &Ok(software)).unwrap().contains("software"));
         assert!(engine_name(Engine::Gpu, &Err(EngineError::NotBuilt)).unwrap_err().contains("--features gpu"));
         assert!(engine_name(Engine::Gpu, &Ok(Vec::new())).unwrap_err().contains("no adapter"));
         assert!(engine_name(Engine::Cpu, &Err(EngineError::NotBuilt)).unwrap().starts_with("cpu, "));

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::ConfigError;
 pub use layers::{Layers, MAX_FILE_BYTES, Origins, Resolved};
-pub use preset::PRESETS;
+pub use preset::{PRESETS, preset_cost};
 pub use run::{Engine, Init, MAX_PARTS, RunConfig};
 
 use crate::{

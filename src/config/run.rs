@@ -8,9 +8,11 @@ use super::ConfigError;
 pub const MAX_PARTS: usize = 16;
 
 /// Settings of the run as a whole.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RunConfig {
+    /// Name of the preset that the settings started from, for the report.
+    pub preset: String,
     /// Seed of every random choice.
     pub seed: u64,
     /// Number of rigid parts, the static one included; null: not given.
@@ -19,6 +21,12 @@ pub struct RunConfig {
     pub engine: Engine,
     /// Where the part motions start from.
     pub init: Init,
+}
+
+impl Default for RunConfig {
+    fn default() -> Self {
+        Self { preset: "default".to_owned(), seed: 0, parts: None, engine: Engine::default(), init: Init::default() }
+    }
 }
 
 /// What trains the fields.

@@ -214,7 +214,7 @@ fn push_run(out: &mut String, report: &Report) {
     let run = &report.run;
     let mut entries: Vec<(&str, String)> = Vec::new();
     entries.extend(run.input.paths.iter().map(|p| ("Input", p.clone())));
-    entries.extend([("Device", run.device.clone()), ("Configuration", run.config_digest.clone())]);
+    entries.extend([("Preset", run.preset.clone()), ("Device", run.device.clone()), ("Configuration", run.config_digest.clone())]);
     entries.extend(run.versions.iter().map(|(name, version)| (name.as_str(), version.clone())));
     entries.extend(run.notes.iter().map(|n| ("Note", n.clone())));
     let items = entries.iter().filter(|(_, text)| !text.is_empty());

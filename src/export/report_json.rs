@@ -160,6 +160,8 @@ pub struct RunFacts {
     pub versions: BTreeMap<String, String>,
     /// Seed of all random streams.
     pub seed: u64,
+    /// Name of the preset that the settings started from, and what it costs in accuracy.
+    pub preset: String,
     /// Digest of the effective configuration.
     pub config_digest: String,
     /// What computed: processor or graphics adapter, threads.

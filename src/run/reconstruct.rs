@@ -15,7 +15,7 @@ use super::{
 use crate::{
     articulate::lift,
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
-    config::{Config, Engine, Init},
+    config::{Config, Engine, Init, preset_cost},
     export::{
         CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_starts, looks,
         nearest_starts, package, report_html,
@@ -230,11 +230,17 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
+        preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
         device: device(request.config.run.engine, twin.replaced_engines.len()),
         notes: capture.notes.iter().chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
+}
+
+/// A preset and what it costs.
+fn preset(name: &str) -> String {
+    preset_cost(name).map_or_else(|| name.to_owned(), |cost| format!("{name}: {cost}"))
 }
 
 /// A short digest of all settings.
