@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use crate::{capture::CaptureError, config::ConfigError, evaluate::EvaluateError, run::RunError};
+use crate::{capture::CaptureError, config::ConfigError, evaluate::EvaluateError, io::SynthError, run::RunError};
 
 /// How a command ended; the number is the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +43,9 @@ pub enum CliError {
     /// The folder cannot be read.
     #[error(transparent)]
     Folder(#[from] crate::io::ModelFolderError),
+    /// The object cannot be made or written.
+    #[error(transparent)]
+    Synth(#[from] SynthError),
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),
@@ -74,7 +77,7 @@ impl CliError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Config(_) | Self::Run(RunError::Config(_)) => Exit::Usage,
+            Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Synth(SynthError::Config(_)) => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) => Exit::Cancelled,
             _ => Exit::Failed,
         }
