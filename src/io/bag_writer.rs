@@ -82,7 +82,8 @@ impl BagWriter {
     /// # Errors
     /// If the container refuses.
     pub fn new() -> Result<Self, BagWriteError> {
-        let options = WriteOptions::new().profile("ros2").library("artitwin").compression(Some(Compression::Zstd));
+        // By default the container compresses with as many threads as there are cores, which shows in its bytes.
+        let options = WriteOptions::new().profile("ros2").library("artitwin").compression(Some(Compression::Zstd)).compression_threads(0);
         Ok(Self { writer: options.create(Cursor::new(Vec::new()))?, topics: BTreeMap::new(), times: None })
     }
 

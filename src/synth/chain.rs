@@ -39,15 +39,8 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
             (x, z) = (length, post + 0.5 * thick);
             continue;
         }
-        // Neighbours in the chain lie on either side of y = 0.
-        let y = if link % 2 == 1 { [0.001, thick] } else { [-thick, -0.001] };
-        let y = if turntable && link % 2 == 0 {
-            [0.001, thick]
-        } else if turntable {
-            [-thick, -0.001]
-        } else {
-            y
-        };
+        // Neighbours in the chain lie on either side of y = 0; the post and a turntable lie below it.
+        let y = if (link % 2 == 1) == turntable { [-thick, -0.001] } else { [0.001, thick] };
         let reach = 0.5 * thick;
         let mut solids = vec![Solid::between([x - reach, y[0], z - reach], [x + reach, y[1], z + length + reach], &material)];
         let tip = z + length;

@@ -26,7 +26,7 @@ pub use material::Material;
 pub use object::{Object, Part, PartJoint, PartJointKind};
 pub use path::CameraPath;
 pub use recording::{SynthFrame, SynthState, record};
-pub use scene::Scene;
+pub use scene::{Scene, Sight};
 pub use solid::{Hit, Shape, Solid};
 pub use truth::{SeenSample, seen_points};
 pub use view::View;
