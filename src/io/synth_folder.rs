@@ -50,6 +50,8 @@ struct PartEntry<'a> {
     parent: i64,
     #[serde(rename = "type")]
     kind: &'a str,
+    /// Rows of `seen.npy` that are its points, in each state.
+    seen_points: [usize; 2],
     #[serde(flatten)]
     joint: Option<JointEntry>,
 }
@@ -76,9 +78,11 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
     let folder = RunDir::replace(out)?;
     let object = generate(config).map_err(SynthError::Object)?;
     let mut recorded_from_world = [Pose::identity(); 2];
+    let mut seen_points = vec![[0; 2]; object.parts.len()];
     for (state, told) in recorded_from_world.iter_mut().enumerate() {
         let recording = record(&object, state, config);
         *told = recording.recorded_from_world;
+        recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
         let (mcap, metadata) = synth_bag(state, &recording)?;
         folder.put(&format!("state{state}/state{state}.mcap"), &mcap)?;
         folder.put(&format!("state{state}/metadata.yaml"), metadata.as_bytes())?;
@@ -90,13 +94,13 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
         family: object.family,
         seed: config.seed,
         recorded_from_world: recorded_from_world.map(|p| rows(&p)),
-        parts: (0..object.parts.len()).map(|k| entry(&object, k)).collect(),
+        parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, k, *seen)).collect(),
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))
 }
 
-fn entry(object: &Object, k: usize) -> PartEntry<'_> {
+fn entry(object: &Object, k: usize, seen_points: [usize; 2]) -> PartEntry<'_> {
     let part = &object.parts[k];
     let joint = part.joint.as_ref().zip(object.axis_in_world(k)).map(|(joint, (axis, origin))| {
         let [q0, q1] = joint.positions;
@@ -113,7 +117,7 @@ fn entry(object: &Object, k: usize) -> PartEntry<'_> {
         }
     });
     let parent = part.joint.map_or(-1, |j| j.parent as i64);
-    PartEntry { index: k, name: &part.name, parent, kind: part.joint.as_ref().map_or("fixed", |j| j.kind.name()), joint }
+    PartEntry { index: k, name: &part.name, parent, kind: part.joint.as_ref().map_or("fixed", |j| j.kind.name()), seen_points, joint }
 }
 
 /// Meshes of the parts and of the whole as they stand in a state, and the points that the cameras saw.

@@ -125,15 +125,15 @@ impl Object {
     /// Centre and radius of a sphere in the world that holds the object in both states, metres.
     #[must_use]
     pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
-        let (mut lower, mut upper) = (Point3::new(f64::MAX, f64::MAX, f64::MAX), Point3::new(f64::MIN, f64::MIN, f64::MIN));
+        let mut points: Vec<Point3<f64>> = Vec::new();
         for state in 0..2 {
             for (k, pose) in self.world_from_parts(state).iter().enumerate() {
-                for v in &self.mesh(k).vertices {
-                    let p = pose * v.cast::<f64>();
-                    (lower, upper) = (lower.inf(&p), upper.sup(&p));
-                }
+                points.extend(self.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
             }
         }
-        (nalgebra::center(&lower, &upper), 0.5 * (upper - lower).norm())
+        let first = points.first().copied().unwrap_or_default();
+        let (lower, upper) = points.iter().fold((first, first), |(lower, upper), p| (lower.inf(p), upper.sup(p)));
+        let center = nalgebra::center(&lower, &upper);
+        (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max))
     }
 }

@@ -50,12 +50,13 @@ def score(seed, args):
         return row | {"failure": f"evaluate: {ended.stderr.strip()}"}
     trial = json.loads(ended.stdout)["trials"][0]
     row |= {"found": trial["parts_found"], "joints": trial["joints"]}
-    motions = {p["name"]: p.get("motion") for p in truth["parts"]}
+    by_name = {p["name"]: p for p in truth["parts"]}
     wrong = []
     if row["found"] != parts:
         wrong.append(f"{row['found']} parts of {parts}")
     for joint in trial["joints"]:
-        name = f"{joint['part']} ({joint['type_true']}, motion {motions[joint['part']]:.3f})"
+        part = by_name[joint["part"]]
+        name = f"{joint['part']} ({joint['type_true']}, motion {part['motion']:.3f}, seen points {part['seen_points']})"
         if joint.get("missing"):
             wrong.append(f"{name} missing")
         elif not joint["type_right"]:
