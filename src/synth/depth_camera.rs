@@ -39,8 +39,8 @@ impl Default for DepthCamera {
     fn default() -> Self {
         Self {
             baseline_m: 0.05,
-            disparity_sigma_px: 0.07,
-            correlation_px: 0.5,
+            disparity_sigma_px: 0.073,
+            correlation_px: 0.58,
             disparity_step_px: 1.0 / 32.0,
             grazing_cosine: 0.1,
             dropout: 0.004,
@@ -171,12 +171,12 @@ mod tests {
         let rng = &mut stage_rng(5, "noise", 0);
         let (w, h) = (200, 150);
         let white: Vec<f64> = (0..w * h).map(|_| draw::normal(rng)).collect();
-        let noise = smooth(&white, w, h, 0.5);
+        let noise = smooth(&white, w, h, 0.58);
         let n = (w * h) as f64;
         let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
         let beside = noise.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / n;
         assert!((variance - 1.0).abs() < 0.05, "{variance}");
-        // A Gaussian of 0.5 pixels: exp(-1 / (4 * 0.25)) = 0.37.
-        assert!((beside - 0.37).abs() < 0.06, "{beside}");
+        // Weights 1 and exp(-1 / (2 * 0.58^2)) = 0.226 beside: 2 * 0.226 / (1 + 2 * 0.226^2) = 0.41.
+        assert!((beside - 0.41).abs() < 0.03, "{beside}");
     }
 }

@@ -5,7 +5,9 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Unit, Vector3};
 use rand_core::Rng;
 
-use super::{Family, Material, Object, Part, PartJoint, PartJointKind, Solid, SynthConfig, cabinet, chain, clearance, draw, tabletop};
+use super::{
+    Family, Material, Object, Part, PartJoint, PartJointKind, Solid, SynthConfig, cabinet, chain, clearance, draw, observable, tabletop,
+};
 use crate::{geometry::Pose, run::stage_rng};
 
 /// Shapes that are tried.
@@ -18,7 +20,7 @@ const FOOT_M: f64 = 0.3;
 /// Makes the object of a configuration that [`SynthConfig::check`] accepts.
 ///
 /// # Errors
-/// A sentence where no shape was found whose parts keep clear of each other.
+/// A sentence where no shape was found whose parts keep clear of each other and can be seen.
 pub fn generate(config: &SynthConfig) -> Result<Object, String> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
     let [fewest, most] = config.family.map_or([2, 6], Family::parts);
@@ -46,13 +48,13 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
             }
             let parent = |part: usize| object.parts[part].joint.map(|j| j.parent);
             let hinge = |a: usize, b: usize| joined && (parent(a) == Some(b) || parent(b) == Some(a));
-            if clearance::is_free(&object, &hinge) {
+            if clearance::is_free(&object, &hinge) && observable::is_observable(&object, config, rng) {
                 return Ok(object);
             }
         }
     }
     Err(format!(
-        "no {} of {parts} parts that keep clear of each other was found for seed {}; give another seed",
+        "no {} of {parts} parts that keep clear of each other and can be seen in both states was found for seed {}; give another seed",
         family.name(),
         config.seed
     ))

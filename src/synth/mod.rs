@@ -11,6 +11,7 @@ mod draw;
 mod generate;
 mod material;
 mod object;
+mod observable;
 mod path;
 mod recording;
 mod scene;

@@ -55,19 +55,9 @@ pub struct SynthState {
 #[must_use]
 pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState {
     let rng = |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{state}/{what}"), step as u64);
-    let focal = FOCAL_SHARE * config.width as f64;
-    let intrinsics = Intrinsics {
-        width: config.width,
-        height: config.height,
-        fx: focal,
-        fy: focal,
-        cx: 0.5 * config.width as f64 + 2.7,
-        cy: 0.5 * config.height as f64 - 3.2,
-    };
-    let (center, radius_m) = object.bounding_sphere();
-    let forward = object.world_from_rest.rotation * Vector3::x();
-    let half_view_rad = (0.5 * config.width.min(config.height) as f64 / focal).atan();
-    let path = CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, &mut rng("path", 0));
+    let intrinsics = intrinsics(config);
+    let (_, radius_m) = object.bounding_sphere();
+    let path = camera_path(object, state, config);
     // The floor and the lamp are the same in both states.
     let (floor, lamp) = surroundings(config.seed);
     let scene = Scene::new(object, state, &floor, (FLOOR_RADII * radius_m).max(MIN_FLOOR_M));
@@ -94,8 +84,31 @@ pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState
     SynthState { intrinsics, frames, recorded_from_world, seen }
 }
 
+/// The camera of all views.
+pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
+    let focal = FOCAL_SHARE * config.width as f64;
+    Intrinsics {
+        width: config.width,
+        height: config.height,
+        fx: focal,
+        fy: focal,
+        cx: 0.5 * config.width as f64 + 2.7,
+        cy: 0.5 * config.height as f64 - 3.2,
+    }
+}
+
+/// The camera's way through a state.
+pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -> CameraPath {
+    let k = intrinsics(config);
+    let (center, radius_m) = object.bounding_sphere();
+    let forward = object.world_from_rest.rotation * Vector3::x();
+    let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
+    let rng = &mut stage_rng(config.seed, &format!("synth/state{state}/path"), 0);
+    CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
+}
+
 /// Material of the floor, and the direction of the lamp.
-fn surroundings(seed: u64) -> (Material, Vector3<f64>) {
+pub(super) fn surroundings(seed: u64) -> (Material, Vector3<f64>) {
     let rng = &mut stage_rng(seed, "synth/surroundings", 0);
     let tone = draw::range(rng, 0.2, 0.5);
     let floor = Material {

@@ -1,6 +1,6 @@
 //! Surface points that the cameras saw, from the true surface.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
@@ -26,6 +26,14 @@ const MIN_COSINE: f64 = 0.2;
 /// Room left at the point for the rounding of its position, metres.
 const MARGIN_M: f64 = 1e-4;
 
+/// Whether a camera sees a point of the true surface at no grazing angle.
+pub(super) fn sees(scene: &Scene, k: &Intrinsics, camera: &Pose, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    let eye = Point3::from(camera.translation.vector);
+    let to_eye = eye - point;
+    let facing = to_eye.dot(normal) > MIN_COSINE * to_eye.norm();
+    facing && k.pixel(&(camera.inverse() * point)).is_some() && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
+}
+
 /// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras saw at no
 /// grazing angle in a state.
 #[must_use]
@@ -48,12 +56,7 @@ pub fn seen_points(
         let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
-            let sees = |camera: &&Pose| {
-                let eye = Point3::from(camera.translation.vector);
-                let to_eye = eye - point;
-                let facing = to_eye.dot(&normal) > MIN_COSINE * to_eye.norm();
-                facing && k.pixel(&(camera.inverse() * point)).is_some() && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
-            };
+            let sees = |camera: &&Pose| sees(scene, k, camera, &point, &normal);
             (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
         });
         seen.extend(found.collect::<Vec<_>>());
