@@ -6,7 +6,7 @@
 Needs Python 3 and the program. Every seed has a folder DIR/<seed> with the object, the run and their logs; what is there is
 not made again, so a run that was stopped goes on. The table is printed and written to DIR/table.md, the rows to DIR/rows.json.
 An object counts as right when its number of parts is right. A failure is an object with a wrong number of parts, a wrong
-joint type, an axis off by more than 1 degree, or no result; each is listed with what the program told last.
+joint type, an axis off by more than 1 degree or a line by more than 10 mm, or no result; each is listed with what the program told last.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import subprocess
 from pathlib import Path
 
 AXIS_LIMIT_DEG = 1.0
+LINE_LIMIT_MM = 10.0
 
 
 def program(command, log):
@@ -63,6 +64,8 @@ def score(seed, args):
             wrong.append(f"{name} found as {joint['type']}")
         elif joint["axis_deg"] > AXIS_LIMIT_DEG:
             wrong.append(f"{name} axis off by {joint['axis_deg']:.1f} deg")
+        elif joint.get("axis_mm", 0) > LINE_LIMIT_MM:
+            wrong.append(f"{name} line off by {joint['axis_mm']:.0f} mm")
     return row | ({"failure": "; ".join(wrong)} if wrong else {})
 
 
