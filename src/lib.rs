@@ -25,3 +25,4 @@ pub mod io;
 pub mod model;
 pub mod run;
 pub mod surface;
+pub mod synth;

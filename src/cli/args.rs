@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::evaluate::EvaluateOptions;
+use crate::{
+    evaluate::EvaluateOptions,
+    synth::{PoseSpread, SynthConfig},
+};
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, 130 stopped.";
 
@@ -30,6 +33,8 @@ pub enum Command {
     Check(CheckArgs),
     /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
     Diagnose(DiagnoseArgs),
+    /// Make an articulated object and film it: recordings of two states with their truth
+    Synth(SynthArgs),
     /// Show the configuration that would be used
     Config {
         /// What to do.
@@ -135,6 +140,47 @@ pub struct DiagnoseArgs {
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+}
+
+/// Options of `synth`.
+#[derive(Args, Clone, Debug)]
+pub struct SynthArgs {
+    /// Folder of the result; it must not exist, or be empty
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Seed of every random choice
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().seed)]
+    pub seed: u64,
+    /// Number of rigid parts, the static one included; default: 2 to 6 by the seed
+    #[arg(long, value_name = "N")]
+    pub parts: Option<usize>,
+    /// Kind of object; default: by the seed
+    #[arg(long, value_parser = ["cabinet", "lamp", "folding_door", "capped_box", "clamshell"])]
+    pub family: Option<String>,
+    /// One color a part and no texture; default: by the seed
+    #[arg(long, conflicts_with = "textured")]
+    pub plain: bool,
+    /// Textured parts; default: by the seed
+    #[arg(long)]
+    pub textured: bool,
+    /// Factor on the noise of depth and color; 0 is a perfect camera
+    #[arg(long, value_name = "X", default_value_t = SynthConfig::default().noise)]
+    pub noise: f64,
+    /// Root mean square error of every camera pose, millimeters and degrees
+    #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
+    pub pose_noise: PoseSpread,
+    /// By how much the world of state 1 is off, millimeters and degrees
+    #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
+    pub drift: PoseSpread,
+    /// Views of each state
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().views)]
+    pub views: usize,
+    /// Width of the images, pixels
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().width)]
+    pub width: usize,
+    /// Height of the images, pixels
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().height)]
+    pub height: usize,
 }
 
 fn vector(text: &str) -> Result<[f64; 3], String> {

@@ -6,6 +6,7 @@ use crate::{
     capture::CaptureError,
     config::ConfigError,
     evaluate::EvaluateError,
+    io::SynthError,
     run::{RunError, chain},
 };
 
@@ -48,6 +49,9 @@ pub enum CliError {
     /// The folder cannot be read.
     #[error(transparent)]
     Folder(#[from] crate::io::ModelFolderError),
+    /// The object cannot be made or written.
+    #[error(transparent)]
+    Synth(#[from] SynthError),
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),
@@ -83,7 +87,7 @@ impl CliError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Usage(_) => Exit::Usage,
+            Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Usage(_) | Self::Synth(SynthError::Config(_)) => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
             _ => Exit::Failed,
         }

@@ -13,6 +13,7 @@ mod progress;
 mod reconstruct;
 mod render;
 mod settings;
+mod synth;
 
 use std::{
     io::{self, Write as _},
@@ -52,6 +53,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Synth(args) => synth::run(&args),
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),
     }

@@ -22,6 +22,7 @@ pub mod rvl;
 
 mod bag;
 mod bag_index;
+mod bag_writer;
 mod camera;
 mod dataset;
 mod inspect;
@@ -33,9 +34,12 @@ mod pixels;
 mod poses;
 mod recording;
 mod source;
+mod synth_bag;
+mod synth_folder;
 mod topics;
 mod views;
 
+pub use bag_writer::BagWriteError;
 pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
@@ -43,3 +47,4 @@ pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open};
+pub use synth_folder::{SynthError, write_synth};

@@ -1,0 +1,46 @@
+//! `artitwin synth`.
+
+use std::fmt::Write as _;
+
+use super::{
+    args::SynthArgs,
+    exit::{CliError, Exit},
+};
+use crate::{
+    io,
+    synth::{Family, SynthConfig},
+};
+
+/// Makes an object, films it in two states and writes recordings and truth.
+///
+/// # Errors
+/// If the options do not fit together or the folder cannot be written.
+pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
+    let config = SynthConfig {
+        seed: args.seed,
+        parts: args.parts,
+        family: args.family.as_deref().and_then(Family::named),
+        textured: if args.plain || args.textured { Some(args.textured) } else { None },
+        noise: args.noise,
+        pose_noise: args.pose_noise,
+        drift: args.drift,
+        views: args.views,
+        width: args.width,
+        height: args.height,
+    };
+    let (folder, object) = io::write_synth(&args.out, &config)?;
+    let mut text = format!("{}: {} of {} parts\n", folder.display(), object.family, object.parts.len());
+    for part in &object.parts {
+        // Writing to a String cannot fail.
+        match &part.joint {
+            None => writeln!(text, "  {}: static", part.name),
+            Some(joint) => {
+                let parent = &object.parts[joint.parent].name;
+                writeln!(text, "  {}: {} on {parent}, {:.4} to {:.4}", part.name, joint.kind.name(), joint.positions[0], joint.positions[1])
+            }
+        }
+        .unwrap_or_default();
+    }
+    super::print(&text)?;
+    Ok(Exit::Done)
+}

@@ -1,0 +1,113 @@
+//! A made recording as a rosbag2 folder, with the topics of a RealSense driver.
+
+use std::io::Cursor;
+
+use image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder as _, ImageFormat, codecs::jpeg::JpegEncoder};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+
+use super::{
+    bag_writer::{BagWriteError, BagWriter, CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, TF_MESSAGE},
+    ros2msg::{CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped},
+};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    synth::{SynthFrame, SynthState},
+};
+
+const COLOR: &str = "/camera/camera/color/image_raw/compressed";
+const COLOR_INFO: &str = "/camera/camera/color/camera_info";
+const DEPTH: &str = "/camera/camera/aligned_depth_to_color/image_raw/compressedDepth";
+const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
+const MASK: &str = "/object_mask";
+const OPTICAL: &str = "camera_color_optical_frame";
+const LINK: &str = "camera_link";
+const WORLD: &str = "world";
+/// Quality of the JPEG files, percent.
+const JPEG_QUALITY: u8 = 92;
+/// Stamp of the first view of state 0, nanoseconds since the epoch.
+const START_NANOS: i64 = 1_760_000_000_000_000_000;
+/// Time between the starts of the states, nanoseconds.
+const STATE_NANOS: i64 = 600_000_000_000;
+/// Depth and masks are logged a little later than the colour of the same view, nanoseconds.
+const LATER_NANOS: i64 = 300_000;
+/// The static transform is logged this long before the first view, nanoseconds.
+const STATIC_NANOS: i64 = 100_000_000;
+
+/// The MCAP file `state<n>.mcap` and the `metadata.yaml` of a state.
+///
+/// # Errors
+/// If an image cannot be compressed or the container refuses.
+pub(super) fn synth_bag(state: usize, recording: &SynthState) -> Result<(Vec<u8>, String), BagWriteError> {
+    let start = START_NANOS + state as i64 * STATE_NANOS;
+    let link_from_optical = link_from_optical();
+    let mut bag = BagWriter::new()?;
+    bag.put("/tf_static", TF_MESSAGE, start - STATIC_NANOS, &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical))?;
+    for (i, frame) in recording.frames.iter().enumerate() {
+        let stamp = start + i as i64 * SynthFrame::PERIOD_NANOS;
+        let tell = |bag: &mut BagWriter, at: i64, pose: &Pose| {
+            bag.put("/tf", TF_MESSAGE, at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
+        };
+        tell(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.told[0])?;
+        let info = camera_info(stamp, &recording.intrinsics);
+        bag.put(COLOR_INFO, CAMERA_INFO, stamp, &info)?;
+        bag.put(DEPTH_INFO, CAMERA_INFO, stamp, &info)?;
+        put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
+        tell(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.told[1])?;
+    }
+    bag.finish(&format!("state{state}.mcap"))
+}
+
+fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), BagWriteError> {
+    let (width, height) = (k.width as u32, k.height as u32);
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).write_image(frame.rgb.as_flattened(), width, height, ExtendedColorType::Rgb8)?;
+    let color = CompressedImage { header: header(stamp, OPTICAL), format: "rgb8; jpeg compressed bgr8".into(), data: jpeg };
+    bag.put(COLOR, COMPRESSED_IMAGE, stamp, &color)?;
+    // compressedDepth: 12 bytes of quantisation, unused for 16UC1, then the PNG.
+    let mut png = Cursor::new(Vec::new());
+    if let Some(image) = ImageBuffer::from_raw(width, height, frame.depth_mm.clone()) {
+        DynamicImage::ImageLuma16(image).write_to(&mut png, ImageFormat::Png)?;
+    }
+    let data = [&[0; 12], png.get_ref().as_slice()].concat();
+    let depth = CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
+    bag.put(DEPTH, COMPRESSED_IMAGE, stamp + LATER_NANOS, &depth)?;
+    let mask = Image {
+        header: header(stamp, OPTICAL),
+        height,
+        width,
+        encoding: "mono8".into(),
+        is_bigendian: 0,
+        step: width,
+        data: frame.mask.iter().map(|m| u8::from(*m) * 255).collect(),
+    };
+    bag.put(MASK, IMAGE, stamp + 2 * LATER_NANOS, &mask)
+}
+
+fn header(stamp_nanos: i64, frame: &str) -> Header {
+    Header { stamp: Time::from_nanos(stamp_nanos), frame_id: frame.into() }
+}
+
+fn transform(stamp_nanos: i64, parent: &str, child: &str, parent_from_child: &Pose) -> TfMessage {
+    let transform = Transform::from_pose(parent_from_child);
+    TfMessage { transforms: vec![TransformStamped { header: header(stamp_nanos, parent), child_frame_id: child.into(), transform }] }
+}
+
+/// The optical frame in the camera's body (REP 103): x forward, y left, z up.
+fn link_from_optical() -> Pose {
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(0.5, -0.5, 0.5, -0.5));
+    Pose::from_parts(Translation3::new(0.0, 0.015, 0.0), turn)
+}
+
+fn camera_info(stamp_nanos: i64, k: &Intrinsics) -> CameraInfo {
+    CameraInfo {
+        header: header(stamp_nanos, OPTICAL),
+        height: k.height as u32,
+        width: k.width as u32,
+        distortion_model: "plumb_bob".into(),
+        d: vec![0.0; 5],
+        k: [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0],
+        r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: [k.fx, 0.0, k.cx, 0.0, 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ..CameraInfo::default()
+    }
+}

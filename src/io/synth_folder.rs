@@ -1,0 +1,169 @@
+//! A made object on disk: two recordings and their truth.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::{RunDir, RunDirError, bag_writer::BagWriteError, synth_bag::synth_bag};
+use crate::{
+    geometry::Pose,
+    surface::{TriangleMesh, merge},
+    synth::{Object, PartJointKind, SeenSample, SynthConfig, SynthState, generate, record},
+};
+
+/// Why an object could not be made or written.
+#[derive(Debug, thiserror::Error)]
+pub enum SynthError {
+    /// The settings cannot be used.
+    #[error("{0}")]
+    Config(String),
+    /// No such object was found.
+    #[error("{0}")]
+    Object(String),
+    /// The recording cannot be encoded.
+    #[error(transparent)]
+    Bag(#[from] BagWriteError),
+    /// The truth cannot be encoded.
+    #[error("truth.json cannot be written: {0}")]
+    Truth(#[from] serde_json::Error),
+    /// The folder cannot be written.
+    #[error(transparent)]
+    Folder(#[from] RunDirError),
+}
+
+#[derive(Serialize)]
+struct TruthFile<'a> {
+    unit: &'a str,
+    made_by: String,
+    family: &'a str,
+    seed: u64,
+    /// Where the true world stands in the world of each recording.
+    recorded_from_world: [[[f64; 4]; 4]; 2],
+    parts: Vec<PartEntry<'a>>,
+}
+
+#[derive(Serialize)]
+struct PartEntry<'a> {
+    index: usize,
+    name: &'a str,
+    parent: i64,
+    #[serde(rename = "type")]
+    kind: &'a str,
+    /// Rows of `seen.npy` that are its points, in each state.
+    seen_points: [usize; 2],
+    #[serde(flatten)]
+    joint: Option<JointEntry>,
+}
+
+#[derive(Serialize)]
+struct JointEntry {
+    axis: [f64; 3],
+    origin: [f64; 3],
+    q0: f64,
+    q1: f64,
+    motion: f64,
+    limits: [f64; 2],
+    pitch_m_per_rad: f64,
+    state1_from_state0: [[f64; 4]; 4],
+}
+
+/// Makes an object, films it in both states and writes `state0/`, `state1/`, `truth.json` and `truth/` into a folder that
+/// appears when it is whole. Returns the folder and the object.
+///
+/// # Errors
+/// Settings that cannot be used; a folder that exists and is not empty; a disk that refuses.
+pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object), SynthError> {
+    config.check().map_err(SynthError::Config)?;
+    let folder = RunDir::replace(out)?;
+    let object = generate(config).map_err(SynthError::Object)?;
+    let mut recorded_from_world = [Pose::identity(); 2];
+    let mut seen_points = vec![[0; 2]; object.parts.len()];
+    for (state, told) in recorded_from_world.iter_mut().enumerate() {
+        let recording = record(&object, state, config);
+        *told = recording.recorded_from_world;
+        recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
+        let (mcap, metadata) = synth_bag(state, &recording)?;
+        folder.put(&format!("state{state}/state{state}.mcap"), &mcap)?;
+        folder.put(&format!("state{state}/metadata.yaml"), metadata.as_bytes())?;
+        put_truth(&folder, &object, state, &recording)?;
+    }
+    let truth = TruthFile {
+        unit: "metre, radian; true world frame, which is that of state 0; axes and origins as they stand in state 0",
+        made_by: format!("artitwin {} synth", env!("CARGO_PKG_VERSION")),
+        family: object.family,
+        seed: config.seed,
+        recorded_from_world: recorded_from_world.map(|p| rows(&p)),
+        parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, k, *seen)).collect(),
+    };
+    folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
+    Ok((folder.commit()?, object))
+}
+
+fn entry(object: &Object, k: usize, seen_points: [usize; 2]) -> PartEntry<'_> {
+    let part = &object.parts[k];
+    let joint = part.joint.as_ref().zip(object.axis_in_world(k)).map(|(joint, (axis, origin))| {
+        let [q0, q1] = joint.positions;
+        let [before, after] = [0, 1].map(|state| object.world_from_parts(state)[k]);
+        JointEntry {
+            axis: axis.into_inner().into(),
+            origin: origin.coords.into(),
+            q0,
+            q1,
+            motion: q1 - q0,
+            limits: joint.limits,
+            pitch_m_per_rad: if let PartJointKind::Screw { pitch_m_per_rad } = joint.kind { pitch_m_per_rad } else { 0.0 },
+            state1_from_state0: rows(&(after * before.inverse())),
+        }
+    });
+    let parent = part.joint.map_or(-1, |j| j.parent as i64);
+    PartEntry { index: k, name: &part.name, parent, kind: part.joint.as_ref().map_or("fixed", |j| j.kind.name()), seen_points, joint }
+}
+
+/// Meshes of the parts and of the whole as they stand in a state, and the points that the cameras saw.
+fn put_truth(folder: &RunDir, object: &Object, state: usize, recording: &SynthState) -> Result<(), RunDirError> {
+    let poses = object.world_from_parts(state);
+    let meshes: Vec<TriangleMesh> = poses.iter().enumerate().map(|(k, pose)| object.mesh(k).transformed(pose)).collect();
+    for (k, mesh) in meshes.iter().enumerate() {
+        folder.put(&format!("truth/state{state}/part_{k}.ply"), &ply(mesh))?;
+    }
+    folder.put(&format!("truth/state{state}/whole.ply"), &ply(&merge(&meshes.iter().collect::<Vec<_>>())))?;
+    folder.put(&format!("truth/state{state}/seen.npy"), &npy(&recording.seen))
+}
+
+/// Binary little-endian PLY.
+fn ply(mesh: &TriangleMesh) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n\
+         property list uchar int vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    )
+    .into_bytes();
+    bytes.extend(mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).flat_map(f32::to_le_bytes));
+    for triangle in &mesh.triangles {
+        bytes.push(3);
+        bytes.extend(triangle.iter().flat_map(|i| i.to_le_bytes()));
+    }
+    bytes
+}
+
+/// NumPy array of rows x, y, z, part.
+fn npy(seen: &[SeenSample]) -> Vec<u8> {
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 4), }}", seen.len());
+    // Magic, version and length take 10 bytes; the header is filled up to a multiple of 64.
+    let filled = (header.len() + 1 + 10).next_multiple_of(64) - 10;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((filled as u16).to_le_bytes());
+    bytes.extend(format!("{header:<width$}\n", width = filled - 1).into_bytes());
+    for SeenSample { point: Point3 { coords }, part } in seen {
+        let row = [coords.x as f32, coords.y as f32, coords.z as f32, *part as f32];
+        bytes.extend(row.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bytes
+}
+
+/// The homogeneous matrix of a motion, by rows.
+fn rows(pose: &Pose) -> [[f64; 4]; 4] {
+    pose.to_homogeneous().transpose().into()
+}

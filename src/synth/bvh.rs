@@ -1,0 +1,101 @@
+//! A bounding volume hierarchy over boxes: which of them a ray may meet.
+
+use nalgebra::{Point3, Vector3};
+
+/// Boxes that a leaf holds at most.
+const LEAF: usize = 2;
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds {
+    /// Lower corner, metres.
+    pub lower: Point3<f64>,
+    /// Upper corner, metres.
+    pub upper: Point3<f64>,
+}
+
+impl Bounds {
+    fn join(self, other: &Self) -> Self {
+        Self { lower: self.lower.inf(&other.lower), upper: self.upper.sup(&other.upper) }
+    }
+
+    /// Whether a ray meets the box before `farthest`; `inverse` is one over its direction.
+    fn meets(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
+        let (mut near, mut far) = (0.0f64, farthest);
+        for k in 0..3 {
+            let (a, b) = ((self.lower[k] - origin[k]) * inverse[k], (self.upper[k] - origin[k]) * inverse[k]);
+            // A ray in the plane of a side gives NaN, which min and max pass over.
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        near <= far
+    }
+}
+
+struct Node {
+    bounds: Bounds,
+    /// Of the boxes in `order`; empty in an inner node, whose first child comes next.
+    start: usize,
+    end: usize,
+    /// The other child of an inner node.
+    second: usize,
+}
+
+/// The hierarchy.
+pub(super) struct Bvh {
+    nodes: Vec<Node>,
+    order: Vec<usize>,
+}
+
+impl Bvh {
+    /// Splits at the median along the longest side until a leaf holds two boxes.
+    pub fn new(boxes: &[Bounds]) -> Self {
+        let mut bvh = Self { nodes: Vec::new(), order: (0..boxes.len()).collect() };
+        if !boxes.is_empty() {
+            bvh.build(boxes, 0, boxes.len());
+        }
+        bvh
+    }
+
+    fn build(&mut self, boxes: &[Bounds], start: usize, end: usize) {
+        let members = &mut self.order[start..end];
+        let bounds = members.iter().skip(1).fold(boxes[members[0]], |all, &b| all.join(&boxes[b]));
+        let here = self.nodes.len();
+        self.nodes.push(Node { bounds, start, end, second: 0 });
+        if end - start <= LEAF {
+            return;
+        }
+        let axis = (bounds.upper - bounds.lower).imax();
+        let center = |b: &usize| boxes[*b].lower[axis] + boxes[*b].upper[axis];
+        members.sort_by(|a, b| center(a).total_cmp(&center(b)).then(a.cmp(b)));
+        let middle = (start + end) / 2;
+        (self.nodes[here].start, self.nodes[here].end) = (0, 0);
+        self.build(boxes, start, middle);
+        self.nodes[here].second = self.nodes.len();
+        self.build(boxes, middle, end);
+    }
+
+    /// Calls `visit` with every box that the ray may meet before the farthest hit known, which `visit` returns.
+    pub fn visit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, mut farthest: f64, mut visit: impl FnMut(usize) -> f64) {
+        let inverse = ray.map(f64::recip);
+        let mut stack = [0usize; 64];
+        let mut height = usize::from(!self.nodes.is_empty());
+        while height > 0 {
+            height -= 1;
+            let at = stack[height];
+            let node = &self.nodes[at];
+            if !node.bounds.meets(origin, &inverse, farthest) {
+                continue;
+            }
+            if node.end > node.start {
+                for &b in &self.order[node.start..node.end] {
+                    farthest = visit(b);
+                }
+            } else {
+                // Median splits keep the depth below the logarithm of the number of boxes.
+                (stack[height], stack[height + 1]) = (node.second, at + 1);
+                height += 2;
+            }
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! What moves in an opening of a cabinet's front: doors, flaps, drawers, sliding panels.
+
+use nalgebra::Vector3;
+use rand_core::Rng;
+
+use super::{
+    Material, Part, PartJointKind, Solid,
+    cabinet::{Carcass, Cell},
+    draw::{below, chance, range},
+    generate::{Look, moving},
+};
+use crate::geometry::Pose;
+
+/// Air between a moving part and what it must not touch, metres.
+const GAP_M: f64 = 0.002;
+/// How far a door or flap turns, radians; a shut one leaves a slit.
+const HINGE_LIMITS_RAD: [f64; 2] = [0.02, 2.0];
+/// Narrowest opening for a sliding panel, metres.
+const MIN_SLIDE_M: f64 = 0.2;
+/// Walls of a drawer, metres.
+const WALL_M: f64 = 0.008;
+
+/// A plate at the front of an opening, metres.
+#[derive(Clone, Copy)]
+struct Slab {
+    x: [f64; 2],
+    y: [f64; 2],
+    z: [f64; 2],
+}
+
+impl Slab {
+    fn solid(&self, material: &Material) -> Solid {
+        Solid::between([self.x[0], self.y[0], self.z[0]], [self.x[1], self.y[1], self.z[1]], material)
+    }
+}
+
+/// Edge that carries the hinge.
+#[derive(Clone, Copy, PartialEq)]
+enum Edge {
+    Left,
+    Right,
+    Top,
+    Bottom,
+}
+
+/// The moving part of an opening; what belongs to it and stays is added to `carcass_solids`.
+pub(super) fn front(
+    c: &Carcass,
+    cell: Cell,
+    number: usize,
+    look: &Look,
+    trim: &Material,
+    carcass_solids: &mut Vec<Solid>,
+    rng: &mut impl Rng,
+) -> Part {
+    let material = look.material(rng);
+    let inset = chance(rng, 0.4);
+    // An inset plate is flush with the frame; one that overlays it covers half of every board around.
+    let (x, reach) = if inset {
+        ([c.front - 0.8 * c.board, c.front], -GAP_M)
+    } else {
+        ([c.front + GAP_M, c.front + GAP_M + 0.8 * c.board], 0.5 * c.board - 0.75 * GAP_M)
+    };
+    let slab = Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
+    let wide = cell.width() / cell.height();
+    let kind = range(rng, 0.0, 1.0);
+    if cell.width() > MIN_SLIDE_M && kind < 0.15 {
+        sliding(c, cell, number, &material, trim, carcass_solids, rng)
+    } else if wide > 0.7 && kind < 0.6 {
+        drawer(c, cell, slab, number, &material, trim, rng)
+    } else {
+        let edge = match (wide, chance(rng, 0.5)) {
+            (w, first) if w > 1.3 => {
+                if first {
+                    Edge::Top
+                } else {
+                    Edge::Bottom
+                }
+            }
+            (_, first) => {
+                if first {
+                    Edge::Left
+                } else {
+                    Edge::Right
+                }
+            }
+        };
+        hinged(slab, edge, number, &material, trim, rng)
+    }
+}
+
+/// A door or flap that turns about an edge of its outer face.
+fn hinged(slab: Slab, edge: Edge, number: usize, material: &Material, trim: &Material, rng: &mut impl Rng) -> Part {
+    let (axis, origin) = match edge {
+        Edge::Left => ([0.0, 0.0, -1.0], [slab.x[1], slab.y[0], 0.0]),
+        Edge::Right => ([0.0, 0.0, 1.0], [slab.x[1], slab.y[1], 0.0]),
+        Edge::Top => ([0.0, -1.0, 0.0], [slab.x[1], 0.0, slab.z[1]]),
+        Edge::Bottom => ([0.0, 1.0, 0.0], [slab.x[1], 0.0, slab.z[0]]),
+    };
+    let upright = matches!(edge, Edge::Left | Edge::Right);
+    let [near, far] = if upright { slab.y } else { slab.z };
+    let inward = (0.12 * (far - near)).max(0.02);
+    let free = if matches!(edge, Edge::Left | Edge::Bottom) { far - inward } else { near + inward };
+    let middle = 0.5 * if upright { slab.z[0] + slab.z[1] } else { slab.y[0] + slab.y[1] };
+    let at = if upright { [free, middle] } else { [middle, free] };
+    let span = if upright { slab.z[1] - slab.z[0] } else { slab.y[1] - slab.y[0] };
+    let handle = handle(slab.x[1], at, upright, span, trim, rng);
+    let name = if upright { format!("door_{number}") } else { format!("flap_{number}") };
+    moving(name, 0, PartJointKind::Revolute, axis, origin, HINGE_LIMITS_RAD, vec![slab.solid(material), handle])
+}
+
+/// A drawer: front plate, bottom, two sides and a back.
+fn drawer(c: &Carcass, cell: Cell, slab: Slab, number: usize, material: &Material, trim: &Material, rng: &mut impl Rng) -> Part {
+    let length = range(rng, 0.6, 0.85) * (2.0 * c.front - c.board);
+    let (x0, x1) = (slab.x[0] - length, slab.x[0]);
+    let (y0, y1) = (cell.y[0] + 2.0 * GAP_M, cell.y[1] - 2.0 * GAP_M);
+    let (z0, z1) = (cell.z[0] + 2.0 * GAP_M, cell.z[0] + range(rng, 0.5, 0.85) * cell.height());
+    let solids = vec![
+        slab.solid(material),
+        Solid::between([x0, y0, z0], [x1, y1, z0 + WALL_M], material),
+        Solid::between([x0, y0, z0 + WALL_M], [x1, y0 + WALL_M, z1], material),
+        Solid::between([x0, y1 - WALL_M, z0 + WALL_M], [x1, y1, z1], material),
+        Solid::between([x0, y0 + WALL_M, z0 + WALL_M], [x0 + WALL_M, y1 - WALL_M, z1], material),
+        handle(slab.x[1], [0.5 * (cell.y[0] + cell.y[1]), 0.5 * (cell.z[0] + cell.z[1])], false, cell.width(), trim, rng),
+    ];
+    let limits = [0.0, 0.75 * length];
+    moving(format!("drawer_{number}"), 0, PartJointKind::Prismatic, [1.0, 0.0, 0.0], [slab.x[1], 0.0, z0], limits, solids)
+}
+
+/// A panel flush with the frame that slides across its opening; half of the openings have a fixed panel behind it.
+fn sliding(
+    c: &Carcass,
+    cell: Cell,
+    number: usize,
+    material: &Material,
+    trim: &Material,
+    carcass_solids: &mut Vec<Solid>,
+    rng: &mut impl Rng,
+) -> Part {
+    let thick = 0.5 * c.board;
+    let width = range(rng, 0.4, 0.6) * cell.width();
+    let z = [cell.z[0] + GAP_M, cell.z[1] - GAP_M];
+    let y = [cell.y[0] + GAP_M, cell.y[0] + GAP_M + width];
+    let slab = Slab { x: [c.front - thick, c.front], y, z };
+    if chance(rng, 0.5) {
+        let back = c.front - thick - 2.0 * GAP_M;
+        let lower = [back - thick, cell.y[1] - 0.55 * cell.width(), cell.z[0]];
+        carcass_solids.push(Solid::between(lower, [back, cell.y[1], cell.z[1]], trim));
+    }
+    let at = [y[0] + 0.15 * width, 0.5 * (z[0] + z[1])];
+    // A grip that is let in would be seen by nobody: a flat one stands out by 4 mm.
+    let grip = Solid::between([c.front, at[0] - 0.008, at[1] - 0.03], [c.front + 0.004, at[0] + 0.008, at[1] + 0.03], trim);
+    let limits = [0.0, cell.width() - width - 2.0 * GAP_M];
+    let solids = vec![slab.solid(material), grip];
+    moving(format!("panel_{number}"), 0, PartJointKind::Prismatic, [0.0, 1.0, 0.0], [c.front, y[0], z[0]], limits, solids)
+}
+
+/// A bar or a knob on a plate whose outer face lies at `x`; `at` is its (y, z).
+fn handle(x: f64, at: [f64; 2], upright: bool, span: f64, trim: &Material, rng: &mut impl Rng) -> Solid {
+    let out = range(rng, 0.018, 0.03);
+    if below(rng, 3) == 0 {
+        let radius_m = range(rng, 0.01, 0.018);
+        let pose = Pose::new(Vector3::new(x + 0.5 * out, at[0], at[1]), Vector3::y() * std::f64::consts::FRAC_PI_2);
+        return Solid::cylinder(radius_m, 0.5 * out, pose, trim);
+    }
+    let half = (0.5 * range(rng, 0.2, 0.5) * span).min(0.09);
+    let (y, z) = if upright { (0.006, half) } else { (half, 0.006) };
+    Solid::between([x, at[0] - y, at[1] - z], [x + out, at[0] + y, at[1] + z], trim)
+}

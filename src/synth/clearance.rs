@@ -1,0 +1,73 @@
+//! Whether parts run into each other or into the floor.
+
+use nalgebra::Vector3;
+
+use super::{Object, Solid};
+use crate::geometry::Pose;
+
+/// Depth to which solids may touch, metres.
+const TOUCH_M: f64 = 0.0005;
+/// Steps between the states at which the parts are looked at.
+const STEPS: usize = 6;
+
+/// Whether no part meets another or the floor in either state or between them, every joint moving evenly. Cylinders
+/// count as the boxes around them. Solids of a part and of its parent may meet where `hinge` tells so.
+pub(super) fn is_free(object: &Object, hinge: &dyn Fn(usize, usize) -> bool) -> bool {
+    (0..=STEPS).all(|step| {
+        let poses = object.rest_from_parts(step as f64 / STEPS as f64);
+        let above = |k: usize| object.parts[k].solids.iter().all(|s| lowest(&(poses[k] * s.part_from_solid), s) > -TOUCH_M);
+        let apart = |a: usize, b: usize| {
+            hinge(a, b)
+                || object.parts[a].solids.iter().all(|s| {
+                    let pose_a = poses[a] * s.part_from_solid;
+                    object.parts[b].solids.iter().all(|t| !overlap(&pose_a, s, &(poses[b] * t.part_from_solid), t))
+                })
+        };
+        (0..object.parts.len()).all(|a| above(a) && (0..a).all(|b| apart(a, b)))
+    })
+}
+
+fn lowest(pose: &Pose, solid: &Solid) -> f64 {
+    let half = solid.shape.half_sides();
+    let up = pose.rotation.inverse() * Vector3::z();
+    pose.translation.vector.z - up.abs().dot(&half)
+}
+
+/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of what may touch.
+fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
+    let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
+    let (half_a, half_b) = (shrink(a), shrink(b));
+    let between = pose_b.translation.vector - pose_a.translation.vector;
+    if between.norm() > half_a.norm() + half_b.norm() {
+        return false;
+    }
+    let axes = |p: &Pose| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e);
+    let (axes_a, axes_b) = (axes(pose_a), axes(pose_b));
+    let reach = |axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>| {
+        (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
+    };
+    let separated = |along: Vector3<f64>| {
+        along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
+    };
+    let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
+    !axes_a.iter().chain(&axes_b).copied().chain(crosses).any(separated)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::Material;
+
+    #[test]
+    fn boxes_meet_or_not() {
+        let material = Material::plain(Vector3::zeros());
+        let cube = Solid::between([-0.1; 3], [0.1; 3], &material);
+        let at = |x: f64, y: f64, yaw: f64| Pose::new(Vector3::new(x, y, 0.0), Vector3::z() * yaw);
+        let meet = |p: Pose| overlap(&Pose::identity(), &cube, &p, &cube);
+        assert!(meet(at(0.19, 0.0, 0.0)) && !meet(at(0.2, 0.0, 0.0)));
+        // A cube on its edge reaches farther along x and less at the corner.
+        assert!(meet(at(0.23, 0.0, std::f64::consts::FRAC_PI_4)) && !meet(at(0.245, 0.0, std::f64::consts::FRAC_PI_4)));
+        assert!(meet(at(0.19, 0.19, 0.0)) && !meet(at(0.19, 0.19, std::f64::consts::FRAC_PI_4)));
+        assert!((lowest(&at(0.0, 0.0, 1.0), &cube) + 0.1).abs() < 1e-12);
+    }
+}

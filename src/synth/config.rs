@@ -1,0 +1,180 @@
+//! What to make.
+
+use std::str::FromStr;
+
+/// Family of shapes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    /// Doors, flaps, drawers and sliding panels in a carcass; a low one may have a lid.
+    Cabinet,
+    /// A lamp arm: links in a chain.
+    Lamp,
+    /// A folding door: panels in a chain.
+    FoldingDoor,
+    /// A box with screw caps.
+    CappedBox,
+    /// Two shells and a hinge, as a laptop has.
+    Clamshell,
+}
+
+impl Family {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Cabinet, Self::Lamp, Self::FoldingDoor, Self::CappedBox, Self::Clamshell];
+
+    /// Name on the command line and in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cabinet => "cabinet",
+            Self::Lamp => "lamp",
+            Self::FoldingDoor => "folding_door",
+            Self::CappedBox => "capped_box",
+            Self::Clamshell => "clamshell",
+        }
+    }
+
+    /// Fewest and most rigid parts, the static one included.
+    #[must_use]
+    pub fn parts(self) -> [usize; 2] {
+        match self {
+            Self::Cabinet => [2, 7],
+            Self::Lamp => [2, 4],
+            Self::FoldingDoor => [2, 4],
+            Self::CappedBox => [2, 3],
+            Self::Clamshell => [2, 2],
+        }
+    }
+
+    /// The family of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|f| f.name() == name)
+    }
+}
+
+/// Size of a random rigid motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseSpread {
+    /// Metres.
+    pub translation_m: f64,
+    /// Radians.
+    pub rotation_rad: f64,
+}
+
+/// A text that is no [`PoseSpread`].
+#[derive(Debug, thiserror::Error)]
+#[error("give millimeters and degrees as MM,DEG, e.g. 5,0.5; neither negative")]
+pub struct ParseSpreadError;
+
+impl FromStr for PoseSpread {
+    type Err = ParseSpreadError;
+
+    /// Reads `MM,DEG`.
+    fn from_str(text: &str) -> Result<Self, ParseSpreadError> {
+        let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+        match numbers[..] {
+            [mm, deg] if text.split(',').count() == 2 && (0.0..1e6).contains(&mm) && (0.0..=180.0).contains(&deg) => {
+                Ok(Self { translation_m: mm / 1000.0, rotation_rad: deg.to_radians() })
+            }
+            _ => Err(ParseSpreadError),
+        }
+    }
+}
+
+/// What to make and how to film it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SynthConfig {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Rigid parts, the static one included; `None` draws 2 to 6.
+    pub parts: Option<usize>,
+    /// Family; `None` draws one that can have so many parts.
+    pub family: Option<Family>,
+    /// Textured or plain object; `None` draws: three of four are textured.
+    pub textured: Option<bool>,
+    /// Factor on the noise of depth and color; 0 is a perfect sensor.
+    pub noise: f64,
+    /// Root mean square error of the camera poses told, drawn for every frame by itself.
+    pub pose_noise: PoseSpread,
+    /// By how much the world of state 1 is off that of state 0, in a random direction and about a random axis.
+    pub drift: PoseSpread,
+    /// Views of each state.
+    pub views: usize,
+    /// Image width, pixels.
+    pub width: usize,
+    /// Image height, pixels.
+    pub height: usize,
+}
+
+impl Default for SynthConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            parts: None,
+            family: None,
+            textured: None,
+            noise: 1.0,
+            pose_noise: PoseSpread::default(),
+            drift: PoseSpread::default(),
+            views: 30,
+            width: 640,
+            height: 480,
+        }
+    }
+}
+
+impl SynthConfig {
+    /// Most parts of any family.
+    pub const MAX_PARTS: usize = 7;
+
+    /// What is wrong with the settings, as a sentence.
+    ///
+    /// # Errors
+    /// A number out of its range; a family that cannot have so many parts.
+    pub fn check(&self) -> Result<(), String> {
+        if let Some(parts) = self.parts {
+            let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::parts);
+            if !(fewest..=most).contains(&parts) {
+                let what = self.family.map_or("an object", Family::name);
+                return Err(format!("{what} has {fewest} to {most} parts, the static one included, not {parts}"));
+            }
+        }
+        if !(2..=1000).contains(&self.views) {
+            return Err(format!("{} views: give 2 to 1000", self.views));
+        }
+        if ![self.width, self.height].iter().all(|s| (64..=4096).contains(s)) {
+            return Err(format!("images of {}x{}: give 64 to 4096 pixels a side", self.width, self.height));
+        }
+        if !(0.0..=20.0).contains(&self.noise) {
+            return Err(format!("noise {}: give a factor from 0 to 20", self.noise));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreads_are_read() {
+        let spread: PoseSpread = "5, 0.5".parse().unwrap();
+        assert!((spread.translation_m - 0.005).abs() < 1e-12 && (spread.rotation_rad - 0.5f64.to_radians()).abs() < 1e-12);
+        for wrong in ["5", "5,", "5,x,1", "-1,0", "1,200", "nan,0", "1,2,3"] {
+            assert!(wrong.parse::<PoseSpread>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn settings_out_of_range_are_refused() {
+        let check = |change: fn(&mut SynthConfig)| {
+            let mut config = SynthConfig::default();
+            change(&mut config);
+            config.check()
+        };
+        assert_eq!(check(|_| {}), Ok(()));
+        assert!(check(|c| c.parts = Some(1)).is_err() && check(|c| c.parts = Some(8)).is_err());
+        assert!(check(|c| (c.parts, c.family) = (Some(3), Some(Family::Clamshell))).unwrap_err().contains("clamshell has 2 to 2"));
+        assert!(check(|c| c.noise = f64::NAN).is_err() && check(|c| c.views = 1).is_err() && check(|c| c.width = 10).is_err());
+    }
+}

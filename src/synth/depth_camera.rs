@@ -1,0 +1,182 @@
+//! What a stereo depth camera makes of a view: noise and steps of disparity, shadows, holes.
+
+use nalgebra::Point3;
+use rand_core::Rng;
+use rayon::prelude::*;
+
+use super::{Scene, View, draw};
+use crate::geometry::{Intrinsics, Pose};
+
+/// A stereo depth camera; the defaults are near those of a D435 at its default setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthCamera {
+    /// Distance between its two imagers, metres; the second stands at +x.
+    pub baseline_m: f64,
+    /// One standard deviation of the disparity, pixels.
+    pub disparity_sigma_px: f64,
+    /// Radius over which the noise is correlated: standard deviation of its smoothing, pixels.
+    pub correlation_px: f64,
+    /// Step of the disparity, pixels; 0 for none.
+    pub disparity_step_px: f64,
+    /// Cosine between ray and normal at which half of the readings fail.
+    pub grazing_cosine: f64,
+    /// Share of readings that fail anywhere.
+    pub dropout: f64,
+    /// Whether what only one imager sees, and pixels on depth edges, have no reading.
+    pub shadows: bool,
+    /// One standard deviation of the colour's noise, of 255.
+    pub color_sigma: f64,
+}
+
+/// A jump between neighbours above this share of the depth is an edge.
+const EDGE_SHARE: f64 = 0.025;
+/// Width of the transition at grazing angles, in cosines.
+const GRAZING_WIDTH: f64 = 0.03;
+/// What a shadow ray leaves free at the surface, metres.
+const SHADOW_MARGIN_M: f64 = 1e-4;
+
+impl Default for DepthCamera {
+    fn default() -> Self {
+        Self {
+            baseline_m: 0.05,
+            disparity_sigma_px: 0.073,
+            correlation_px: 0.58,
+            disparity_step_px: 1.0 / 32.0,
+            grazing_cosine: 0.1,
+            dropout: 0.004,
+            shadows: true,
+            color_sigma: 2.0,
+        }
+    }
+}
+
+impl DepthCamera {
+    /// The default with its noise, hole rates and colour noise multiplied by a factor; 0 is a perfect sensor.
+    #[must_use]
+    pub fn scaled(factor: f64) -> Self {
+        let base = Self::default();
+        if factor == 0.0 {
+            return Self {
+                disparity_sigma_px: 0.0,
+                disparity_step_px: 0.0,
+                grazing_cosine: -1.0,
+                dropout: 0.0,
+                shadows: false,
+                color_sigma: 0.0,
+                ..base
+            };
+        }
+        Self {
+            disparity_sigma_px: base.disparity_sigma_px * factor,
+            dropout: (base.dropout * factor).min(1.0),
+            color_sigma: base.color_sigma * factor,
+            ..base
+        }
+    }
+
+    /// Depth readings of a view in millimetres, 0 = none, row-major.
+    #[must_use]
+    pub fn depth_mm(&self, view: &View, scene: &Scene, k: &Intrinsics, world_from_camera: &Pose, rng: &mut impl Rng) -> Vec<u16> {
+        let pixels = k.width * k.height;
+        let white: Vec<f64> = (0..pixels).map(|_| draw::normal(rng)).collect();
+        let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [draw::unit(rng), draw::unit(rng)]).collect();
+        let noise = if self.disparity_sigma_px > 0.0 { smooth(&white, k.width, k.height, self.correlation_px) } else { white };
+        let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
+        let reading = |i: usize| {
+            let depth_m = view.depth_m[i];
+            if depth_m <= 0.0 || holes[i][0] < self.dropout {
+                return 0;
+            }
+            let fails = 1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
+            if holes[i][1] < fails && self.grazing_cosine >= 0.0 {
+                return 0;
+            }
+            if self.shadows {
+                let seen = world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
+                if on_depth_edge(view, k, i) || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M) {
+                    return 0;
+                }
+            }
+            let focal_m = k.fx * self.baseline_m;
+            let mut disparity_px = focal_m / depth_m + self.disparity_sigma_px * noise[i];
+            if self.disparity_step_px > 0.0 {
+                disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
+            }
+            let mm = 1000.0 * focal_m / disparity_px;
+            // A disparity at or below zero, and what 16 bits cannot hold, is no reading.
+            if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
+        };
+        (0..pixels).into_par_iter().with_min_len(k.width).map(reading).collect()
+    }
+
+    /// Colours of a view in sRGB with the camera's noise, row-major.
+    #[must_use]
+    pub fn rgb(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
+        let mut channel = |linear: f64| {
+            let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
+            (encoded + self.color_sigma * draw::normal(rng)).round().clamp(0.0, 255.0) as u8
+        };
+        view.color.iter().map(|c| [channel(c.x), channel(c.y), channel(c.z)]).collect()
+    }
+}
+
+/// Whether a neighbour lies at another depth.
+fn on_depth_edge(view: &View, k: &Intrinsics, i: usize) -> bool {
+    let (x, y, d) = (i % k.width, i / k.width, view.depth_m[i]);
+    let mut around = [i; 4];
+    if x > 0 {
+        around[0] = i - 1;
+    }
+    if x + 1 < k.width {
+        around[1] = i + 1;
+    }
+    if y > 0 {
+        around[2] = i - k.width;
+    }
+    if y + 1 < k.height {
+        around[3] = i + k.width;
+    }
+    // A slope gives equal steps to both sides; an edge does not.
+    let off = |n: usize| (view.depth_m[n] - d).abs();
+    let slope = off(around[0]).min(off(around[1])).max(off(around[2]).min(off(around[3])));
+    around.iter().any(|&n| off(n) > EDGE_SHARE * d + 2.0 * slope)
+}
+
+/// White noise smoothed by a Gaussian, of variance one again.
+fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
+    let reach = (3.0 * sigma_px).ceil() as isize;
+    let mut kernel: Vec<f64> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
+    let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
+    kernel.iter_mut().for_each(|w| *w /= norm);
+    // The border repeats by reflection, which keeps the variance near one.
+    let reflect = |at: isize, n: usize| (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1);
+    let along = |from: &[f64], at: &(dyn Fn(usize, isize) -> usize + Sync)| -> Vec<f64> {
+        (0..from.len())
+            .into_par_iter()
+            .with_min_len(width)
+            .map(|i| (-reach..=reach).zip(&kernel).map(|(d, w)| w * from[at(i, d)]).sum())
+            .collect()
+    };
+    let rows = along(white, &|i, d| i / width * width + reflect((i % width) as isize + d, width));
+    along(&rows, &|i, d| reflect((i / width) as isize + d, height) * width + i % width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::stage_rng;
+
+    #[test]
+    fn smoothed_noise_keeps_its_variance_and_is_correlated() {
+        let rng = &mut stage_rng(5, "noise", 0);
+        let (w, h) = (200, 150);
+        let white: Vec<f64> = (0..w * h).map(|_| draw::normal(rng)).collect();
+        let noise = smooth(&white, w, h, 0.58);
+        let n = (w * h) as f64;
+        let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
+        let beside = noise.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / n;
+        assert!((variance - 1.0).abs() < 0.05, "{variance}");
+        // Weights 1 and exp(-1 / (2 * 0.58^2)) = 0.226 beside: 2 * 0.226 / (1 + 2 * 0.226^2) = 0.41.
+        assert!((beside - 0.41).abs() < 0.03, "{beside}");
+    }
+}

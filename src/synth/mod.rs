@@ -1,0 +1,33 @@
+//! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
+
+mod bvh;
+mod cabinet;
+mod cabinet_front;
+mod chain;
+mod clearance;
+mod config;
+mod depth_camera;
+mod draw;
+mod generate;
+mod material;
+mod object;
+mod observable;
+mod path;
+mod recording;
+mod scene;
+mod solid;
+mod tabletop;
+mod truth;
+mod view;
+
+pub use config::{Family, ParseSpreadError, PoseSpread, SynthConfig};
+pub use depth_camera::DepthCamera;
+pub use generate::generate;
+pub use material::Material;
+pub use object::{Object, Part, PartJoint, PartJointKind};
+pub use path::CameraPath;
+pub use recording::{SynthFrame, SynthState, record};
+pub use scene::{Scene, Sight};
+pub use solid::{Hit, Shape, Solid};
+pub use truth::{SeenSample, seen_points};
+pub use view::View;

@@ -1,0 +1,139 @@
+//! Articulated objects of solids.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use super::Solid;
+use crate::{
+    geometry::{Pose, Screw},
+    surface::{TriangleMesh, merge},
+};
+
+/// How a part moves on its parent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PartJointKind {
+    /// Turns about its axis.
+    Revolute,
+    /// Slides along its axis.
+    Prismatic,
+    /// Turns, and advances with the turn.
+    Screw {
+        /// Metres a radian.
+        pitch_m_per_rad: f64,
+    },
+}
+
+impl PartJointKind {
+    /// Name in files.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::Screw { .. } => "screw",
+        }
+    }
+}
+
+/// The joint between a part and its parent. Positions are radians, or metres for a prismatic joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PartJoint {
+    /// Part that carries it.
+    pub parent: usize,
+    /// How it moves.
+    pub kind: PartJointKind,
+    /// Direction in the object's rest frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point of the axis in the object's rest frame, metres.
+    pub origin: Point3<f64>,
+    /// Lower and upper limit.
+    pub limits: [f64; 2],
+    /// Position in each state.
+    pub positions: [f64; 2],
+}
+
+impl PartJoint {
+    /// Motion of the part in the rest frame for a position of the joint; identity at 0.
+    #[must_use]
+    pub fn motion(&self, position: f64) -> Pose {
+        let line = Screw { direction: self.axis, point: self.origin, angle_rad: 0.0, advance_m: 0.0 };
+        match self.kind {
+            PartJointKind::Revolute => line.motion_by(position, 0.0),
+            PartJointKind::Prismatic => line.motion_by(0.0, position),
+            PartJointKind::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
+        }
+    }
+}
+
+/// A rigid part. The frames of all parts coincide with the object's rest frame when every joint is at 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Name, letters, digits and `_`.
+    pub name: String,
+    /// `None` for the static part, which stands first.
+    pub joint: Option<PartJoint>,
+    /// What it consists of.
+    pub solids: Vec<Solid>,
+}
+
+/// An articulated object; parents stand before their children.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Object {
+    /// Name of its family.
+    pub family: &'static str,
+    /// Parts; the first is static.
+    pub parts: Vec<Part>,
+    /// Where the rest frame stands in the world.
+    pub world_from_rest: Pose,
+}
+
+impl Object {
+    /// Motion of every part in the rest frame with each joint at `share` of its way from state 0 to state 1.
+    #[must_use]
+    pub fn rest_from_parts(&self, share: f64) -> Vec<Pose> {
+        let mut poses: Vec<Pose> = Vec::with_capacity(self.parts.len());
+        for part in &self.parts {
+            poses.push(
+                part.joint.map_or_else(Pose::identity, |j| {
+                    poses[j.parent] * j.motion(j.positions[0] + (j.positions[1] - j.positions[0]) * share)
+                }),
+            );
+        }
+        poses
+    }
+
+    /// Pose of every part in the world in a state.
+    #[must_use]
+    pub fn world_from_parts(&self, state: usize) -> Vec<Pose> {
+        self.rest_from_parts(state as f64).iter().map(|p| self.world_from_rest * p).collect()
+    }
+
+    /// Joint axis and origin of a part in the world as they stand in state 0; `None` for the static part.
+    #[must_use]
+    pub fn axis_in_world(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
+        let joint = self.parts[part].joint.as_ref()?;
+        let world_from_parent = self.world_from_parts(0)[joint.parent];
+        Some((Unit::new_unchecked(world_from_parent * joint.axis.into_inner()), world_from_parent * joint.origin))
+    }
+
+    /// Mesh of a part in its own frame.
+    #[must_use]
+    pub fn mesh(&self, part: usize) -> TriangleMesh {
+        let meshes: Vec<TriangleMesh> = self.parts[part].solids.iter().map(|s| s.shape.mesh().transformed(&s.part_from_solid)).collect();
+        merge(&meshes.iter().collect::<Vec<_>>())
+    }
+
+    /// Centre and radius of a sphere in the world that holds the object in both states, metres.
+    #[must_use]
+    pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
+        let mut points: Vec<Point3<f64>> = Vec::new();
+        for state in 0..2 {
+            for (k, pose) in self.world_from_parts(state).iter().enumerate() {
+                points.extend(self.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
+            }
+        }
+        let first = points.first().copied().unwrap_or_default();
+        let (lower, upper) = points.iter().fold((first, first), |(lower, upper), p| (lower.inf(p), upper.sup(p)));
+        let center = nalgebra::center(&lower, &upper);
+        (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max))
+    }
+}

@@ -1,0 +1,38 @@
+//! Whether both recordings can show that a part moved.
+
+use nalgebra::Point3;
+use rand_core::Rng;
+
+use super::{Object, Scene, SynthConfig, recording, truth};
+use crate::surface::sample_surface;
+
+/// Views of each state that are looked at.
+const VIEWS: usize = 15;
+/// Points drawn on each part.
+const POINTS: usize = 300;
+/// Share of a part's surface that must be seen in both states.
+const MIN_SHARE: f64 = 0.1;
+
+/// Whether of every part some of the same surface is seen in both states: of one that shows another side in each, nothing
+/// can be said from the recordings.
+pub(super) fn is_observable(object: &Object, config: &SynthConfig, rng: &mut impl Rng) -> bool {
+    let k = recording::intrinsics(config);
+    let (floor, _) = recording::surroundings(config.seed);
+    let poses = [0, 1].map(|state| object.world_from_parts(state));
+    let scenes = [0, 1].map(|state| Scene::new(object, state, &floor, 0.0));
+    let cameras = [0, 1].map(|state| {
+        let path = recording::camera_path(object, state, config);
+        (0..VIEWS).map(|i| path.pose((i as f64 + 0.5) / VIEWS as f64)).collect::<Vec<_>>()
+    });
+    (0..object.parts.len()).all(|part| {
+        let samples = sample_surface(&object.mesh(part), POINTS, rng);
+        let common = samples.points.iter().zip(&samples.normals).filter(|(p, n)| {
+            (0..2).all(|state| {
+                let point: Point3<f64> = poses[state][part] * p.cast::<f64>();
+                let normal = poses[state][part] * n.cast::<f64>();
+                cameras[state].iter().any(|camera| truth::sees(&scenes[state], &k, camera, &point, &normal))
+            })
+        });
+        common.count() as f64 >= MIN_SHARE * POINTS as f64
+    })
+}

@@ -1,0 +1,99 @@
+//! A hand-held camera that sweeps over the front of an object.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use rand_core::Rng;
+
+use super::draw;
+use crate::geometry::Pose;
+
+/// Half the sweep about the object's front, radians.
+const HALF_SWEEP_RAD: f64 = 1.75;
+/// Lowest and highest elevation of the sweep, radians.
+const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
+/// Share of the half field of view that the object's sphere fills.
+const FILL: f64 = 0.95;
+/// Nearest distance to the sphere's centre, metres, besides 1.5 radii: where stereo still measures.
+const MIN_DISTANCE_M: f64 = 0.4;
+
+/// A wave in time: amplitude, frequency and phase.
+type Wave = (f64, f64, f64);
+
+/// A smooth path of a camera, over the time `[0, 1]`.
+#[derive(Clone, Debug)]
+pub struct CameraPath {
+    center: Point3<f64>,
+    radius_m: f64,
+    distance_m: f64,
+    front_rad: f64,
+    start: f64,
+    elevation: [Wave; 2],
+    azimuth: Wave,
+    range: Wave,
+    look: [Wave; 3],
+    roll: Wave,
+}
+
+impl CameraPath {
+    /// A sweep about `center` for an object of `radius_m` whose front faces the azimuth `front_rad`; `half_view_rad` is
+    /// half the smaller field of view.
+    #[must_use]
+    pub fn new(center: Point3<f64>, radius_m: f64, front_rad: f64, half_view_rad: f64, rng: &mut impl Rng) -> Self {
+        let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
+        let mut wave = |amplitude: f64, low: f64, high: f64| {
+            (amplitude * draw::range(rng, 0.7, 1.0), draw::range(rng, low, high), draw::range(rng, 0.0, TAU))
+        };
+        let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
+        let azimuth = wave(0.08, 2.0, 5.0);
+        let range = wave(0.06, 1.0, 4.0);
+        let look = [0; 3].map(|_| wave(0.06, 1.0, 5.0));
+        let roll = wave(0.07, 1.0, 4.0);
+        let start = if draw::chance(rng, 0.5) { 1.0 } else { -1.0 };
+        Self { center, radius_m, distance_m, front_rad, start, elevation, azimuth, range, look, roll }
+    }
+
+    /// `world_from_camera` (optical frame) at a time in `[0, 1]`.
+    #[must_use]
+    pub fn pose(&self, time: f64) -> Pose {
+        let at = |(amplitude, frequency, phase): Wave| amplitude * (TAU * frequency * time + phase).sin();
+        let azimuth = self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + at(self.azimuth);
+        let [low, high] = ELEVATION_RAD;
+        let elevation = 0.5 * (low + high) + 0.5 * (high - low) * (at(self.elevation[0]) + at(self.elevation[1]));
+        let outward = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
+        let mut eye = self.center + outward * (self.distance_m * (1.0 + at(self.range)));
+        // A low view of a flat thing must not sink into the floor.
+        eye.z = eye.z.max(self.center.z + 0.1 * self.radius_m);
+        let target = self.center + Vector3::from(self.look.map(at)) * self.radius_m;
+        let forward = (target - eye).try_normalize(1e-12).unwrap_or(-outward);
+        let right = forward.cross(&Vector3::z()).try_normalize(1e-12).unwrap_or_else(Vector3::x);
+        let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
+        let upright = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), at(self.roll));
+        Pose::from_parts(eye.coords.into(), upright * roll)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::stage_rng;
+
+    #[test]
+    fn the_object_stays_in_view_and_the_path_is_smooth() {
+        for seed in 0..20 {
+            let center = Point3::new(0.3, -0.2, 0.4);
+            let path = CameraPath::new(center, 0.5, 0.7, 0.39, &mut stage_rng(seed, "path", 0));
+            for i in 0..=60 {
+                let pose = path.pose(f64::from(i) / 60.0);
+                let seen = pose.inverse() * center;
+                let off = seen.xy().coords.norm().atan2(seen.z);
+                assert!(off < 0.05 && seen.z > 0.75, "{off} {}", seen.z);
+                assert!(pose.translation.vector.z > 0.4);
+                let next = path.pose(f64::from(i) / 60.0 + 1e-4);
+                assert!((next.translation.vector - pose.translation.vector).norm() < 0.01);
+                assert!(next.rotation.angle_to(&pose.rotation) < 0.01);
+            }
+        }
+    }
+}

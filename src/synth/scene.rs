@@ -1,0 +1,160 @@
+//! An object in one state on a floor, as rays see it.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    Material, Object, Shape,
+    bvh::{Bounds, Bvh},
+};
+use crate::geometry::Pose;
+
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sight {
+    /// Multiple of the ray's direction.
+    pub at: f64,
+    /// Outward unit normal in the world.
+    pub normal: Vector3<f64>,
+    /// Part seen; `None` for the floor.
+    pub part: Option<usize>,
+    /// Solid seen, counted over the whole object; the number of solids for the floor.
+    pub solid: usize,
+    /// The point in the frame of its part; in the world for the floor.
+    pub point_in_part: Point3<f64>,
+}
+
+struct Placed<'a> {
+    part: usize,
+    shape: Shape,
+    material: &'a Material,
+    part_from_solid: Pose,
+    world_from_solid: Pose,
+    solid_from_world: Pose,
+}
+
+/// The solids of a state where they stand, above a floor.
+pub struct Scene<'a> {
+    placed: Vec<Placed<'a>>,
+    bvh: Bvh,
+    floor: &'a Material,
+    floor_z_m: f64,
+    floor_center: Point3<f64>,
+    floor_radius_m: f64,
+}
+
+impl<'a> Scene<'a> {
+    /// The object in a state on a round floor of material `floor` about the object's foot.
+    #[must_use]
+    pub fn new(object: &'a Object, state: usize, floor: &'a Material, floor_radius_m: f64) -> Self {
+        let poses = object.world_from_parts(state);
+        let mut placed = Vec::new();
+        for (k, part) in object.parts.iter().enumerate() {
+            for solid in &part.solids {
+                let world_from_solid = poses[k] * solid.part_from_solid;
+                placed.push(Placed {
+                    part: k,
+                    shape: solid.shape,
+                    material: &solid.material,
+                    part_from_solid: solid.part_from_solid,
+                    world_from_solid,
+                    solid_from_world: world_from_solid.inverse(),
+                });
+            }
+        }
+        let boxes: Vec<Bounds> = placed.iter().map(bounds).collect();
+        let foot = object.world_from_rest.translation.vector;
+        Self { bvh: Bvh::new(&boxes), placed, floor, floor_z_m: foot.z, floor_center: Point3::from(foot), floor_radius_m }
+    }
+
+    /// The first surface on a ray between the multiples 0 and `farthest` of its direction.
+    #[must_use]
+    pub fn sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
+        let mut best: Option<Sight> = None;
+        let to_floor = (self.floor_z_m - origin.z) / ray.z;
+        if to_floor > 0.0 && to_floor < farthest {
+            let point_in_part = origin + ray * to_floor;
+            if (point_in_part - self.floor_center).xy().norm() < self.floor_radius_m {
+                best = Some(Sight { at: to_floor, normal: Vector3::z(), part: None, solid: self.placed.len(), point_in_part });
+            }
+        }
+        let nearest = best.as_ref().map_or(farthest, |b| b.at);
+        self.bvh.visit(origin, ray, nearest, |i| {
+            let p = &self.placed[i];
+            let nearest = best.as_ref().map_or(farthest, |b| b.at);
+            let (o, r) = (p.solid_from_world * origin, p.solid_from_world * ray);
+            let Some(hit) = p.shape.hit(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
+            best = Some(Sight {
+                at: hit.at,
+                normal: p.world_from_solid * hit.normal,
+                part: Some(p.part),
+                solid: i,
+                point_in_part: p.part_from_solid * (o + r * hit.at),
+            });
+            hit.at
+        });
+        best
+    }
+
+    /// Whether nothing stands between two points of the world; `margin_m` is left free at the first.
+    #[must_use]
+    pub fn is_clear(&self, from: &Point3<f64>, to: &Point3<f64>, margin_m: f64) -> bool {
+        let way = to - from;
+        let length_m = way.norm();
+        if length_m <= margin_m {
+            return true;
+        }
+        let step = way / length_m;
+        self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
+    }
+
+    /// Colour of what a sight saw, in light from above and `lamp` (unit, towards the lamp); linear in `[0, 1]`.
+    #[must_use]
+    pub fn color(&self, sight: &Sight, lamp: &Vector3<f64>, footprint_m: f64) -> Vector3<f64> {
+        let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
+        let light = 0.55 + 0.15 * sight.normal.z + 0.3 * sight.normal.dot(lamp).max(0.0);
+        material.color(&sight.point_in_part, footprint_m) * light
+    }
+}
+
+fn bounds(placed: &Placed) -> Bounds {
+    let reach = placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
+    let center = Point3::from(placed.world_from_solid.translation.vector);
+    Bounds { lower: center - reach, upper: center + reach }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        run::stage_rng,
+        synth::{SynthConfig, draw, generate},
+    };
+
+    #[test]
+    fn the_hierarchy_finds_what_a_full_search_finds() {
+        let config = SynthConfig { parts: Some(5), ..SynthConfig::default() };
+        let object = generate(&config).unwrap();
+        let floor = Material::plain(Vector3::repeat(0.5));
+        let scene = Scene::new(&object, 0, &floor, 5.0);
+        let (center, radius_m) = object.bounding_sphere();
+        let rng = &mut stage_rng(1, "rays", 0);
+        let mut hits = 0;
+        for _ in 0..2000 {
+            let origin = center + draw::direction(rng).into_inner() * (3.0 * radius_m);
+            let ray = center + draw::direction(rng).into_inner() * (0.7 * radius_m) - origin;
+            let full = scene.placed.iter().filter_map(|p| p.shape.hit(&(p.solid_from_world * origin), &(p.solid_from_world * ray), 0.0));
+            let full = full.map(|h| h.at).fold(f64::INFINITY, f64::min);
+            let found = scene.sight(&origin, &ray, f64::INFINITY).filter(|s| s.part.is_some());
+            if let Some(s) = found {
+                hits += 1;
+                assert!((s.at - full).abs() < 1e-12);
+                assert!(!scene.is_clear(&origin, &(origin + ray * (s.at + 0.1)), 0.0));
+                assert!(scene.is_clear(&origin, &(origin + ray * (s.at - 1e-6)), 0.0));
+            } else {
+                let to_floor = scene.sight(&origin, &ray, f64::INFINITY).map_or(f64::INFINITY, |s| s.at);
+                assert!(full >= to_floor);
+            }
+        }
+        assert!(hits > 300, "{hits}");
+    }
+}

@@ -1,0 +1,228 @@
+//! Boxes and cylinders: ray hits, meshes, bounds.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Material;
+use crate::{geometry::Pose, surface::TriangleMesh};
+
+/// Sides of a cylinder's mesh; the ray hits the true cylinder.
+const CYLINDER_SIDES: u32 = 64;
+
+/// A convex shape about its own origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// Half sides, metres.
+    Cuboid(Vector3<f64>),
+    /// About z.
+    Cylinder {
+        /// Metres.
+        radius_m: f64,
+        /// Half the height, metres.
+        half_m: f64,
+    },
+}
+
+/// A shape of a part, in the frame of the part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solid {
+    /// What it is.
+    pub shape: Shape,
+    /// Where it stands.
+    pub part_from_solid: Pose,
+    /// What it looks like.
+    pub material: Material,
+}
+
+/// Where a ray enters a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Multiple of the ray's direction.
+    pub at: f64,
+    /// Outward unit normal, in the frame of the ray.
+    pub normal: Vector3<f64>,
+}
+
+impl Solid {
+    /// An axis-aligned box between two corners of the part's frame, metres.
+    #[must_use]
+    pub fn between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
+        let (lower, upper) = (Vector3::from(lower), Vector3::from(upper));
+        let center = (lower + upper) * 0.5;
+        Self {
+            shape: Shape::Cuboid((upper - lower) * 0.5),
+            part_from_solid: Pose::translation(center.x, center.y, center.z),
+            material: material.clone(),
+        }
+    }
+
+    /// An upright or turned cylinder.
+    #[must_use]
+    pub fn cylinder(radius_m: f64, half_m: f64, part_from_solid: Pose, material: &Material) -> Self {
+        Self { shape: Shape::Cylinder { radius_m, half_m }, part_from_solid, material: material.clone() }
+    }
+}
+
+impl Shape {
+    /// Half sides of the smallest box about the origin that holds it, metres.
+    #[must_use]
+    pub fn half_sides(&self) -> Vector3<f64> {
+        match *self {
+            Self::Cuboid(half) => half,
+            Self::Cylinder { radius_m, half_m } => Vector3::new(radius_m, radius_m, half_m),
+        }
+    }
+
+    /// First point beyond `least` at which a ray in the shape's frame enters it; none where it starts inside.
+    #[must_use]
+    pub fn hit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
+        match *self {
+            Self::Cuboid(half) => cuboid(origin, ray, &half),
+            Self::Cylinder { radius_m, half_m } => cylinder(origin, ray, radius_m, half_m),
+        }
+        .filter(|h| h.at > least)
+    }
+
+    /// Closed mesh with outward triangles, in the shape's frame.
+    #[must_use]
+    pub fn mesh(&self) -> TriangleMesh {
+        match *self {
+            Self::Cuboid(half) => cuboid_mesh(&half),
+            Self::Cylinder { radius_m, half_m } => cylinder_mesh(radius_m, half_m),
+        }
+    }
+}
+
+/// Slab method: the latest entry lies before the earliest exit.
+fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
+    let (mut near, mut far, mut axis) = (f64::NEG_INFINITY, f64::INFINITY, 0);
+    for k in 0..3 {
+        if ray[k] == 0.0 {
+            if origin[k].abs() > half[k] {
+                return None;
+            }
+            continue;
+        }
+        let (enter, leave) = ((-half[k].copysign(ray[k]) - origin[k]) / ray[k], (half[k].copysign(ray[k]) - origin[k]) / ray[k]);
+        if enter > near {
+            (near, axis) = (enter, k);
+        }
+        far = far.min(leave);
+    }
+    (near <= far).then(|| {
+        let mut normal = Vector3::zeros();
+        normal[axis] = -ray[axis].signum();
+        Hit { at: near, normal }
+    })
+}
+
+fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+    let a = ray.x * ray.x + ray.y * ray.y;
+    let b = origin.x * ray.x + origin.y * ray.y;
+    let c = origin.x * origin.x + origin.y * origin.y - radius_m * radius_m;
+    let (mut near, mut far, mut side) = (f64::NEG_INFINITY, f64::INFINITY, true);
+    if a > 0.0 {
+        let root = b * b - a * c;
+        if root < 0.0 {
+            return None;
+        }
+        (near, far) = ((-b - root.sqrt()) / a, (-b + root.sqrt()) / a);
+    } else if c > 0.0 {
+        return None;
+    }
+    if ray.z == 0.0 {
+        if origin.z.abs() > half_m {
+            return None;
+        }
+    } else {
+        let enter = (-half_m.copysign(ray.z) - origin.z) / ray.z;
+        if enter > near {
+            (near, side) = (enter, false);
+        }
+        far = far.min((half_m.copysign(ray.z) - origin.z) / ray.z);
+    }
+    (near <= far).then(|| {
+        let p = origin + ray * near;
+        let normal = if side { Vector3::new(p.x / radius_m, p.y / radius_m, 0.0) } else { Vector3::new(0.0, 0.0, -ray.z.signum()) };
+        Hit { at: near, normal }
+    })
+}
+
+fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
+    let corner = |i: usize| Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast();
+    let quads: [[u32; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriangleMesh { vertices: (0..8).map(corner).collect(), triangles, colors: Vec::new() }
+}
+
+fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
+    let n = CYLINDER_SIDES;
+    let mut mesh = TriangleMesh::default();
+    for z in [-half_m, half_m] {
+        for i in 0..n {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(n)).sin_cos();
+            mesh.vertices.push(Point3::new(radius_m * cos, radius_m * sin, z).cast());
+        }
+        mesh.vertices.push(Point3::new(0.0, 0.0, z).cast());
+    }
+    let (bottom, top) = (n, 2 * n + 1);
+    for i in 0..n {
+        let (a, b) = (i, (i + 1) % n);
+        let (c, d) = (a + n + 1, b + n + 1);
+        mesh.triangles.extend([[a, b, d], [a, d, c], [b, a, bottom], [c, d, top]]);
+    }
+    mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::is_watertight;
+
+    #[test]
+    fn hits_lie_on_the_surface_and_face_the_ray() {
+        let shapes = [Shape::Cuboid(Vector3::new(0.3, 0.2, 0.1)), Shape::Cylinder { radius_m: 0.25, half_m: 0.15 }];
+        for shape in shapes {
+            let mesh = shape.mesh();
+            assert!(is_watertight(&mesh));
+            let mut hits = 0;
+            for i in 0..400 {
+                let (u, v) = (f64::from(i % 20) / 10.0 - 0.95, f64::from(i / 20) / 10.0 - 0.95);
+                let (origin, target) = (Point3::new(1.0, 1.3 * u, 1.1), Point3::new(0.0, 0.4 * v, 0.3 * u));
+                let ray = target - origin;
+                let Some(hit) = shape.hit(&origin, &ray, 0.0) else { continue };
+                hits += 1;
+                assert!(hit.normal.dot(&ray) < 0.0 && (hit.normal.norm() - 1.0).abs() < 1e-9);
+                let p = origin + ray * hit.at;
+                let off = match shape {
+                    Shape::Cuboid(half) => (p.coords.abs() - half).max(),
+                    Shape::Cylinder { radius_m, half_m } => (p.coords.xy().norm() - radius_m).max(p.z.abs() - half_m),
+                };
+                assert!(off.abs() < 1e-9);
+            }
+            assert!(hits > 50);
+            let volume: f32 = (0..mesh.triangles.len())
+                .map(|t| {
+                    let [a, b, c] = mesh.corners(t).map(|p| p.coords);
+                    a.dot(&b.cross(&c)) / 6.0
+                })
+                .sum();
+            let exact = match shape {
+                Shape::Cuboid(half) => 8.0 * half.product(),
+                Shape::Cylinder { radius_m, half_m } => std::f64::consts::PI * radius_m * radius_m * 2.0 * half_m,
+            };
+            assert!((f64::from(volume) / exact - 1.0).abs() < 0.002);
+        }
+    }
+
+    #[test]
+    fn rays_along_an_axis_and_from_within() {
+        let cuboid = Shape::Cuboid(Vector3::repeat(0.1));
+        let along = cuboid.hit(&Point3::new(-1.0, 0.05, 0.0), &Vector3::x(), 0.0).unwrap();
+        assert!((along.at - 0.9).abs() < 1e-12 && along.normal == -Vector3::x());
+        assert_eq!(cuboid.hit(&Point3::new(-1.0, 0.2, 0.0), &Vector3::x(), 0.0), None);
+        assert_eq!(cuboid.hit(&Point3::origin(), &Vector3::x(), 0.0), None);
+        let can = Shape::Cylinder { radius_m: 0.1, half_m: 0.2 };
+        assert!((can.hit(&Point3::new(0.05, 0.0, 1.0), &-Vector3::z(), 0.0).unwrap().at - 0.8).abs() < 1e-12);
+        assert_eq!(can.hit(&Point3::new(0.15, 0.0, 1.0), &-Vector3::z(), 0.0), None);
+    }
+}

@@ -1,0 +1,65 @@
+//! Surface points that the cameras saw, from the true surface.
+
+use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
+use rayon::prelude::*;
+
+use super::{Object, Scene};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    surface::sample_surface,
+};
+
+/// A true surface point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenSample {
+    /// World point, metres.
+    pub point: Point3<f64>,
+    /// Its part.
+    pub part: usize,
+}
+
+/// Views that must have seen a point.
+const MIN_VIEWS: usize = 3;
+/// A view at a smaller cosine between ray and normal does not count.
+const MIN_COSINE: f64 = 0.2;
+/// Room left at the point for the rounding of its position, metres.
+const MARGIN_M: f64 = 1e-4;
+
+/// Whether a camera sees a point of the true surface at no grazing angle.
+pub(super) fn sees(scene: &Scene, k: &Intrinsics, camera: &Pose, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    let eye = Point3::from(camera.translation.vector);
+    let to_eye = eye - point;
+    let facing = to_eye.dot(normal) > MIN_COSINE * to_eye.norm();
+    facing && k.pixel(&(camera.inverse() * point)).is_some() && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
+}
+
+/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras saw at no
+/// grazing angle in a state.
+#[must_use]
+pub fn seen_points(
+    object: &Object,
+    state: usize,
+    scene: &Scene,
+    k: &Intrinsics,
+    cameras: &[Pose],
+    count: usize,
+    rng: &mut impl Rng,
+) -> Vec<SeenSample> {
+    let poses = object.world_from_parts(state);
+    let meshes: Vec<_> = (0..object.parts.len()).map(|p| object.mesh(p)).collect();
+    let area_m2: f64 = meshes.iter().map(|m| m.area_m2()).sum();
+    let mut seen = Vec::new();
+    for (part, mesh) in meshes.iter().enumerate() {
+        let share = (count as f64 * mesh.area_m2() / area_m2).round() as usize;
+        let samples = sample_surface(mesh, share, rng);
+        let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
+            let point = poses[part] * p.cast::<f64>();
+            let normal = poses[part] * n.cast::<f64>();
+            let sees = |camera: &&Pose| sees(scene, k, camera, &point, &normal);
+            (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
+        });
+        seen.extend(found.collect::<Vec<_>>());
+    }
+    seen
+}
