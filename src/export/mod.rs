@@ -25,7 +25,8 @@ pub use package::{ExportFile, package, urdf_package};
 pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
-    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Report, RunFacts, StageTime, StateReport,
+    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Rendering, Report, RunFacts, StageTime,
+    StateReport,
 };
 pub use sdf::sdf;
 pub use start::{InitialMotion, compare_starts, nearest_starts};

@@ -25,6 +25,12 @@ pub struct ReportPictures {
 /// A photo and the twin as the same camera would see it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhotoAndTwin {
+    /// State of the object.
+    pub state: usize,
+    /// Name of the view.
+    pub view: String,
+    /// Peak signal-to-noise ratio over the object's pixels, where these are known.
+    pub psnr_db: Option<f64>,
     /// What the camera saw.
     pub photo: Picture,
     /// The rendered model.
@@ -291,7 +297,7 @@ mod tests {
         };
         let mut report = Report::new(&cabinet(), run);
         let mut pictures = ReportPictures {
-            states: vec![PhotoAndTwin { photo: picture("photo"), twin: picture("twin") }],
+            states: vec![PhotoAndTwin { photo: picture("photo"), twin: picture("twin"), ..PhotoAndTwin::default() }],
             parts: vec![picture("parts")],
             kept: vec![picture("kept")],
         };

@@ -154,6 +154,8 @@ pub struct RunFacts {
     pub input: InputFacts,
     /// How the motions started and how far refinement took them.
     pub initialization: Vec<InitialMotion>,
+    /// How close the twin looks to photos.
+    pub renderings: Vec<Rendering>,
     /// Stages in order with their wall times.
     pub stages: Vec<StageTime>,
     /// Versions of the program and what it was built with, by name.
@@ -170,6 +172,17 @@ pub struct RunFacts {
     pub notes: Vec<String>,
     /// Sentences about what was degraded.
     pub warnings: Vec<String>,
+}
+
+/// How close the rendered twin looks to a photo.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rendering {
+    /// State of the object.
+    pub state: usize,
+    /// Name of the view.
+    pub view: String,
+    /// Peak signal-to-noise ratio over the object's pixels, dB.
+    pub psnr_db: f64,
 }
 
 /// What was read.

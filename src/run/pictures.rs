@@ -17,8 +17,13 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
         for (view, frame) in best_views(frames).into_iter().enumerate() {
             let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
             let window = window(frame, &[]);
-            let twin = draw(model, state, frame, false, caption("twin")).cropped(&window);
-            out.states.push(PhotoAndTwin { photo: photo(frame, false, caption("photo")).cropped(&window), twin });
+            let mut twin = draw(model, state, frame, false, caption("twin"));
+            let psnr_db = psnr_db(frame, &twin.rgb);
+            if let Some(db) = psnr_db {
+                twin.caption = format!("{}, {db:.1} dB", twin.caption);
+            }
+            let seen = photo(frame, false, caption("photo")).cropped(&window);
+            out.states.push(PhotoAndTwin { state, view: frame.id.clone(), psnr_db, photo: seen, twin: twin.cropped(&window) });
             if view == 0 {
                 let mut parts = draw(model, state, frame, true, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
@@ -29,6 +34,17 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
         }
     }
     out
+}
+
+/// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of the picture
+/// included; `None` where nothing isolates the object.
+fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
+    frame.mask.as_ref()?;
+    let squares = |(i, p): (usize, &[u8; 3])| {
+        frame.is_object(i).then(|| p.iter().zip(&rgb[3 * i..]).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>())
+    };
+    let (sum, count) = frame.rgb.iter().enumerate().filter_map(squares).fold((0.0, 0), |(sum, n), s| (sum + s, n + 1));
+    (count > 0).then(|| 10.0 * (255.0 * 255.0 / (sum / f64::from(3 * count)).max(1e-9)).log10())
 }
 
 /// The part of a frame that shows the object and some points, pixels; points outside the frame do not count.

@@ -17,8 +17,8 @@ use crate::{
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CheckFinding, ExportFile, InputFacts, Level, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_starts, looks,
-        nearest_starts, package, report_html,
+        CheckFinding, ExportFile, InputFacts, Level, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime, check_folder,
+        compare_starts, looks, nearest_starts, package, report_html,
     },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
@@ -104,7 +104,7 @@ fn reconstruct_files(
     let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
     let found = stages
         .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
-    let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
+    let report = Report::new(&twin.model, facts(request, &capture, &twin, &images, &stages));
     let folder = write(&twin.model, &files, &found, &report, &images, request)?;
     let warnings = report.run.warnings;
     Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
@@ -211,7 +211,7 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     Ok(all)
 }
 
-fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &Stages) -> RunFacts {
+fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &ReportPictures, stages: &Stages) -> RunFacts {
     let initialization = match request.config.run.init {
         Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
         Init::Identity => {
@@ -220,6 +220,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
     };
+    let rendering = |p: &PhotoAndTwin| Some(Rendering { state: p.state, view: p.view.clone(), psnr_db: p.psnr_db? });
     let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
     RunFacts {
         input: InputFacts {
@@ -227,6 +228,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, stages: &
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,
+        renderings: images.states.iter().filter_map(rendering).collect(),
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
