@@ -146,6 +146,13 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
     open_mesh(text, name, "\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"MaterialBindingAPI\"");
     push_points(text, mesh);
+    let normal = |t: usize| {
+        let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
+        let n = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
+        format!("({})", [n.x, n.y, n.z].map(|x| decimal(x, 4)).join(", "))
+    };
+    let normals = (0..mesh.triangles.len()).map(normal);
+    push_list(text, "normal3f[] normals", normals, " (\n                interpolation = \"uniform\"\n            )");
     text.push_str("            uniform token physics:approximation = \"convexHull\"\n            uniform token purpose = \"guide\"\n");
     writeln!(text, "            rel material:binding:physics = </{model}/Looks/Contact>\n        }}").ok();
 }
