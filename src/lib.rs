@@ -23,5 +23,7 @@ pub mod gap;
 pub mod geometry;
 pub mod io;
 pub mod model;
+#[cfg(feature = "node")]
+pub mod node;
 pub mod run;
 pub mod surface;

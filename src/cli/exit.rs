@@ -49,6 +49,10 @@ pub enum CliError {
     /// The machine cannot do what the configuration asks.
     #[error("{0}")]
     Machine(String),
+    /// The node could not start.
+    #[cfg(feature = "node")]
+    #[error(transparent)]
+    Node(#[from] crate::node::NodeError),
     /// Standard output could not be written.
     #[error("cannot write the result")]
     Output(#[source] std::io::Error),
@@ -75,6 +79,8 @@ impl CliError {
     pub fn exit(&self) -> Exit {
         match self {
             Self::Config(_) | Self::Run(RunError::Config(_)) => Exit::Usage,
+            #[cfg(feature = "node")]
+            Self::Node(error) if error.is_usage() => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) => Exit::Cancelled,
             _ => Exit::Failed,
         }

@@ -1,0 +1,167 @@
+//! Writes a rosbag2 folder (MCAP storage) as messages come.
+//!
+//! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears when the bag is
+//! finished, and a folder without one is read as a recording that was not closed.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{BufWriter, Write as _},
+    path::{Path, PathBuf},
+};
+
+use mcap::records::{MessageHeader, Metadata};
+
+use super::{
+    bag_metadata::{BagFacts, TopicFacts},
+    ros2msg::definitions::definition,
+};
+
+/// Uncompressed bytes of a chunk: what a crash may cost besides the last second.
+const CHUNK_BYTES: u64 = 768 << 10;
+
+/// How a publisher offers a topic, as bags tell it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OfferedQos {
+    /// Reliable, else best effort.
+    pub reliable: bool,
+    /// Transient local, else volatile.
+    pub latched: bool,
+    /// Samples kept.
+    pub depth: u32,
+}
+
+/// Why a bag could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum BagWriteError {
+    /// The folder is there already.
+    #[error("`{}` is there already; give another folder or move it away", .0.display())]
+    Exists(PathBuf),
+    /// The disk refuses.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The MCAP writer refuses.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// What the writer said.
+        source: mcap::McapError,
+    },
+    /// A type without definition.
+    #[error("messages of type `{0}` cannot be recorded: its definition is not known")]
+    Type(String),
+}
+
+/// A bag that is being written.
+pub struct BagWriter {
+    folder: PathBuf,
+    file: PathBuf,
+    writer: mcap::Writer<BufWriter<File>>,
+    channels: BTreeMap<String, Channel>,
+    facts: BagFacts,
+}
+
+struct Channel {
+    id: u16,
+    sequence: u32,
+    /// Its place in the facts.
+    place: usize,
+}
+
+impl BagWriter {
+    /// Makes the folder and its file `<folder>_0.mcap`.
+    ///
+    /// # Errors
+    /// If the folder is there already or cannot be made.
+    pub fn create(folder: &Path) -> Result<Self, BagWriteError> {
+        if folder.exists() {
+            return Err(BagWriteError::Exists(folder.to_owned()));
+        }
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |source| BagWriteError::Io { path, source }
+        };
+        fs::create_dir_all(folder).map_err(io(folder))?;
+        let name = format!("{}_0.mcap", folder.file_name().unwrap_or_default().to_string_lossy());
+        let file = folder.join(&name);
+        let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
+        // Images are compressed already or do not compress; checksums are what makes damage visible.
+        let options = mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
+        let writer = options.create(sink).map_err(|source| BagWriteError::Mcap { path: file.clone(), source })?;
+        Ok(Self { folder: folder.to_owned(), file, writer, channels: BTreeMap::new(), facts: BagFacts { file: name, ..BagFacts::default() } })
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Messages written.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.facts.messages()
+    }
+
+    /// Writes a message: CDR with its header ([`super::ros2msg::encode`]).
+    ///
+    /// # Errors
+    /// If the disk refuses or the type is not known.
+    pub fn write(&mut self, topic: &str, type_name: &str, qos: OfferedQos, log_nanos: i64, payload: &[u8]) -> Result<(), BagWriteError> {
+        if !self.channels.contains_key(topic) {
+            let channel = self.add_channel(topic, type_name, qos)?;
+            self.channels.insert(topic.to_owned(), channel);
+        }
+        let Some(channel) = self.channels.get_mut(topic) else { return Ok(()) };
+        let time = u64::try_from(log_nanos).unwrap_or(0);
+        let header = MessageHeader { channel_id: channel.id, sequence: channel.sequence, log_time: time, publish_time: time };
+        channel.sequence = channel.sequence.wrapping_add(1);
+        self.facts.count(channel.place, time);
+        self.writer.write_to_known_channel(&header, payload).map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
+    }
+
+    fn add_channel(&mut self, topic: &str, type_name: &str, qos: OfferedQos) -> Result<Channel, BagWriteError> {
+        let definition = definition(type_name).ok_or_else(|| BagWriteError::Type(type_name.to_owned()))?;
+        let failed = |source| BagWriteError::Mcap { path: self.file.clone(), source };
+        let facts = TopicFacts { name: topic.to_owned(), type_name: type_name.to_owned(), qos, hash: definition.hash, messages: 0 };
+        let metadata = BTreeMap::from([
+            ("offered_qos_profiles".to_owned(), facts.qos_yaml()),
+            ("topic_type_hash".to_owned(), definition.hash.to_owned()),
+        ]);
+        let schema = self.writer.add_schema(type_name, "ros2msg", definition.text.as_bytes()).map_err(failed)?;
+        let id = self.writer.add_channel(schema, topic, "cdr", &metadata).map_err(failed)?;
+        self.facts.topics.push(facts);
+        Ok(Channel { id, sequence: 0, place: self.facts.topics.len() - 1 })
+    }
+
+    /// Puts what was written so far on the disk.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+        self.writer.flush().map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
+    }
+
+    /// Closes the file and writes `metadata.yaml`; the number of messages.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn finish(mut self) -> Result<u64, BagWriteError> {
+        let mcap = |source| BagWriteError::Mcap { path: self.file.clone(), source };
+        let inner = BTreeMap::from([("serialized_metadata".to_owned(), self.facts.body(0))]);
+        self.writer.write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner }).map_err(mcap)?;
+        self.writer.finish().map_err(mcap)?;
+        let path = self.folder.join("metadata.yaml");
+        let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
+        let temporary = self.folder.join(".metadata.yaml.part");
+        let written = File::create(&temporary).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+        written.and_then(|()| fs::rename(&temporary, &path)).map_err(|source| BagWriteError::Io { path, source })?;
+        Ok(self.facts.messages())
+    }
+}
