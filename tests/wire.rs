@@ -15,7 +15,8 @@ use std::{
 use artitwin::io::{
     BagWriter, OfferedQos,
     ros2msg::{
-        CameraInfo, CompressedImage, Header, Image, JointState, PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped, Vector3,
+        CameraInfo, CompressedImage, Header, Image, JointState, PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped,
+        Vector3,
         definitions::{RosMessage, definitions},
         diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
         encode,
@@ -62,7 +63,8 @@ fn case<M: RosMessage>(message: &M, fields: Value) -> String {
 
 /// Messages whose fields all differ.
 fn inputs() -> Vec<String> {
-    let image = Image { header: header(), height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 1, step: 3, data: vec![1, 2, 3, 4, 5, 6] };
+    let image =
+        Image { header: header(), height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 1, step: 3, data: vec![1, 2, 3, 4, 5, 6] };
     let info = CameraInfo {
         header: header(),
         height: 480,
@@ -84,16 +86,28 @@ fn inputs() -> Vec<String> {
     let joints = JointState { header: header(), name: vec!["a".into()], position: vec![1.0], velocity: vec![2.0], effort: vec![3.0] };
     let compressed = CompressedImage { header: header(), format: "jpeg".into(), data: vec![9, 8, 7] };
     vec![
-        case(&image, json!({"header.stamp.sec": 11, "header.stamp.nanosec": 22, "header.frame_id": "cam", "height": 2, "width": 1,
-            "encoding": "rgb8", "is_bigendian": 1, "step": 3, "data": [1, 2, 3, 4, 5, 6]})),
+        case(
+            &image,
+            json!({"header.stamp.sec": 11, "header.stamp.nanosec": 22, "header.frame_id": "cam", "height": 2, "width": 1,
+            "encoding": "rgb8", "is_bigendian": 1, "step": 3, "data": [1, 2, 3, 4, 5, 6]}),
+        ),
         case(&compressed, json!({"format": "jpeg", "data": [9, 8, 7]})),
-        case(&info, json!({"height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0.5, 0.25], "k.1": 2.0, "r.0": 10.0, "p.11": 11.0,
-            "binning_x": 3, "binning_y": 4})),
-        case(&TfMessage { transforms: vec![stamped] }, json!({"transforms.0.child_frame_id": "link",
-            "transforms.0.transform.translation.z": 3.0, "transforms.0.transform.rotation.w": 0.4})),
+        case(
+            &info,
+            json!({"height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0.5, 0.25], "k.1": 2.0, "r.0": 10.0, "p.11": 11.0,
+            "binning_x": 3, "binning_y": 4}),
+        ),
+        case(
+            &TfMessage { transforms: vec![stamped] },
+            json!({"transforms.0.child_frame_id": "link",
+            "transforms.0.transform.translation.z": 3.0, "transforms.0.transform.rotation.w": 0.4}),
+        ),
         case(&PoseStamped { header: header(), pose: transform() }, json!({"pose.position.x": 1.0, "pose.orientation.y": 0.2})),
-        case(&odometry, json!({"child_frame_id": "base", "pose.pose.position.y": 2.0, "pose.covariance.8": 7.0, "twist.twist.linear.z": 6.0,
-            "twist.twist.angular.x": 7.0, "twist.covariance.35": 8.0})),
+        case(
+            &odometry,
+            json!({"child_frame_id": "base", "pose.pose.position.y": 2.0, "pose.covariance.8": 7.0, "twist.twist.linear.z": 6.0,
+            "twist.twist.angular.x": 7.0, "twist.covariance.35": 8.0}),
+        ),
         case(&joints, json!({"name": ["a"], "position": [1.0], "velocity": [2.0], "effort": [3.0]})),
         case(&Clock { clock: Time { sec: 1, nanosec: 2 } }, json!({"clock.sec": 1, "clock.nanosec": 2})),
     ]
@@ -125,19 +139,34 @@ fn outputs() -> Vec<String> {
         hardware_id: "id".into(),
         values: vec![KeyValue { key: "k".into(), value: "v".into() }],
     };
-    let collection = CollectionStatus { header: header(), phase: 2, state: 1, keyframes: [3, 4], matched: 5, unmatched: 6, session: "s".into() };
-    let result =
-        ReconstructResult { success: true, message: "m".into(), folder: "f".into(), joints: vec!["j".into(), "jj".into()], motions: vec![1.5, 2.5] };
+    let collection =
+        CollectionStatus { header: header(), phase: 2, state: 1, keyframes: [3, 4], matched: 5, unmatched: 6, session: "s".into() };
+    let result = ReconstructResult {
+        success: true,
+        message: "m".into(),
+        folder: "f".into(),
+        joints: vec!["j".into(), "jj".into()],
+        motions: vec![1.5, 2.5],
+    };
     let feedback = ([3u8; 16], ReconstructFeedback { stage: "fusion".into(), fraction: 0.5, loss: 0.25, seconds_left: 9.0 });
     vec![
-        case(&MarkerArray { markers: vec![marker] }, json!({"markers.0.ns": "axes", "markers.0.id": 7, "markers.0.type": 4, "markers.0.action": 3,
+        case(
+            &MarkerArray { markers: vec![marker] },
+            json!({"markers.0.ns": "axes", "markers.0.id": 7, "markers.0.type": 4, "markers.0.action": 3,
             "markers.0.pose.position.x": 1.0, "markers.0.scale.z": 0.3, "markers.0.color.b": 0.75, "markers.0.lifetime.nanosec": 6,
             "markers.0.frame_locked": true, "markers.0.points.0.y": 2.0, "markers.0.text": "text", "markers.0.mesh_resource": "mesh",
-            "markers.0.mesh_use_embedded_materials": true})),
-        case(&PointCloud2::colored(header(), &[([1.0, 2.0, 3.0], [4, 5, 6])]), json!({"height": 1, "width": 1, "point_step": 16, "row_step": 16,
-            "fields.3.name": "rgb", "fields.3.offset": 12, "fields.3.datatype": 7, "fields.3.count": 1, "is_dense": true})),
-        case(&DiagnosticArray { header: header(), status: vec![status] }, json!({"status.0.level": 1, "status.0.name": "name",
-            "status.0.message": "message", "status.0.hardware_id": "id", "status.0.values.0.key": "k", "status.0.values.0.value": "v"})),
+            "markers.0.mesh_use_embedded_materials": true}),
+        ),
+        case(
+            &PointCloud2::colored(header(), &[([1.0, 2.0, 3.0], [4, 5, 6])]),
+            json!({"height": 1, "width": 1, "point_step": 16, "row_step": 16,
+            "fields.3.name": "rgb", "fields.3.offset": 12, "fields.3.datatype": 7, "fields.3.count": 1, "is_dense": true}),
+        ),
+        case(
+            &DiagnosticArray { header: header(), status: vec![status] },
+            json!({"status.0.level": 1, "status.0.name": "name",
+            "status.0.message": "message", "status.0.hardware_id": "id", "status.0.values.0.key": "k", "status.0.values.0.value": "v"}),
+        ),
         case(&Text { data: "<robot/>".into() }, json!({"data": "<robot/>"})),
         case(&collection, json!({"phase": 2, "state": 1, "keyframes": [3, 4], "matched": 5, "unmatched": 6, "session": "s"})),
         line("artitwin_msgs/msg/SetState_Request", &SetStateRequest { state: 1 }, json!({"state": 1})),
@@ -151,10 +180,22 @@ fn outputs() -> Vec<String> {
             &([7u8; 16], ReconstructGoal { parts: 2, name: "n".into() }),
             json!({"goal_id": [7; 16], "parts": 2, "name": "n"}),
         ),
-        line("artitwin_msgs/msg/GetResult_Response", &(4i8, result), json!({"status": 4, "success": true, "folder": "f", "joints": ["j", "jj"],
-            "motions": [1.5, 2.5]})),
-        line("artitwin_msgs/msg/FeedbackMessage", &feedback, json!({"stage": "fusion", "fraction": 0.5, "loss": 0.25, "seconds_left": 9.0})),
-        line("artitwin_msgs/msg/Trigger_Response", &TriggerResponse { success: true, message: "m".into() }, json!({"success": true, "message": "m"})),
+        line(
+            "artitwin_msgs/msg/GetResult_Response",
+            &(4i8, result),
+            json!({"status": 4, "success": true, "folder": "f", "joints": ["j", "jj"],
+            "motions": [1.5, 2.5]}),
+        ),
+        line(
+            "artitwin_msgs/msg/FeedbackMessage",
+            &feedback,
+            json!({"stage": "fusion", "fraction": 0.5, "loss": 0.25, "seconds_left": 9.0}),
+        ),
+        line(
+            "artitwin_msgs/msg/Trigger_Response",
+            &TriggerResponse { success: true, message: "m".into() },
+            json!({"success": true, "message": "m"}),
+        ),
     ]
 }
 
@@ -223,5 +264,8 @@ fn our_bags_are_read_by_others() {
 fn package_and_launch_files_are_sound() {
     let Some(python) = venv::ros_python() else { return };
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    assert_eq!(succeed(Command::new(python).arg(script("packages.py")).arg(root)).trim(), "artitwin artitwin_msgs 3 interfaces 3 launch files");
+    assert_eq!(
+        succeed(Command::new(python).arg(script("packages.py")).arg(root)).trim(),
+        "artitwin artitwin_msgs 3 interfaces 3 launch files"
+    );
 }

@@ -47,6 +47,12 @@ impl TopicFacts {
 }
 
 impl BagFacts {
+    /// An empty bag of one file.
+    #[must_use]
+    pub fn new(file: String) -> Self {
+        Self { file, ..Self::default() }
+    }
+
     /// Counts a message of the topic at this place.
     pub fn count(&mut self, place: usize, log_nanos: u64) {
         if let Some(topic) = self.topics.get_mut(place) {

@@ -41,8 +41,8 @@ mod topics;
 mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter, OfferedQos};
-pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
 pub use camera::pinhole;
+pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};

@@ -125,13 +125,7 @@ pub struct Inbox {
 impl Core {
     /// A core about a collector; with a watch the states begin and end by themselves.
     #[must_use]
-    pub fn new(
-        collector: Collector,
-        watch: Option<MotionWatch>,
-        cloud_points: usize,
-        clock: Arc<NodeClock>,
-        shared: Arc<Shared>,
-    ) -> Self {
+    pub fn new(collector: Collector, watch: Option<MotionWatch>, cloud_points: usize, clock: Arc<NodeClock>, shared: Arc<Shared>) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
         Self { collector, watch, cloud, cloud_points, cloud_version: 0, clock, shared, last_state: 0, flushed: Instant::now() }
     }

@@ -48,21 +48,9 @@ impl Counts {
         }
     }
 
-    /// Messages that were decoded and are not used.
-    #[must_use]
-    pub fn refused(&self) -> u64 {
-        self.bad_header + self.bad_size + self.bad_value
-    }
-
     /// What stays after a reset: refusals and jumps, which tell of the neighbours.
     #[must_use]
     pub fn after_reset(self) -> Self {
-        Self {
-            bad_header: self.bad_header,
-            bad_size: self.bad_size,
-            bad_value: self.bad_value,
-            jumps: self.jumps,
-            ..Self::default()
-        }
+        Self { bad_header: self.bad_header, bad_size: self.bad_size, bad_value: self.bad_value, jumps: self.jumps, ..Self::default() }
     }
 }

@@ -16,12 +16,7 @@ use super::{
     sample::{Picture, Sample},
     state_bag::Topics,
 };
-use crate::io::ros2msg::{
-    CameraInfo, CompressedImage, Image, PoseStamped,
-    definitions::RosMessage,
-    odometry::FullOdometry,
-    text::Clock,
-};
+use crate::io::ros2msg::{CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry, text::Clock};
 
 /// Transforms that may wait: a robot's tree comes in many small messages.
 const TF_DEPTH: usize = 100;

@@ -40,12 +40,6 @@ impl Keyframes {
         self.poses.len()
     }
 
-    /// Whether none is kept.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.poses.is_empty()
-    }
-
     /// Whether a view would be kept.
     #[must_use]
     pub fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {

@@ -8,8 +8,8 @@
 
 mod action;
 mod clock;
-mod collector;
 mod collection;
+mod collector;
 mod counts;
 mod diagnostics;
 mod environment;

@@ -185,7 +185,8 @@ impl Small {
         let scale = [WIDTH as f64 / full.width as f64, HEIGHT as f64 / full.height as f64];
         // Sample k stands for the pixel in the middle of its cell.
         let place = |k: usize, scale: f64, size: usize| (((k as f64 + 0.5) / scale) as usize).min(size - 1);
-        let cells = (0..WIDTH * HEIGHT).map(|k| place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width));
+        let cells =
+            (0..WIDTH * HEIGHT).map(|k| place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width));
         let at: Vec<usize> = cells.collect();
         let camera = Intrinsics {
             width: WIDTH,
@@ -245,7 +246,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::{capture::Distortion, io::image_codec::Raster};
+    use crate::io::image_codec::Raster;
 
     const S: i64 = 1_000_000_000;
 
@@ -261,7 +262,6 @@ mod tests {
         let size = width * height;
         let pixels = Pixels {
             intrinsics: camera,
-            lens: Distortion::default(),
             color: Raster { width, height, pixels: vec![[0; 3]; size] },
             depth: Raster { width, height, pixels: (0..size).map(depth).collect() },
             mask: None,

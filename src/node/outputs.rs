@@ -80,7 +80,13 @@ impl Outputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(self, mut twins: watch::Receiver<Option<Arc<Twin>>>, shared: Arc<Shared>, reconstructor: Arc<Reconstructor>, mut diagnostics: Diagnostics) {
+    pub async fn run(
+        self,
+        mut twins: watch::Receiver<Option<Arc<Twin>>>,
+        shared: Arc<Shared>,
+        reconstructor: Arc<Reconstructor>,
+        mut diagnostics: Diagnostics,
+    ) {
         let mut fast = tokio::time::interval(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
         let mut slow = tokio::time::interval(Duration::from_secs(1));
         let mut last_report = Instant::now();
@@ -126,7 +132,9 @@ impl Outputs {
         log::info!("robot_description: {} bytes, {} joints", data.len(), twin.summary.joints.len());
         tell(self.description.async_publish(Text { data }).await, "robot_description");
         tell(self.markers.async_publish(joint_markers(&twin.summary, twin.state, &twin.world_frame, stamp)).await, "joint_markers");
-        if let Some(root) = root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix).filter(|_| self.settings.publish_tf) {
+        if let Some(root) =
+            root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix).filter(|_| self.settings.publish_tf)
+        {
             tell(self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await, "/tf_static");
         }
     }

@@ -64,7 +64,12 @@ impl Participant {
     ///
     /// # Errors
     /// If the network refuses or a name cannot be used.
-    pub fn join(environment: &Environment, arguments: &RosArgs, identity: &NodeIdentity, parameters: &Parameters) -> Result<Self, NodeError> {
+    pub fn join(
+        environment: &Environment,
+        arguments: &RosArgs,
+        identity: &NodeIdentity,
+        parameters: &Parameters,
+    ) -> Result<Self, NodeError> {
         let mut builder = rustdds::DomainParticipantBuilder::new(environment.domain)
             .socket_receive_buffer_size(usize::try_from(parameters.receive_buffer_bytes).unwrap_or(8 << 20));
         if let Some(networks) = environment.networks() {

@@ -76,7 +76,7 @@ impl PreviewCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{capture::Distortion, geometry::Intrinsics, io::image_codec::Raster};
+    use crate::{geometry::Intrinsics, io::image_codec::Raster};
 
     #[test]
     fn the_cloud_lies_on_the_surface_and_stays_small() {
@@ -85,7 +85,6 @@ mod tests {
         let raster = |z: f32| Raster { width: 320, height: 240, pixels: vec![z; size] };
         let pixels = Pixels {
             intrinsics,
-            lens: Distortion::default(),
             color: Raster { width: 320, height: 240, pixels: vec![[9, 8, 7]; size] },
             depth: raster(1.0),
             mask: Some(Raster { width: 320, height: 240, pixels: (0..size).map(|i| i % 320 < 160).collect() }),

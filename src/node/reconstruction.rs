@@ -134,7 +134,9 @@ impl Reconstructor {
         let snapshot = self.shared.snapshot();
         let Some(recordings) = snapshot.recordings else {
             let [zero, one] = snapshot.kept;
-            return Err(format!("both states must be collected first; state 0 has {zero} views, state 1 has {one}, or one is not finished"));
+            return Err(format!(
+                "both states must be collected first; state 0 has {zero} views, state 1 has {one}, or one is not finished"
+            ));
         };
         let mut config = self.config.clone();
         if goal.parts > 0 {
@@ -143,14 +145,7 @@ impl Reconstructor {
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
         write_settings(&out.join("settings.yaml"), &config)?;
-        Ok(ReconstructRequest {
-            sources: recordings.into(),
-            out,
-            name: Some(name),
-            config,
-            origins: self.origins.clone(),
-            resume: false,
-        })
+        Ok(ReconstructRequest { sources: recordings.into(), out, name: Some(name), config, origins: self.origins.clone(), resume: false })
     }
 
     fn finish(&self, result: Result<Outcome, RunError>) -> Finished {

@@ -119,8 +119,10 @@ impl RosArgs {
         let find = |keys: [&str; 2]| self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name));
         let name = find(["__node", "__name"]).map_or(default_name, |r| r.to.as_str());
         let namespace = find(["__ns", "__ns"]).map_or("/", |r| r.to.as_str());
-        NodeIdentity::new(namespace, name)
-            .map_err(|reason| RosArgsError { argument: format!("{namespace} {name}"), reason: format!("the node cannot have this name: {reason}") })
+        NodeIdentity::new(namespace, name).map_err(|reason| RosArgsError {
+            argument: format!("{namespace} {name}"),
+            reason: format!("the node cannot have this name: {reason}"),
+        })
     }
 
     fn is_for(&self, remap: &Remap, default_name: &str) -> bool {

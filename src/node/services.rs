@@ -114,8 +114,8 @@ fn serve<Q, A, F>(
     mut answer: impl FnMut(Q) -> F + Send + 'static,
 ) -> Result<(), NodeError>
 where
-    Q: Message + Clone + Send + 'static,
-    A: Message + Send + 'static,
+    Q: Message + Clone + Send + Sync + 'static,
+    A: Message + Send + Sync + 'static,
     F: Future<Output = A> + Send,
 {
     let full = participant.name(name)?;

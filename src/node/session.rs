@@ -11,8 +11,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 use super::{
     action,
     clock::NodeClock,
-    collector::Collector,
     collection::{Command, Core, IMAGE_QUEUE, Inbox, SMALL_QUEUE, Shared},
+    collector::Collector,
     diagnostics::Diagnostics,
     environment::Environment,
     error::NodeError,

@@ -2,13 +2,7 @@
 
 use serde_norway::Value;
 
-use super::{
-    collector::CollectorSettings,
-    keyframes::KeyframeRule,
-    motion_watch::WatchRule,
-    parameters::Parameters,
-    state_bag::Topics,
-};
+use super::{collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters, state_bag::Topics};
 use crate::config::{Config, ConfigError, Layers, Resolved};
 
 /// Merges preset, file and single settings, then what the parameters say of topics and frames.

@@ -87,9 +87,7 @@ impl<T> Synchronizer<T> {
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
-            let states: Vec<Fate> = (1..ROLES)
-                .filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i])))
-                .collect();
+            let states: Vec<Fate> = (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
             } else if states.iter().all(|s| *s == Fate::Settled) {

@@ -71,7 +71,12 @@ pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: 
         let world_from_joint = parent * joint.parent_from_joint;
         let drawn = Drawn { joint, position: positions.get(k).copied().unwrap_or_default(), world_from_joint };
         let first = MARKERS_PER_JOINT * k as i32;
-        markers.extend(drawn.markers().into_iter().zip(first..).map(|(m, id)| Marker { header: header.clone(), ns: NAMESPACE.into(), id, ..m }));
+        markers.extend(drawn.markers().into_iter().zip(first..).map(|(m, id)| Marker {
+            header: header.clone(),
+            ns: NAMESPACE.into(),
+            id,
+            ..m
+        }));
     }
     MarkerArray { markers }
 }

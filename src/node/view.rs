@@ -2,7 +2,7 @@
 
 use super::sample::Picture;
 use crate::{
-    capture::{CaptureError, Distortion},
+    capture::CaptureError,
     geometry::{Intrinsics, Pose},
     io::{
         check_size,
@@ -28,8 +28,6 @@ pub struct View {
 pub struct Pixels {
     /// The pinhole of the color camera.
     pub intrinsics: Intrinsics,
-    /// Lens of the color images.
-    pub lens: Distortion,
     /// Color.
     pub color: Raster<[u8; 3]>,
     /// Depth, meters; 0: unknown.
@@ -45,12 +43,12 @@ impl View {
     /// # Errors
     /// A sentence that says what is wrong with which image.
     pub fn decode(&self, info: &CameraInfo, info_topic: &str, topics: [&str; 3]) -> Result<Pixels, String> {
-        let (intrinsics, lens) = pinhole(info, info_topic, topics[0]).map_err(|e| e.to_string())?;
+        let (intrinsics, _) = pinhole(info, info_topic, topics[0]).map_err(|e| e.to_string())?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err("an image is missing".into()) };
         let color = self.checked(topics[0], &intrinsics, color.color())?;
         let depth = self.checked(topics[1], &intrinsics, depth.depth())?;
         let mask = mask.as_ref().map(|m| self.checked(topics[2], &intrinsics, m.mask())).transpose()?;
-        Ok(Pixels { intrinsics, lens, color, depth, mask })
+        Ok(Pixels { intrinsics, color, depth, mask })
     }
 
     fn checked<T>(&self, topic: &str, camera: &Intrinsics, decoded: Result<Raster<T>, ImageError>) -> Result<Raster<T>, String> {

@@ -2,12 +2,16 @@
 
 use super::{CameraInfo, CompressedImage, Image, JointState, PoseStamped, TfMessage};
 use super::{
-    diagnostic::DiagnosticArray, markers::MarkerArray, odometry::FullOdometry, point_cloud::PointCloud2, status::CollectionStatus,
+    diagnostic::DiagnosticArray,
+    markers::MarkerArray,
+    odometry::FullOdometry,
+    point_cloud::PointCloud2,
+    status::CollectionStatus,
     text::{Clock, Text},
 };
 
 /// A message that is sent under its ROS type.
-pub trait RosMessage: serde::Serialize + serde::de::DeserializeOwned + Send + 'static {
+pub trait RosMessage: serde::Serialize + serde::de::DeserializeOwned + Send + Sync + 'static {
     /// Its type, e.g. `sensor_msgs/msg/Image`.
     const TYPE: &'static str;
 }

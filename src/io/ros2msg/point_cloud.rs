@@ -55,7 +55,17 @@ impl PointCloud2 {
             data.extend([*b, *g, *r, 0]);
         }
         let width = points.len() as u32;
-        Self { header, height: 1, width, fields, is_bigendian: false, point_step: POINT_BYTES, row_step: POINT_BYTES * width, data, is_dense: true }
+        Self {
+            header,
+            height: 1,
+            width,
+            fields,
+            is_bigendian: false,
+            point_step: POINT_BYTES,
+            row_step: POINT_BYTES * width,
+            data,
+            is_dense: true,
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Header;
 
 /// `artitwin_msgs/msg/CollectionStatus`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CollectionStatus {
     /// When.
     pub header: Header,
