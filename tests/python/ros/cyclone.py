@@ -73,7 +73,12 @@ def profile(reliable=True, latched=False, depth=10):
 
 def opaque(name):
     """A type by its DDS name; what it holds is not looked at, as bytes are handed over."""
-    return dataclass(type("Opaque", (IdlStruct,), {"__annotations__": {"data": uint8}}, typename=name))
+
+    @dataclass
+    class Opaque(IdlStruct, typename=name):
+        data: uint8
+
+    return Opaque
 
 
 class Writer:
