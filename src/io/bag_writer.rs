@@ -94,13 +94,7 @@ impl BagWriter {
         // Images are compressed already or do not compress; checksums are what makes damage visible.
         let options = mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
         let writer = options.create(sink).map_err(|source| BagWriteError::Mcap { path: file.clone(), source })?;
-        Ok(Self {
-            folder: folder.to_owned(),
-            file,
-            writer,
-            channels: BTreeMap::new(),
-            facts: BagFacts::new(name),
-        })
+        Ok(Self { folder: folder.to_owned(), file, writer, channels: BTreeMap::new(), facts: BagFacts::new(name) })
     }
 
     /// The folder.

@@ -216,12 +216,18 @@ impl Core {
                 Ok(()) => log::info!("state {state} begins: the object is still"),
                 Err(error) => log::error!("state {state} cannot begin: {error}"),
             },
-            Turn::Finish(state) => match self.collector.finish(state) {
-                Ok(kept) => {
-                    log::info!("state {state} ends with {kept} views");
-                }
-                Err(error) => log::error!("state {state} cannot end: {error}"),
-            },
+            Turn::Finish(state) => self.end(state),
+            Turn::Moved(state) => {
+                self.collector.drop_held();
+                self.end(state);
+            }
+        }
+    }
+
+    fn end(&mut self, state: usize) {
+        match self.collector.finish(state) {
+            Ok(kept) => log::info!("state {state} ends with {kept} views"),
+            Err(error) => log::error!("state {state} cannot end: {error}"),
         }
     }
 

@@ -44,6 +44,8 @@ pub struct CollectorSettings {
     pub queue: usize,
     /// Which views are kept.
     pub rule: KeyframeRule,
+    /// Views that are held back before they are written, so that they can still be dropped.
+    pub hold: usize,
 }
 
 /// What is being done.
@@ -68,6 +70,15 @@ pub struct Seen {
     pub kept: bool,
 }
 
+/// A view that is kept and not written yet.
+struct Held {
+    view: View,
+    /// The transforms about its stamp, which are forgotten sooner than it may be written.
+    around: Vec<TransformStamped>,
+    /// When it was received.
+    now_nanos: i64,
+}
+
 /// Collects the two states of an object.
 pub struct Collector {
     settings: CollectorSettings,
@@ -79,6 +90,7 @@ pub struct Collector {
     infos: [Option<CameraInfo>; 2],
     phase: Phase,
     bag: Option<StateBag>,
+    held: VecDeque<Held>,
     keyframes: [Keyframes; 2],
     finished: [Option<PathBuf>; 2],
     newest_nanos: i64,
@@ -104,6 +116,7 @@ impl Collector {
             infos: [None, None],
             phase: Phase::Idle,
             bag: None,
+            held: VecDeque::new(),
             keyframes: Default::default(),
             finished: [0, 1].map(|s| finished_state(session, s)),
             newest_nanos: i64::MIN,
@@ -167,6 +180,7 @@ impl Collector {
         self.finished[state] = None;
         self.keyframes[state] = Keyframes::default();
         self.waiting.clear();
+        self.held.clear();
         self.bag = Some(bag);
         self.phase = Phase::Collecting(state);
         Ok(())
@@ -187,10 +201,29 @@ impl Collector {
         if kept == 0 {
             return Err(format!("no view of state {state} was kept; {}", self.why_nothing()));
         }
+        self.write_held(0).map_err(|e| e.to_string())?;
         let Some(bag) = self.bag.take() else { return Err("no recording is open".into()) };
         self.phase = Phase::Idle;
         self.finished[state] = Some(bag.finish().map_err(|e| e.to_string())?);
         Ok(kept)
+    }
+
+    /// Drops the views that are held back: they may show the object in motion.
+    pub fn drop_held(&mut self) {
+        if let Phase::Collecting(state) = self.phase {
+            self.keyframes[state].forget_last(self.held.len());
+        }
+        self.held.clear();
+    }
+
+    /// Writes held views, the oldest first, until so many are left.
+    fn write_held(&mut self, left: usize) -> Result<(), BagWriteError> {
+        while self.held.len() > left {
+            let (Some(held), Some(bag)) = (self.held.pop_front(), &mut self.bag) else { break };
+            let infos = self.infos.each_ref().map(Option::as_ref);
+            bag.write(&held.view, infos, self.tf.fixed(), held.around, self.tf.overridden.as_deref(), held.now_nanos)?;
+        }
+        Ok(())
     }
 
     /// A sentence about what is missing.
@@ -363,11 +396,14 @@ impl Collector {
             None
         };
         self.counts.judged(verdict, self.phase != Phase::Idle);
-        if let (true, Phase::Collecting(state), Some(bag)) = (keep, self.phase, &mut self.bag) {
-            bag.write(&view, [Some(&info), self.infos[1].as_ref()], &self.tf, optical, now_nanos)?;
+        let seen = Seen { stamp_nanos: view.stamp_nanos, world_from_camera: view.world_from_camera, pixels: decoded, kept: keep };
+        if let (true, Phase::Collecting(state)) = (keep, self.phase) {
             self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
+            let around = self.tf.around(optical, view.stamp_nanos);
+            self.held.push_back(Held { view, around, now_nanos });
+            self.write_held(self.settings.hold)?;
         }
-        Ok(Some(Seen { stamp_nanos: view.stamp_nanos, world_from_camera: view.world_from_camera, pixels: decoded, kept: keep }))
+        Ok(Some(seen))
     }
 }
 

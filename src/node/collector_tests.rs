@@ -48,7 +48,16 @@ fn settings() -> CollectorSettings {
         pose: None,
     };
     let rule = KeyframeRule { translation_m: 0.02, rotation_rad: 0.03, most: 100 };
-    CollectorSettings { topics, world_frame: None, pose_frame: None, slop_nanos: 15_000_000, max_gap_nanos: 500_000_000, queue: 30, rule }
+    CollectorSettings {
+        topics,
+        world_frame: None,
+        pose_frame: None,
+        slop_nanos: 15_000_000,
+        max_gap_nanos: 500_000_000,
+        queue: 30,
+        rule,
+        hold: 0,
+    }
 }
 
 /// The messages of a state in the order of recording: time and message.

@@ -57,6 +57,11 @@ impl Keyframes {
         }
     }
 
+    /// Forgets the views that were kept last.
+    pub fn forget_last(&mut self, count: usize) {
+        self.poses.truncate(self.poses.len().saturating_sub(count));
+    }
+
     /// Keeps a view.
     pub fn keep(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
         self.poses.push(world_from_camera);

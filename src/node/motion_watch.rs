@@ -30,8 +30,10 @@ pub enum Turn {
     None,
     /// Begin this state.
     Start(usize),
-    /// End this state.
+    /// End this state: enough was seen.
     Finish(usize),
+    /// End this state: the object moves. What was seen last may show it moving already.
+    Moved(usize),
 }
 
 /// Settings of the watch.
@@ -142,7 +144,7 @@ impl MotionWatch {
                 // Too little was seen of it: it begins again once the object is still.
                 (state, false) => Stage::Moving(state),
             };
-            return Turn::Finish(state);
+            return Turn::Moved(state);
         }
         if !moved {
             self.remember(view);
@@ -301,7 +303,7 @@ mod tests {
             let face = |i: usize| before + (after - before) * (i as f64 - 20.0).clamp(0.0, 10.0) / 10.0;
             let found = turns(80, face);
             let turns: Vec<Turn> = found.iter().map(|f| f.1).collect();
-            assert_eq!(turns, [Turn::Start(0), Turn::Finish(0), Turn::Start(1), Turn::Finish(1)], "{found:?}");
+            assert_eq!(turns, [Turn::Start(0), Turn::Moved(0), Turn::Start(1), Turn::Finish(1)], "{found:?}");
             assert!((21..26).contains(&found[1].0) && (38..46).contains(&found[2].0), "{found:?}");
         }
     }
@@ -310,6 +312,6 @@ mod tests {
     fn a_state_that_was_too_short_begins_again() {
         let found = turns(80, |i| 1.0 + 0.02 * (i as f64).min(10.0));
         let states: Vec<Turn> = found.iter().map(|f| f.1).take(3).collect();
-        assert_eq!(states, [Turn::Start(0), Turn::Finish(0), Turn::Start(0)], "{found:?}");
+        assert_eq!(states, [Turn::Start(0), Turn::Moved(0), Turn::Start(0)], "{found:?}");
     }
 }

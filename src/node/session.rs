@@ -137,6 +137,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
 
     end_requested().await?;
     log::info!("ending");
+    // The middleware complains of its own threads while it is taken down.
+    log::set_max_level(log::LevelFilter::Off);
     let (done, ended) = oneshot::channel();
     commands.send(Command::Stop(done)).await.ok();
     tokio::time::timeout(END_WAIT, ended).await.ok();

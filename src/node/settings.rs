@@ -5,6 +5,9 @@ use serde_norway::Value;
 use super::{collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters, state_bag::Topics};
 use crate::config::{Config, ConfigError, Layers, Resolved};
 
+/// Views held back while states end by themselves: motion is noticed a few views after it began.
+const HELD_VIEWS: usize = 4;
+
 /// Merges preset, file and single settings, then what the parameters say of topics and frames.
 ///
 /// # Errors
@@ -54,6 +57,7 @@ pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> Co
             rotation_rad: p.keyframe_rotation_deg.to_radians(),
             most: count(p.max_keyframes),
         },
+        hold: if p.automatic_states { HELD_VIEWS } else { 0 },
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{live_tf::LiveTf, view::View};
+use super::view::View;
 use crate::io::{
     BagWriteError, BagWriter, OfferedQos,
     ros2msg::{CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode, odometry::FullOdometry},
@@ -53,7 +53,8 @@ impl StateBag {
         Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new() })
     }
 
-    /// Writes a view: its transforms first, so that a replay can place it. Infos of color and depth.
+    /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth, `fixed` transforms,
+    /// those `around` its stamp, of which that of the frame `posed` came from the pose topic.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -61,16 +62,16 @@ impl StateBag {
         &mut self,
         view: &View,
         infos: [Option<&CameraInfo>; 2],
-        tf: &LiveTf,
-        optical: &str,
+        fixed: Vec<TransformStamped>,
+        around: Vec<TransformStamped>,
+        posed: Option<&str>,
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
-        let fixed = tf.fixed();
         if fixed != self.fixed {
             self.message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
             self.fixed = fixed;
         }
-        self.poses(tf, optical, view.stamp_nanos, now_nanos)?;
+        self.poses(around, posed, now_nanos)?;
         let topics = self.topics.clone();
         for (info, topic) in infos.into_iter().zip([Some(&topics.color_info), topics.depth_info.as_ref()]) {
             if let (Some(info), Some(topic)) = (info, topic) {
@@ -87,10 +88,9 @@ impl StateBag {
     }
 
     /// The transforms about a stamp; those of the pose topic under its name.
-    fn poses(&mut self, tf: &LiveTf, optical: &str, stamp_nanos: i64, now_nanos: i64) -> Result<(), BagWriteError> {
-        let around = tf.around(optical, stamp_nanos);
-        let (posed, plain): (Vec<_>, Vec<_>) = match (&self.topics.pose, &tf.overridden) {
-            (Some(_), Some(child)) => around.into_iter().partition(|t| t.child_frame_id == *child),
+    fn poses(&mut self, around: Vec<TransformStamped>, posed: Option<&str>, now_nanos: i64) -> Result<(), BagWriteError> {
+        let (posed, plain): (Vec<_>, Vec<_>) = match (&self.topics.pose, posed) {
+            (Some(_), Some(child)) => around.into_iter().partition(|t| t.child_frame_id == child),
             _ => (Vec::new(), around),
         };
         if !plain.is_empty() {
