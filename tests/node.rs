@@ -186,6 +186,63 @@ fn states_are_found_without_a_call() {
 }
 
 #[test]
+fn a_crash_loses_nothing_that_was_there_for_a_second() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-crash");
+    let node = Node::start(49, &small_run(&folder, false));
+    let bag = shipped("drawer/state0").display().to_string();
+    scenario(&python, 49, &["play", &bag, "--begin", "0", "--masks", "--linger", "3"]);
+    node.kill();
+    let session = folder.join("node/session");
+    assert!(!session.join("state0/metadata.yaml").exists());
+    let found = artitwin::io::inspect(&session.join("state0")).unwrap();
+    assert_eq!(found.recordings[0].views, 16);
+}
+
+#[test]
+fn what_is_recorded_is_what_was_published() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-record");
+    let bag = folder.join("bag");
+    let mut parameters = small_run(&folder, false);
+    parameters.push("info_qos:=default".to_owned());
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    command.arg("record").arg(&bag).arg("--ros-args").env("ROS_DOMAIN_ID", "50");
+    parameters.iter().for_each(|p| _ = command.args(["-p", p]));
+    let mut recorder = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let source = shipped("drawer/state0").display().to_string();
+    let told = scenario(&python, 50, &["play", &source, "--masks"]);
+    std::process::Command::new("kill").args(["-TERM", &recorder.id().to_string()]).status().unwrap();
+    let mut text = String::new();
+    std::io::Read::read_to_string(&mut recorder.stdout.take().unwrap(), &mut text).unwrap();
+    assert!(recorder.wait().unwrap().success(), "{text}");
+    assert_eq!(told["sent"], 113);
+    assert!(text.ends_with(": 113 messages\n"), "{text}");
+    assert_eq!(artitwin::io::inspect(&bag).unwrap().recordings[0].views, 16);
+}
+
+#[test]
+#[ignore = "10 minutes of images at 30 Hz"]
+fn ten_minutes_of_images_need_no_more_memory_than_one() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-load");
+    let parameters = ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let node = Node::start(51, &parameters);
+    let told = scenario(&python, 51, &["rate", "--reliable", "--collect", "--frames", "18000"]);
+    node.end();
+    for part in ["color", "depth"] {
+        let count = |key: &str| told[part][key].as_u64().unwrap();
+        assert_eq!(count("received") + count("lost"), 18_000, "{told}");
+    }
+    let resident: Vec<f64> = told["resident_every_20_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let (early, late) = (resident[3], resident.iter().fold(0.0, |a: f64, b| a.max(*b)));
+    assert!(late < 500e6 && late < 1.1 * early, "{told}");
+}
+
+#[test]
 fn what_cannot_work_is_refused_at_the_start() {
     let refused = |environment: &[(&str, &str)], arguments: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));

@@ -10,7 +10,7 @@ use super::{
     error::NodeError,
     inputs::{self, Input},
     sample::Sample,
-    session::{Start, end_requested, in_runtime, queues},
+    session::{Start, end_requested, in_runtime, queues, quiet},
     state_bag::Topics,
 };
 use crate::io::{
@@ -74,6 +74,7 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
             flushed = Instant::now();
         }
     }
+    quiet();
     let messages = bag.finish()?;
     let lost = |input: &Input| {
         let count = input.count.snapshot();

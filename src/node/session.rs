@@ -137,8 +137,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
 
     end_requested().await?;
     log::info!("ending");
-    // The middleware complains of its own threads while it is taken down.
-    log::set_max_level(log::LevelFilter::Off);
+    quiet();
     let (done, ended) = oneshot::channel();
     commands.send(Command::Stop(done)).await.ok();
     tokio::time::timeout(END_WAIT, ended).await.ok();
@@ -164,6 +163,11 @@ fn free_folder(out: &Path, name: &str) -> PathBuf {
     };
     let numbered = |k: usize| out.join(if k == 0 { base.clone() } else { format!("{base}_{k}") });
     (0..).map(numbered).find(|p| !p.exists()).unwrap_or_else(|| out.join(base))
+}
+
+/// Ends the log: the middleware complains of its own threads while it is taken down.
+pub(super) fn quiet() {
+    log::set_max_level(log::LevelFilter::Off);
 }
 
 /// Waits for Ctrl-C or SIGTERM.

@@ -53,12 +53,17 @@ def expect(condition, *what):
         sys.exit(1)
 
 
-def values(peer, reader, part, secs=5.0):
-    """Figures of one part of the node's diagnostics."""
-    kind = "diagnostic_msgs/msg/DiagnosticArray"
-    message = peer.receive(reader, kind, secs, lambda m: any(s.name == f"{NODE}: {part}" for s in m.status))
-    status = next(s for s in message.status if s.name == f"{NODE}: {part}")
-    return {v.key: v.value for v in status.values} | {"message": status.message, "level": int(status.level)}
+def report(peer, reader, secs=5.0):
+    """The figures of the node's next diagnostics, by part."""
+    reader.take()  # What lies there is old.
+    message = peer.receive(reader, "diagnostic_msgs/msg/DiagnosticArray", secs)
+    return {
+        s.name.split(": ")[1]: {v.key: v.value for v in s.values} | {"message": s.message, "level": int(s.level)} for s in message.status
+    }
+
+
+def values(peer, reader, part):
+    return report(peer, reader)[part]
 
 
 def settled(peer, reader, part, key, wanted, secs=20.0):
@@ -155,6 +160,34 @@ def session(args):
                       "feedback": len(feedback), "description": len(description.data)}))
 
 
+def collecting(peer):
+    """Begins state 0 before a camera that travels; publishes its pose and parameters with every image."""
+    transform = peer.make(
+        "geometry_msgs/msg/Transform", peer.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
+        peer.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0))
+    time_type = peer.store.types["builtin_interfaces/msg/Time"]
+    info_type, region = peer.store.types["sensor_msgs/msg/CameraInfo"], peer.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    k = numpy.array([500.0, 0, 320, 0, 500, 240, 0, 0, 1])
+    p = numpy.array([500.0, 0, 320, 0, 0, 500, 240, 0, 0, 0, 1, 0])
+    tf = peer.publisher("/tf", "tf2_msgs/msg/TFMessage", depth=100)
+    info = peer.publisher("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo")
+    start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
+    for part in (tf, info, start):
+        part.wait()
+    expect(start.call(0).success, "state 0 begins")
+
+    def place(i, stamp):
+        header = peer.make("std_msgs/msg/Header", time_type(*struct.unpack("<iI", stamp)), "world")
+        transform.translation.x = 0.003 * i
+        stamped = peer.make("geometry_msgs/msg/TransformStamped", header, "camera_color_optical_frame", transform)
+        tf.bytes(peer.pack(peer.make("tf2_msgs/msg/TFMessage", [stamped])))
+        if i % 10 == 0:
+            header = peer.make("std_msgs/msg/Header", header.stamp, "camera_color_optical_frame")
+            info.bytes(peer.pack(info_type(header, 480, 640, "plumb_bob", numpy.zeros(5), k, numpy.eye(3).ravel(), p, 0, 0, region)))
+
+    return place
+
+
 def rate(args):
     """Color and depth of 640x480 at 30 Hz; the node must get every one."""
     peer = Peer()
@@ -172,23 +205,30 @@ def rate(args):
     ]
     for writer in writers:
         writer.wait()
+    place = collecting(peer) if args.collect else lambda i, stamp: None
     time.sleep(0.5)
+    resident, asked = [], time.time()
     start, late = time.time(), 0.0
     for i in range(args.frames):
         wait = start + i / args.hz - time.time()
         late = max(late, -wait)
         time.sleep(max(0.0, wait))
         stamp = struct.pack("<iI", 10 + int(i // args.hz), int(1e9 * (i % args.hz) / args.hz))
+        place(i, stamp)
         for writer, payload in zip(writers, (color, depth)):
             payload[4:12] = stamp
             writer.bytes(payload)
+        if time.time() > asked + 20:
+            asked = time.time()
+            resident += [int(peer.unpack(p, "diagnostic_msgs/msg/DiagnosticArray").status[-1].values[0].value) for p in diagnostics.take()][-1:]
     seconds = time.time() - start
     found = {part: settled(peer, diagnostics, part, "received", args.frames, 10) for part in ("color", "depth")}
     collection = values(peer, diagnostics, "collection")
     machine = values(peer, diagnostics, "machine")
     print(json.dumps({"sent": args.frames, "seconds": seconds, "latest_secs": late,
                       **{p: {k: int(v[k]) for k in ("received", "lost", "malformed", "dropped_busy")} for p, v in found.items()},
-                      "matched": int(collection["matched_sets"]), "resident_bytes": int(machine["resident_bytes"])}))
+                      "matched": int(collection["matched_sets"]), "resident_bytes": int(machine["resident_bytes"]),
+                      "resident_every_20_s": resident, "kept": int(collection["keyframes_state0"])}))
 
 
 def hostile(args):
@@ -229,12 +269,10 @@ def hostile(args):
             roles[topic] = "depth_info" if "depth" in topic else "camera_info"
         elif "image" in topic:
             roles[topic] = "depth" if "depth" in topic else "color"
-    seen = {}
-    for topic, role in roles.items():
-        found = settled(peer, diagnostics, role, "received", 0)
-        seen[topic] = {k: int(found[k]) for k in ("received", "lost", "malformed", "dropped_busy")} | {"sent": sent[topic]}
-    collection = values(peer, diagnostics, "collection")
-    machine = values(peer, diagnostics, "machine")
+    found = report(peer, diagnostics)
+    keys = ("received", "lost", "malformed", "dropped_busy")
+    seen = {topic: {k: int(found[role][k]) for k in keys} | {"sent": sent[topic]} for topic, role in roles.items()}
+    collection, machine = found["collection"], found["machine"]
     print(json.dumps({"inputs": seen, "refused": sum(int(collection[f"refused_{k}"]) for k in ("header", "size", "value")),
                       "resident_bytes": int(machine["resident_bytes"]), "seconds": time.time() - start}))
 
@@ -268,6 +306,20 @@ def discovery(args):
     print(json.dumps({"name": node.node_name, "namespace": node.node_namespace, "readers": len(node.reader_gid_seq), "writers": len(node.writer_gid_seq)}))
 
 
+def play(args):
+    """Publishes bags to whoever subscribes; with a state, collects it but does not end it."""
+    peer = Peer()
+    replay = Replay(peer, args.bags)
+    if args.begin is not None:
+        start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
+        start.wait()
+        expect(start.call(args.begin).success, "the state begins")
+    replay.wait([t for t in replay.writers if t != "/object_mask" or args.masks])
+    count = sum(replay.play(number) for number in range(len(args.bags)))
+    time.sleep(args.linger)
+    print(json.dumps({"sent": count}))
+
+
 def automatic(args):
     """Both bags one after the other, with no service called; the states must be found."""
     peer = Peer()
@@ -287,10 +339,10 @@ def automatic(args):
 def main():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers(required=True)
-    for function in (session, rate, hostile, clock, discovery, automatic):
+    for function in (session, rate, hostile, clock, discovery, automatic, play):
         command = commands.add_parser(function.__name__)
         command.set_defaults(function=function)
-        if function in (session, hostile, automatic):
+        if function in (session, hostile, automatic, play):
             command.add_argument("bags", nargs="+")
         if function is session:
             command.add_argument("--raw", action="store_true")
@@ -299,11 +351,16 @@ def main():
             command.add_argument("--frames", type=int, default=300)
             command.add_argument("--hz", type=float, default=30.0)
             command.add_argument("--reliable", action="store_true")
+            command.add_argument("--collect", action="store_true")
         if function is hostile:
             command.add_argument("--count", type=int, default=2000)
             command.add_argument("--hz", type=float, default=1000.0)
             command.add_argument("--seed", type=int, default=0)
             command.add_argument("--short", action="store_true")
+        if function is play:
+            command.add_argument("--begin", type=int)
+            command.add_argument("--masks", action="store_true")
+            command.add_argument("--linger", type=float, default=1.0)
         if function is discovery:
             command.add_argument("--name", default="artitwin")
     args = parser.parse_args()
