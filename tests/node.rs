@@ -16,7 +16,7 @@ use std::path::Path;
 
 use common::TempDir;
 use program::{SMALL, end, reconstruct, shipped};
-use ros::{Node, scenario, serial};
+use ros::{Node, lossy_scenario, scenario, serial};
 
 /// Parameters that make a run of the node the one of [`reconstruct`] with [`SMALL`].
 fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
@@ -73,7 +73,7 @@ fn session(bag: &str, domain: u16, raw: bool, cancel: bool) {
 
     // The recordings of the session and its settings give the same twin without the node, byte for byte.
     let again = folder.join("again");
-    let sources = [0, 1].map(|s| folder.join(format!("node/session/state{s}")));
+    let sources = [0, 1].map(|s| folder.join(&format!("node/session/state{s}")));
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
     command.arg("reconstruct").args(&sources).arg("--out").arg(&again).args(["--name", "drawer", "--config"]);
     let ended = end(command.arg(folder.join("node/session/settings.yaml")));
@@ -107,6 +107,29 @@ fn three_hundred_frames_at_30_hz_arrive() {
         assert_eq!(told[part]["lost"], 0, "{told}");
     }
     assert_eq!(told["matched"], 300, "{told}");
+}
+
+#[test]
+fn images_that_are_lost_on_the_way_are_counted() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-loss");
+    let out = format!("out_folder:={}", folder.join("out").display());
+    for (domain, qos, options) in [(52, "sensor_data", &[][..]), (53, "default", &["--reliable"])] {
+        let node = Node::start(domain, &[out.clone(), format!("image_qos:={qos}")]);
+        let told = lossy_scenario(&python, domain, 10, &[&["rate", "--frames", "150"], options].concat());
+        node.end();
+        for part in ["color", "depth"] {
+            let count = |key: &str| told[part][key].as_u64().unwrap();
+            let found = count("received") + count("lost");
+            if qos == "default" {
+                assert_eq!((count("received"), count("lost")), (150, 0), "{told}");
+            } else {
+                // Only a later image tells of one that was lost.
+                assert!(count("lost") > 0 && (146..=150).contains(&found), "{told}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -181,7 +204,7 @@ fn states_are_found_without_a_call() {
     let phases: Vec<u64> = told["phases"].as_array().unwrap().iter().map(|p| p.as_u64().unwrap()).collect();
     assert!(phases.contains(&1) && phases.last() == Some(&3), "{phases:?}\n{log}");
     for state in 0..2 {
-        assert!(folder.join(format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
+        assert!(folder.join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
     }
 }
 

@@ -178,7 +178,7 @@ fn outputs() -> Vec<String> {
         line(
             "artitwin_msgs/msg/SendGoal_Request",
             &([7u8; 16], ReconstructGoal { parts: 2, name: "n".into() }),
-            json!({"goal_id": [7; 16], "parts": 2, "name": "n"}),
+            json!({"goal_id": vec![7; 16], "parts": 2, "name": "n"}),
         ),
         line(
             "artitwin_msgs/msg/GetResult_Response",

@@ -86,9 +86,16 @@ impl Drop for Node {
 
 /// Runs a scenario of `tests/python/ros/scenario.py` in a domain; what it prints.
 pub fn scenario(python: &Path, domain: u16, arguments: &[&str]) -> serde_json::Value {
+    lossy_scenario(python, domain, 0, arguments)
+}
+
+/// The same, where so many of a thousand packets are dropped on sending.
+pub fn lossy_scenario(python: &Path, domain: u16, loss_per_mille: u32, arguments: &[&str]) -> serde_json::Value {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/scenario.py");
     let start = Instant::now();
-    let output = Command::new(python).arg(script).args(arguments).env("ROS_DOMAIN_ID", domain.to_string()).output().unwrap();
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments).env("ROS_DOMAIN_ID", domain.to_string());
+    let output = command.env("XMIT_LOSS_PER_MILLE", loss_per_mille.to_string()).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     assert!(output.status.success(), "{arguments:?} after {:?}: {}", start.elapsed(), text(&output.stderr));
     assert!(start.elapsed() < Duration::from_secs(900), "{arguments:?} took {:?}", start.elapsed());

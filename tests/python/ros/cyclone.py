@@ -8,13 +8,15 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+# Packets that are dropped on sending, of a thousand.
+LOSS = os.environ.get("XMIT_LOSS_PER_MILLE", "0")
 os.environ.setdefault(
     "CYCLONEDDS_URI",
     '<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any"><General><Interfaces>'
     '<NetworkInterface name="lo" multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast>'
     "<MaxMessageSize>65500B</MaxMessageSize></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
     '<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
-    "</Domain></CycloneDDS>",
+    f"<Internal><Test><XmitLossiness>{LOSS}</XmitLossiness></Test></Internal></Domain></CycloneDDS>",
 )
 
 from cyclonedds._clayer import ddspy_take, ddspy_write  # noqa: E402

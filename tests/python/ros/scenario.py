@@ -67,12 +67,13 @@ def values(peer, reader, part):
 
 
 def settled(peer, reader, part, key, wanted, secs=20.0):
-    """Waits until a figure is there."""
-    end = time.time() + secs
+    """Waits until a figure is there, or rises no more."""
+    end, last = time.time() + secs, None
     while True:
         found = values(peer, reader, part)
-        if float(found[key]) >= wanted or time.time() > end:
+        if float(found[key]) >= wanted or found[key] == last or time.time() > end:
             return found
+        last = found[key]
 
 
 def session(args):
