@@ -23,6 +23,8 @@ pub mod gap;
 pub mod geometry;
 pub mod io;
 pub mod model;
+#[cfg(feature = "node")]
+pub mod node;
 pub mod run;
 pub mod surface;
 pub mod synth;

@@ -27,7 +27,7 @@ fn small(seed: u64) -> SynthConfig {
 
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
-    let files = ["state0/state0.mcap", "state1/state1.mcap", "state1/metadata.yaml", "truth.json", "truth/state0/seen.npy"];
+    let files = ["state0/state0_0.mcap", "state1/state1_0.mcap", "state1/metadata.yaml", "truth.json", "truth/state0/seen.npy"];
     let config = SynthConfig { pose_noise: PoseSpread { translation_m: 0.005, rotation_rad: 0.01 }, ..small(3) };
     let outs = [folder("synth-a"), folder("synth-b"), folder("synth-c")];
     // One thread gives what many give.

@@ -5,8 +5,23 @@
 use std::{fs, path::Path};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 14] =
-    ["geometry", "capture", "surface", "synth", "field", "model", "gap", "articulate", "export", "config", "io", "evaluate", "run", "cli"];
+const LAYERS: [&str; 14] = [
+    "geometry",
+    "capture",
+    "surface",
+    "synth",
+    "field",
+    "model",
+    "gap",
+    "articulate",
+    "export",
+    "config",
+    "io",
+    "evaluate",
+    "run",
+    "node",
+    "cli",
+];
 /// Layers without files, environment or clock.
 const PURE: [&str; 9] = ["geometry", "capture", "surface", "synth", "field", "model", "gap", "articulate", "export"];
 /// What a pure layer does without.

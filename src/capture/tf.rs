@@ -11,6 +11,9 @@ use crate::geometry::Pose;
 /// Longest chain of frames.
 const MAX_DEPTH: usize = 64;
 
+/// Most parents of one frame that are kept for the message.
+const MAX_PARENTS: usize = 8;
+
 /// A connection between a frame and its parent: `parent_from_child`.
 #[derive(Clone, Debug)]
 enum Edge {
@@ -67,7 +70,10 @@ impl TfBuffer {
         }
         match self.edges.get(child) {
             Some((known, _)) if known != parent => {
-                self.conflicts.entry(child.to_owned()).or_default().extend([known.clone(), parent.to_owned()]);
+                let parents = self.conflicts.entry(child.to_owned()).or_default();
+                if parents.len() < MAX_PARENTS {
+                    parents.extend([known.clone(), parent.to_owned()]);
+                }
                 false
             }
             _ => true,
@@ -78,6 +84,16 @@ impl TfBuffer {
     pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
         self.conflicts.remove(child);
         self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
+    }
+
+    /// Forgets samples before a stamp, and the oldest of a frame that has more than `most`.
+    pub fn forget_before(&mut self, stamp_nanos: i64, most: usize) {
+        for (_, edge) in self.edges.values_mut() {
+            let Edge::Moving(samples) = edge else { continue };
+            while samples.len() > most || samples.keys().next().is_some_and(|first| *first < stamp_nanos) {
+                samples.pop_first();
+            }
+        }
     }
 
     /// Whether nothing is known.

@@ -35,6 +35,12 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Make an articulated object and film it: recordings of two states with their truth
     Synth(SynthArgs),
+    /// Work as a ROS 2 node: collect both states from topics, make the twin, publish it
+    #[cfg(feature = "node")]
+    Node(NodeArgs),
+    /// Write the topics that the node would read to a bag, until Ctrl-C
+    #[cfg(feature = "node")]
+    Record(RecordArgs),
     /// Show the configuration that would be used
     Config {
         /// What to do.
@@ -80,6 +86,30 @@ pub struct InspectArgs {
     /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0 and state1
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
+}
+
+/// Options of `node`.
+#[cfg(feature = "node")]
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example: artitwin node --ros-args -p parts:=2 -r __ns:=/lab\n\
+    Parameters: `artitwin node --ros-args -p parts:=2`; all of them stand in launch_configs/ros/node.yaml.")]
+pub struct NodeArgs {
+    /// Arguments of ROS 2: --ros-args -r FROM:=TO -p NAME:=VALUE --params-file FILE --log-level LEVEL
+    #[arg(value_name = "ROS_ARGS", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<String>,
+}
+
+/// Options of `record`.
+#[cfg(feature = "node")]
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example: artitwin record bags/state0 --ros-args -p color_transport:=compressed")]
+pub struct RecordArgs {
+    /// Folder of the bag, which must not be there yet
+    #[arg(value_name = "BAG")]
+    pub bag: PathBuf,
+    /// Arguments of ROS 2, as for `node`
+    #[arg(value_name = "ROS_ARGS", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<String>,
 }
 
 /// Options of `check`.

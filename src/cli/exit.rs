@@ -71,6 +71,10 @@ pub enum CliError {
         /// Whether they were stopped on request.
         cancelled: bool,
     },
+    /// The node could not start.
+    #[cfg(feature = "node")]
+    #[error(transparent)]
+    Node(#[from] crate::node::NodeError),
     /// Standard output could not be written.
     #[error("cannot write the result")]
     Output(#[source] std::io::Error),
@@ -88,6 +92,8 @@ impl CliError {
     pub fn exit(&self) -> Exit {
         match self {
             Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Usage(_) | Self::Synth(SynthError::Config(_)) => Exit::Usage,
+            #[cfg(feature = "node")]
+            Self::Node(error) if error.is_usage() => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
             _ => Exit::Failed,
         }

@@ -9,8 +9,12 @@ mod evaluate;
 mod exit;
 mod inspect;
 mod machine;
+#[cfg(feature = "node")]
+mod node;
 mod progress;
 mod reconstruct;
+#[cfg(feature = "node")]
+mod record;
 mod render;
 mod settings;
 mod synth;
@@ -54,6 +58,10 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Synth(args) => synth::run(&args),
+        #[cfg(feature = "node")]
+        Command::Node(args) => node::run(&args),
+        #[cfg(feature = "node")]
+        Command::Record(args) => record::run(&args),
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),
     }

@@ -1,154 +1,167 @@
-//! Writes rosbag2 folders: one MCAP file and its `metadata.yaml`, as bytes.
+//! Writes a rosbag2 folder (MCAP storage) as messages come.
+//!
+//! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears when the bag is
+//! finished, and a folder without one is read as a recording that was not closed.
 
-use std::{collections::BTreeMap, fmt::Write as _, io::Cursor};
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{BufWriter, Write as _},
+    path::{Path, PathBuf},
+};
 
-use mcap::{Compression, McapError, WriteOptions, Writer, records::MessageHeader};
-use serde::Serialize;
+use mcap::records::{MessageHeader, Metadata};
 
-use super::ros2msg::{self, DecodeError};
+use super::{
+    bag_metadata::{BagFacts, TopicFacts},
+    ros2msg::definitions::definition,
+};
 
-/// A message type as a bag tells it.
+/// Uncompressed bytes of a chunk: what a crash may cost besides the last second.
+const CHUNK_BYTES: u64 = 768 << 10;
+
+/// How a publisher offers a topic, as bags tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MessageType {
-    /// Such as `sensor_msgs/msg/Image`.
-    pub name: &'static str,
-    /// Definition with those of all types it is made of.
-    definition: &'static str,
-    /// Hash of the definition (REP 2016).
-    hash: &'static str,
+pub struct OfferedQos {
+    /// Reliable, else best effort.
+    pub reliable: bool,
+    /// Transient local, else volatile.
+    pub latched: bool,
+    /// Samples kept.
+    pub depth: u32,
 }
-
-/// `sensor_msgs/msg/Image`.
-pub const IMAGE: MessageType = MessageType {
-    name: "sensor_msgs/msg/Image",
-    definition: include_str!("messages/Image.msg"),
-    hash: "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
-};
-/// `sensor_msgs/msg/CompressedImage`.
-pub const COMPRESSED_IMAGE: MessageType = MessageType {
-    name: "sensor_msgs/msg/CompressedImage",
-    definition: include_str!("messages/CompressedImage.msg"),
-    hash: "RIHS01_15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
-};
-/// `sensor_msgs/msg/CameraInfo`.
-pub const CAMERA_INFO: MessageType = MessageType {
-    name: "sensor_msgs/msg/CameraInfo",
-    definition: include_str!("messages/CameraInfo.msg"),
-    hash: "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
-};
-/// `tf2_msgs/msg/TFMessage`.
-pub const TF_MESSAGE: MessageType = MessageType {
-    name: "tf2_msgs/msg/TFMessage",
-    definition: include_str!("messages/TFMessage.msg"),
-    hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-};
 
 /// Why a bag could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum BagWriteError {
-    /// A message has no CDR form.
-    #[error("a message on {topic} cannot be encoded: {source}")]
-    Message {
-        /// Its topic.
-        topic: String,
-        /// Why.
-        source: DecodeError,
+    /// The folder is there already.
+    #[error("`{}` is there already; give another folder or move it away", .0.display())]
+    Exists(PathBuf),
+    /// The disk refuses.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
     },
-    /// The container refused.
-    #[error("the bag cannot be written: {0}")]
-    Container(#[from] McapError),
-    /// An image has no compressed form.
-    #[error("an image cannot be compressed: {0}")]
-    Image(#[from] image::ImageError),
+    /// The MCAP writer refuses.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// What the writer said.
+        source: mcap::McapError,
+    },
+    /// A type without definition.
+    #[error("messages of type `{0}` cannot be recorded: its definition is not known")]
+    Type(String),
 }
 
-struct Topic {
-    channel: u16,
-    kind: MessageType,
-    count: usize,
-}
-
-/// A bag being written, in memory.
+/// A bag that is being written.
 pub struct BagWriter {
-    writer: Writer<Cursor<Vec<u8>>>,
-    topics: BTreeMap<String, Topic>,
-    /// First and last log time, nanoseconds.
-    times: Option<[i64; 2]>,
+    folder: PathBuf,
+    file: PathBuf,
+    writer: mcap::Writer<BufWriter<File>>,
+    channels: BTreeMap<String, Channel>,
+    facts: BagFacts,
+}
+
+struct Channel {
+    id: u16,
+    sequence: u32,
+    /// Its place in the facts.
+    place: usize,
 }
 
 impl BagWriter {
-    /// An empty bag of zstd chunks.
+    /// Makes the folder and its file `<folder>_0.mcap`.
     ///
     /// # Errors
-    /// If the container refuses.
-    pub fn new() -> Result<Self, BagWriteError> {
-        // By default the container compresses with as many threads as there are cores, which shows in its bytes.
-        let options = WriteOptions::new().profile("ros2").library("artitwin").compression(Some(Compression::Zstd)).compression_threads(0);
-        Ok(Self { writer: options.create(Cursor::new(Vec::new()))?, topics: BTreeMap::new(), times: None })
-    }
-
-    /// Adds a message, logged at a time since the epoch; a topic keeps the type of its first message.
-    ///
-    /// # Errors
-    /// A message that has no CDR form; a container that refuses.
-    pub fn put(&mut self, topic: &str, kind: MessageType, log_nanos: i64, message: &impl Serialize) -> Result<(), BagWriteError> {
-        let bytes = ros2msg::encode(message).map_err(|source| BagWriteError::Message { topic: topic.to_owned(), source })?;
-        let (channel, count) = match self.topics.get_mut(topic) {
-            Some(known) => {
-                known.count += 1;
-                (known.channel, known.count)
-            }
-            None => {
-                let schema = self.writer.add_schema(kind.name, "ros2msg", kind.definition.as_bytes())?;
-                let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
-                let channel = self.writer.add_channel(schema, topic, "cdr", &qos)?;
-                self.topics.insert(topic.to_owned(), Topic { channel, kind, count: 1 });
-                (channel, 1)
-            }
+    /// If the folder is there already or cannot be made.
+    pub fn create(folder: &Path) -> Result<Self, BagWriteError> {
+        if folder.exists() {
+            return Err(BagWriteError::Exists(folder.to_owned()));
+        }
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |source| BagWriteError::Io { path, source }
         };
-        let time = log_nanos.max(0).unsigned_abs();
-        let header = MessageHeader { channel_id: channel, sequence: count as u32, log_time: time, publish_time: time };
-        self.writer.write_to_known_channel(&header, &bytes)?;
-        let [first, last] = self.times.unwrap_or([log_nanos; 2]);
-        self.times = Some([first.min(log_nanos), last.max(log_nanos)]);
-        Ok(())
+        fs::create_dir_all(folder).map_err(io(folder))?;
+        let name = format!("{}_0.mcap", folder.file_name().unwrap_or_default().to_string_lossy());
+        let file = folder.join(&name);
+        let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
+        // Images are compressed already or do not compress; checksums are what makes damage visible.
+        let options = mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
+        let writer = options.create(sink).map_err(|source| BagWriteError::Mcap { path: file.clone(), source })?;
+        Ok(Self { folder: folder.to_owned(), file, writer, channels: BTreeMap::new(), facts: BagFacts::new(name) })
     }
 
-    /// The bytes of the MCAP file called `file`, and the text of `metadata.yaml`.
+    /// The folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Messages written.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.facts.messages()
+    }
+
+    /// Writes a message: CDR with its header ([`super::ros2msg::encode`]).
     ///
     /// # Errors
-    /// If the container refuses.
-    pub fn finish(mut self, file: &str) -> Result<(Vec<u8>, String), BagWriteError> {
-        self.writer.finish()?;
-        let [first, last] = self.times.unwrap_or_default();
-        let metadata = metadata(file, first, last - first, &self.topics);
-        Ok((self.writer.into_inner().into_inner(), metadata))
+    /// If the disk refuses or the type is not known.
+    pub fn write(&mut self, topic: &str, type_name: &str, qos: OfferedQos, log_nanos: i64, payload: &[u8]) -> Result<(), BagWriteError> {
+        if !self.channels.contains_key(topic) {
+            let channel = self.add_channel(topic, type_name, qos)?;
+            self.channels.insert(topic.to_owned(), channel);
+        }
+        let Some(channel) = self.channels.get_mut(topic) else { return Ok(()) };
+        let time = u64::try_from(log_nanos).unwrap_or(0);
+        let header = MessageHeader { channel_id: channel.id, sequence: channel.sequence, log_time: time, publish_time: time };
+        channel.sequence = channel.sequence.wrapping_add(1);
+        self.facts.count(channel.place, time);
+        self.writer.write_to_known_channel(&header, payload).map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
     }
-}
 
-/// rosbag2's description of a bag of one file, version 9.
-fn metadata(file: &str, start_nanos: i64, duration_nanos: i64, topics: &BTreeMap<String, Topic>) -> String {
-    let count: usize = topics.values().map(|t| t.count).sum();
-    let mut text = format!(
-        "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  duration:\n    nanoseconds: {duration_nanos}\n  \
-         starting_time:\n    nanoseconds_since_epoch: {start_nanos}\n  message_count: {count}\n  topics_with_message_count:\n"
-    );
-    for (name, topic) in topics {
-        // Writing to a String cannot fail.
-        write!(
-            text,
-            "  - topic_metadata:\n      name: {name}\n      type: {}\n      serialization_format: cdr\n      \
-             offered_qos_profiles: []\n      type_description_hash: {}\n    message_count: {}\n",
-            topic.kind.name, topic.kind.hash, topic.count
-        )
-        .unwrap_or_default();
+    fn add_channel(&mut self, topic: &str, type_name: &str, qos: OfferedQos) -> Result<Channel, BagWriteError> {
+        let definition = definition(type_name).ok_or_else(|| BagWriteError::Type(type_name.to_owned()))?;
+        let failed = |source| BagWriteError::Mcap { path: self.file.clone(), source };
+        let facts = TopicFacts { name: topic.to_owned(), type_name: type_name.to_owned(), qos, hash: definition.hash, messages: 0 };
+        let metadata = BTreeMap::from([
+            ("offered_qos_profiles".to_owned(), facts.qos_yaml()),
+            ("topic_type_hash".to_owned(), definition.hash.to_owned()),
+        ]);
+        let schema = self.writer.add_schema(type_name, "ros2msg", definition.text.as_bytes()).map_err(failed)?;
+        let id = self.writer.add_channel(schema, topic, "cdr", &metadata).map_err(failed)?;
+        self.facts.topics.push(facts);
+        Ok(Channel { id, sequence: 0, place: self.facts.topics.len() - 1 })
     }
-    write!(
-        text,
-        "  compression_format: ''\n  compression_mode: ''\n  relative_file_paths:\n  - {file}\n  files:\n  - path: {file}\n    \
-         starting_time:\n      nanoseconds_since_epoch: {start_nanos}\n    duration:\n      nanoseconds: {duration_nanos}\n    \
-         message_count: {count}\n  custom_data: null\n  ros_distro: rolling\n"
-    )
-    .unwrap_or_default();
-    text
+
+    /// Puts what was written so far on the disk.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+        self.writer.flush().map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
+    }
+
+    /// Closes the file and writes `metadata.yaml`; the number of messages.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn finish(mut self) -> Result<u64, BagWriteError> {
+        let mcap = |source| BagWriteError::Mcap { path: self.file.clone(), source };
+        let inner = BTreeMap::from([("serialized_metadata".to_owned(), self.facts.body(0))]);
+        self.writer.write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner }).map_err(mcap)?;
+        self.writer.finish().map_err(mcap)?;
+        let path = self.folder.join("metadata.yaml");
+        let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
+        let temporary = self.folder.join(".metadata.yaml.part");
+        let written = File::create(&temporary).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+        written.and_then(|()| fs::rename(&temporary, &path)).map_err(|source| BagWriteError::Io { path, source })?;
+        Ok(self.facts.messages())
+    }
 }

@@ -6,6 +6,7 @@ mod model_folder;
 mod npy;
 mod ply;
 mod run_dir;
+mod run_summary;
 mod twin_file;
 mod urdf;
 
@@ -14,6 +15,7 @@ pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
+pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
 pub use twin_file::{read_twin, twin_of};
 pub use urdf::{UrdfError, read_urdf};
 pub mod image_codec;
@@ -22,6 +24,7 @@ pub mod rvl;
 
 mod bag;
 mod bag_index;
+mod bag_metadata;
 mod bag_writer;
 mod camera;
 mod dataset;
@@ -39,7 +42,8 @@ mod synth_folder;
 mod topics;
 mod views;
 
-pub use bag_writer::BagWriteError;
+pub use bag_writer::{BagWriteError, BagWriter, OfferedQos};
+pub use camera::pinhole;
 pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
@@ -48,3 +52,4 @@ pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open};
 pub use synth_folder::{SynthError, write_synth};
+pub use views::check_size;

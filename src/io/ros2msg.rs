@@ -3,6 +3,14 @@
 //! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever comes out
 //! of the decoder is still untrusted: see [`crate::io::image_codec`] and [`crate::capture`] for the checks of meaning.
 
+pub mod definitions;
+pub mod diagnostic;
+pub mod markers;
+pub mod odometry;
+pub mod point_cloud;
+pub mod status;
+pub mod text;
+
 use byteorder::{BigEndian, LittleEndian};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
@@ -47,7 +55,7 @@ pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
     .map_err(|e| DecodeError::Body(e.to_string()))
 }
 
-/// Encodes a message as little-endian CDR with its header; for recordings made in tests and by the tools.
+/// Encodes a message as little-endian CDR with its header, as bags hold it.
 ///
 /// # Errors
 /// [`DecodeError::Body`] where serde cannot express the value.
@@ -212,6 +220,12 @@ pub struct Vector3 {
     pub z: f64,
 }
 
+impl From<[f64; 3]> for Vector3 {
+    fn from([x, y, z]: [f64; 3]) -> Self {
+        Self { x, y, z }
+    }
+}
+
 /// `geometry_msgs/msg/Quaternion`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Quaternion {
@@ -225,8 +239,14 @@ pub struct Quaternion {
     pub w: f64,
 }
 
+impl Default for Quaternion {
+    fn default() -> Self {
+        Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }
+    }
+}
+
 /// `geometry_msgs/msg/Transform` and `Pose`: both are a position and a rotation, child in parent.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
     /// Position of the child in the parent frame.
     pub translation: Vector3,
@@ -260,7 +280,7 @@ impl Transform {
 }
 
 /// `geometry_msgs/msg/TransformStamped`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TransformStamped {
     /// Stamp and parent frame.
     pub header: Header,
@@ -278,7 +298,7 @@ pub struct TfMessage {
 }
 
 /// `geometry_msgs/msg/PoseStamped`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseStamped {
     /// Stamp and the frame the pose is given in.
     pub header: Header,

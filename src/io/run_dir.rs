@@ -105,6 +105,11 @@ impl RunDir {
         &self.target
     }
 
+    /// Where the files are until [`Self::commit`].
+    pub(super) fn working(&self) -> &Path {
+        &self.partial
+    }
+
     /// Writes a file at a relative path with `/`, making folders on the way.
     ///
     /// # Errors

@@ -1,13 +1,14 @@
 //! A made recording as a rosbag2 folder, with the topics of a RealSense driver.
 
-use std::io::Cursor;
+use std::{io::Cursor, path::Path};
 
 use image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder as _, ImageFormat, codecs::jpeg::JpegEncoder};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::{
-    bag_writer::{BagWriteError, BagWriter, CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, TF_MESSAGE},
-    ros2msg::{CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped},
+    SynthError,
+    bag_writer::{BagWriter, OfferedQos},
+    ros2msg::{CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped, definitions::RosMessage, encode},
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -33,36 +34,42 @@ const LATER_NANOS: i64 = 300_000;
 /// The static transform is logged this long before the first view, nanoseconds.
 const STATIC_NANOS: i64 = 100_000_000;
 
-/// The MCAP file `state<n>.mcap` and the `metadata.yaml` of a state.
+/// Writes the bag of a state into a new folder.
 ///
 /// # Errors
-/// If an image cannot be compressed or the container refuses.
-pub(super) fn synth_bag(state: usize, recording: &SynthState) -> Result<(Vec<u8>, String), BagWriteError> {
+/// If an image cannot be compressed or the disk refuses.
+pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> Result<(), SynthError> {
     let start = START_NANOS + state as i64 * STATE_NANOS;
     let link_from_optical = link_from_optical();
-    let mut bag = BagWriter::new()?;
-    bag.put("/tf_static", TF_MESSAGE, start - STATIC_NANOS, &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical))?;
+    let mut bag = BagWriter::create(folder)?;
+    put(&mut bag, "/tf_static", start - STATIC_NANOS, &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical))?;
     for (i, frame) in recording.frames.iter().enumerate() {
         let stamp = start + i as i64 * SynthFrame::PERIOD_NANOS;
         let tell = |bag: &mut BagWriter, at: i64, pose: &Pose| {
-            bag.put("/tf", TF_MESSAGE, at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
+            put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
         tell(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.told[0])?;
         let info = camera_info(stamp, &recording.intrinsics);
-        bag.put(COLOR_INFO, CAMERA_INFO, stamp, &info)?;
-        bag.put(DEPTH_INFO, CAMERA_INFO, stamp, &info)?;
+        put(&mut bag, COLOR_INFO, stamp, &info)?;
+        put(&mut bag, DEPTH_INFO, stamp, &info)?;
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
         tell(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.told[1])?;
     }
-    bag.finish(&format!("state{state}.mcap"))
+    bag.finish()?;
+    Ok(())
 }
 
-fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), BagWriteError> {
+fn put<M: RosMessage>(bag: &mut BagWriter, topic: &str, log_nanos: i64, message: &M) -> Result<(), SynthError> {
+    let qos = OfferedQos { reliable: true, latched: topic == "/tf_static", depth: 10 };
+    Ok(bag.write(topic, M::TYPE, qos, log_nanos, &encode(message)?)?)
+}
+
+fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), SynthError> {
     let (width, height) = (k.width as u32, k.height as u32);
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).write_image(frame.rgb.as_flattened(), width, height, ExtendedColorType::Rgb8)?;
     let color = CompressedImage { header: header(stamp, OPTICAL), format: "rgb8; jpeg compressed bgr8".into(), data: jpeg };
-    bag.put(COLOR, COMPRESSED_IMAGE, stamp, &color)?;
+    put(bag, COLOR, stamp, &color)?;
     // compressedDepth: 12 bytes of quantisation, unused for 16UC1, then the PNG.
     let mut png = Cursor::new(Vec::new());
     if let Some(image) = ImageBuffer::from_raw(width, height, frame.depth_mm.clone()) {
@@ -70,7 +77,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
     }
     let data = [&[0; 12], png.get_ref().as_slice()].concat();
     let depth = CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
-    bag.put(DEPTH, COMPRESSED_IMAGE, stamp + LATER_NANOS, &depth)?;
+    put(bag, DEPTH, stamp + LATER_NANOS, &depth)?;
     let mask = Image {
         header: header(stamp, OPTICAL),
         height,
@@ -80,7 +87,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
         step: width,
         data: frame.mask.iter().map(|m| u8::from(*m) * 255).collect(),
     };
-    bag.put(MASK, IMAGE, stamp + 2 * LATER_NANOS, &mask)
+    put(bag, MASK, stamp + 2 * LATER_NANOS, &mask)
 }
 
 fn header(stamp_nanos: i64, frame: &str) -> Header {

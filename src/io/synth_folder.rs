@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::{RunDir, RunDirError, bag_writer::BagWriteError, synth_bag::synth_bag};
+use super::{RunDir, RunDirError, bag_writer::BagWriteError, ros2msg::DecodeError, synth_bag::synth_bag};
 use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
@@ -21,9 +21,15 @@ pub enum SynthError {
     /// No such object was found.
     #[error("{0}")]
     Object(String),
-    /// The recording cannot be encoded.
+    /// The recording cannot be written.
     #[error(transparent)]
     Bag(#[from] BagWriteError),
+    /// A message has no CDR form.
+    #[error("a message of the recording cannot be encoded: {0}")]
+    Message(#[from] DecodeError),
+    /// An image has no compressed form.
+    #[error("an image cannot be compressed: {0}")]
+    Image(#[from] image::ImageError),
     /// The truth cannot be encoded.
     #[error("truth.json cannot be written: {0}")]
     Truth(#[from] serde_json::Error),
@@ -83,9 +89,7 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
         let recording = record(&object, state, config);
         *told = recording.recorded_from_world;
         recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
-        let (mcap, metadata) = synth_bag(state, &recording)?;
-        folder.put(&format!("state{state}/state{state}.mcap"), &mcap)?;
-        folder.put(&format!("state{state}/metadata.yaml"), metadata.as_bytes())?;
+        synth_bag(&folder.working().join(format!("state{state}")), state, &recording)?;
         put_truth(&folder, &object, state, &recording)?;
     }
     let truth = TruthFile {

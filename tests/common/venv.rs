@@ -1,4 +1,6 @@
-//! A Python with the packages of `tests/python/requirements.txt`.
+//! Pythons with the packages of `tests/python/requirements.txt`, and of `tests/python/ros/requirements.txt`.
+
+#![allow(dead_code, reason = "every test binary uses its own part of this")]
 
 use std::{
     path::{Path, PathBuf},
@@ -12,12 +14,22 @@ use std::{
 /// once; that needs python3 with venv and pip, and a package index.
 pub fn python() -> Option<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    if let Some(venv) = std::env::var_os("ARTITWIN_VENV") {
+    interpreter(&FOUND, "ARTITWIN_VENV", ".venv", "tests/python/requirements.txt")
+}
+
+/// The interpreter of the ROS 2 peers: `ARTITWIN_ROS_VENV`, else `.venv-ros`, under the same conditions.
+pub fn ros_python() -> Option<PathBuf> {
+    static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    interpreter(&FOUND, "ARTITWIN_ROS_VENV", ".venv-ros", "tests/python/ros/requirements.txt")
+}
+
+fn interpreter(found: &OnceLock<Result<PathBuf, String>>, variable: &str, folder: &str, requirements: &str) -> Option<PathBuf> {
+    if let Some(venv) = std::env::var_os(variable) {
         let python = Path::new(&venv).join("bin/python");
-        assert!(python.exists(), "{} does not exist (ARTITWIN_VENV)", python.display());
+        assert!(python.exists(), "{} does not exist ({variable})", python.display());
         return Some(python);
     }
-    match FOUND.get_or_init(|| lock().and_then(|_guard| find_or_make())) {
+    match found.get_or_init(|| lock().and_then(|_guard| find_or_make(folder, requirements))) {
         Ok(path) => Some(path.clone()),
         Err(why) => {
             eprintln!("skipped: {why}");
@@ -26,10 +38,10 @@ pub fn python() -> Option<PathBuf> {
     }
 }
 
-fn find_or_make() -> Result<PathBuf, String> {
+fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let requirements = root.join("tests/python/requirements.txt");
-    let venv = root.join(".venv");
+    let requirements = root.join(requirements);
+    let venv = root.join(folder);
     let (python, stamp) = (venv.join("bin/python"), venv.join("artitwin-requirements.txt"));
     let wanted = std::fs::read_to_string(&requirements).map_err(|e| format!("{}: {e}", requirements.display()))?;
     if python.exists() && std::fs::read_to_string(&stamp).is_ok_and(|text| text == wanted) {

@@ -1,0 +1,19 @@
+//! `artitwin record`.
+
+use super::{
+    args::RecordArgs,
+    exit::{CliError, Exit},
+};
+
+/// Records until it is asked to end; prints what was written.
+///
+/// # Errors
+/// If the recorder cannot start or the disk refuses.
+pub fn run(args: &RecordArgs) -> Result<Exit, CliError> {
+    let recorded = crate::node::record(&args.bag, &args.arguments)?;
+    super::print(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
+    if recorded.dropped > 0 {
+        super::tell(&format!("warning: {} messages were lost or dropped", recorded.dropped));
+    }
+    Ok(if recorded.dropped > 0 { Exit::Degraded } else { Exit::Done })
+}

@@ -1,0 +1,38 @@
+//! `diagnostic_msgs`.
+
+use serde::{Deserialize, Serialize};
+
+use super::Header;
+
+/// `diagnostic_msgs/msg/KeyValue`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeyValue {
+    /// What.
+    pub key: String,
+    /// How much, as text.
+    pub value: String,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticStatus`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DiagnosticStatus {
+    /// 0 OK, 1 warning, 2 error, 3 stale.
+    pub level: u8,
+    /// What it is about: `node: part`.
+    pub name: String,
+    /// A sentence.
+    pub message: String,
+    /// Which device.
+    pub hardware_id: String,
+    /// Figures.
+    pub values: Vec<KeyValue>,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticArray`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DiagnosticArray {
+    /// When.
+    pub header: Header,
+    /// One status a part.
+    pub status: Vec<DiagnosticStatus>,
+}

@@ -1,0 +1,196 @@
+//! What a finished run folder tells of its twin: URDF, joints, observed states, uncertainty.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use crate::{geometry::Pose, model::JointKind};
+
+/// Largest file that is read, bytes.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Why a run folder could not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("`{}`: {reason}; reconstruct again", path.display())]
+pub struct RunSummaryError {
+    path: PathBuf,
+    reason: String,
+}
+
+/// A finished twin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunSummary {
+    /// The run folder.
+    pub folder: PathBuf,
+    /// Name of the twin.
+    pub name: String,
+    /// The URDF for simulators, with paths relative to the folder.
+    pub urdf: String,
+    /// Name of the root link; its frame is the world frame of the recording.
+    pub root: String,
+    /// Parents before children.
+    pub joints: Vec<SummaryJoint>,
+}
+
+/// A joint of a finished twin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SummaryJoint {
+    /// Its name.
+    pub name: String,
+    /// Parent link.
+    pub parent: String,
+    /// Child link.
+    pub child: String,
+    /// What it lets the child do.
+    pub kind: JointKind,
+    /// Joint frame in the parent's frame at position 0.
+    pub parent_from_joint: Pose,
+    /// Axis in the joint frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// Lowest and highest position, radians or meters.
+    pub limits: [f64; 2],
+    /// Positions in the observed states.
+    pub states: Vec<f64>,
+    /// Standard deviation of the axis' direction, radians.
+    pub axis_std_rad: f64,
+    /// Standard deviation of the axis' place, meters.
+    pub origin_std_m: f64,
+    /// Standard deviation of the motion between the states, radians or meters.
+    pub motion_std: f64,
+}
+
+impl SummaryJoint {
+    /// The child link's frame in its parent's at a position.
+    #[must_use]
+    pub fn parent_from_child(&self, position: f64) -> Pose {
+        let step = match self.kind {
+            JointKind::Revolute => Pose::rotation(self.axis.into_inner() * position),
+            JointKind::Prismatic => Pose::from_parts((self.axis.into_inner() * position).into(), UnitQuaternion::identity()),
+        };
+        self.parent_from_joint * step
+    }
+}
+
+impl RunSummary {
+    /// World pose of every link at the positions of a state: (link, pose), the root first.
+    #[must_use]
+    pub fn link_poses(&self, positions: &[f64]) -> Vec<(String, Pose)> {
+        let mut poses = BTreeMap::from([(self.root.clone(), Pose::identity())]);
+        let mut list = vec![(self.root.clone(), Pose::identity())];
+        for (joint, position) in self.joints.iter().zip(positions) {
+            if let Some(parent) = poses.get(&joint.parent).copied() {
+                let pose = parent * joint.parent_from_child(*position);
+                poses.insert(joint.child.clone(), pose);
+                list.push((joint.child.clone(), pose));
+            }
+        }
+        list
+    }
+
+    /// Positions of all joints in an observed state.
+    #[must_use]
+    pub fn positions(&self, state: usize) -> Vec<f64> {
+        self.joints.iter().map(|j| j.states.get(state).copied().unwrap_or_default()).collect()
+    }
+
+    /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the twin's name.
+    #[must_use]
+    pub fn urdf_with_uris(&self, package: bool) -> String {
+        let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
+        let base = if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
+        let base = base.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
+        self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
+    }
+}
+
+#[derive(Deserialize)]
+struct ReportFile {
+    name: String,
+    states: Vec<ReportState>,
+    joints: Vec<ReportJoint>,
+}
+
+#[derive(Deserialize)]
+struct ReportState {
+    joints: BTreeMap<String, f64>,
+}
+
+#[derive(Deserialize)]
+struct ReportJoint {
+    name: String,
+    axis_std_deg: Option<f64>,
+    origin_std_mm: Option<f64>,
+    motion_std: Option<ReportQuantity>,
+}
+
+#[derive(Deserialize)]
+struct ReportQuantity {
+    value: f64,
+}
+
+/// Reads a finished run folder.
+///
+/// # Errors
+/// If a file is missing, too large or damaged.
+pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
+    let fail = |path: &Path, reason: String| RunSummaryError { path: path.to_owned(), reason };
+    let read = |path: &Path| match fs::metadata(path) {
+        Ok(m) if m.len() > MAX_BYTES => Err(fail(path, format!("it has {} bytes; {MAX_BYTES} are the limit", m.len()))),
+        _ => fs::read_to_string(path).map_err(|e| fail(path, e.to_string())),
+    };
+    let path = folder.join("report.json");
+    let report: ReportFile = serde_json::from_str(&read(&path)?).map_err(|e| fail(&path, e.to_string()))?;
+    let path = folder.join(format!("{}.urdf", report.name));
+    let urdf = read(&path)?;
+    let robot = urdf_rs::read_from_string(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let children: Vec<&str> = robot.joints.iter().map(|j| j.child.link.as_str()).collect();
+    let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
+    let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
+    let joints: Option<Vec<SummaryJoint>> = robot.joints.iter().map(|j| joint(j, &report)).collect();
+    let joints = joints.ok_or_else(|| fail(&path, "a joint is neither revolute nor prismatic, or report.json does not know it".into()))?;
+    let joints = sorted(joints, &root).ok_or_else(|| fail(&path, "its links are no tree".into()))?;
+    Ok(RunSummary { folder: folder.to_owned(), name: report.name, urdf, root, joints })
+}
+
+fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
+    let kind = match j.joint_type {
+        urdf_rs::JointType::Revolute => JointKind::Revolute,
+        urdf_rs::JointType::Prismatic => JointKind::Prismatic,
+        _ => return None,
+    };
+    let told = report.joints.iter().find(|r| r.name == j.name)?;
+    let states: Option<Vec<f64>> = report.states.iter().map(|s| s.joints.get(&j.name).copied()).collect();
+    let [roll, pitch, yaw] = j.origin.rpy.0;
+    let [x, y, z] = j.origin.xyz.0;
+    Some(SummaryJoint {
+        name: j.name.clone(),
+        parent: j.parent.link.clone(),
+        child: j.child.link.clone(),
+        kind,
+        parent_from_joint: Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)),
+        axis: Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)?,
+        limits: [j.limit.lower, j.limit.upper],
+        states: states?,
+        axis_std_rad: told.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
+        origin_std_m: told.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
+        motion_std: told.motion_std.as_ref().map_or(f64::NAN, |q| q.value),
+    })
+}
+
+/// Parents before children; `None` where the links are no tree.
+fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>> {
+    let mut reached = vec![root.to_owned()];
+    let mut list = Vec::with_capacity(joints.len());
+    while !joints.is_empty() {
+        let at = joints.iter().position(|j| reached.contains(&j.parent))?;
+        let joint = joints.remove(at);
+        reached.push(joint.child.clone());
+        list.push(joint);
+    }
+    Some(list)
+}

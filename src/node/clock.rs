@@ -1,0 +1,68 @@
+//! The node's time: the system's, or that of `/clock`.
+
+use std::{
+    sync::atomic::{AtomicI64, Ordering},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use crate::io::ros2msg::Time;
+
+/// Simulated time that goes back by more than this is a jump, nanoseconds.
+const JUMP_NANOS: i64 = 100_000_000;
+/// No simulated time yet.
+const UNKNOWN: i64 = i64::MIN;
+
+/// The node's time.
+#[derive(Debug)]
+pub struct NodeClock {
+    simulated: Option<AtomicI64>,
+}
+
+impl NodeClock {
+    /// The system's time, or `/clock`'s.
+    #[must_use]
+    pub fn new(simulated: bool) -> Self {
+        Self { simulated: simulated.then(|| AtomicI64::new(UNKNOWN)) }
+    }
+
+    /// Nanoseconds since the epoch; 0 before the first simulated time, as ROS has it.
+    #[must_use]
+    pub fn now_nanos(&self) -> i64 {
+        match &self.simulated {
+            Some(time) => match time.load(Ordering::Relaxed) {
+                UNKNOWN => 0,
+                nanos => nanos,
+            },
+            None => SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0)),
+        }
+    }
+
+    /// The time now as a stamp.
+    #[must_use]
+    pub fn stamp(&self) -> Time {
+        Time::from_nanos(self.now_nanos())
+    }
+
+    /// Takes a simulated time; whether it went back.
+    pub fn set(&self, time: Time) -> bool {
+        let (Some(simulated), Some(nanos)) = (&self.simulated, time.nanos()) else { return false };
+        let before = simulated.swap(nanos, Ordering::Relaxed);
+        before != UNKNOWN && nanos < before.saturating_sub(JUMP_NANOS)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_time_may_jump_back() {
+        let clock = NodeClock::new(true);
+        assert_eq!(clock.now_nanos(), 0);
+        let set = |sec| clock.set(Time { sec, nanosec: 0 });
+        assert_eq!([set(5), set(6), set(6), set(2), set(3)], [false, false, false, true, false]);
+        assert_eq!(clock.stamp(), Time { sec: 3, nanosec: 0 });
+        assert!(!clock.set(Time { sec: -1, nanosec: 0 }));
+        assert!(!NodeClock::new(false).set(Time { sec: 5, nanosec: 0 }));
+    }
+}

@@ -1,0 +1,267 @@
+//! The one place that owns the collector: messages and commands go in, answers and events come out. It runs on a thread of
+//! its own, as decoding and writing take time.
+
+use std::{
+    path::PathBuf,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use tokio::sync::{mpsc, oneshot};
+
+use super::{
+    clock::NodeClock,
+    collector::{Collector, Phase, Seen},
+    counts::Counts,
+    motion_watch::{MotionWatch, Turn},
+    preview_cloud::PreviewCloud,
+    sample::Sample,
+};
+
+/// Images that wait for the core.
+pub const IMAGE_QUEUE: usize = 16;
+/// Small messages that wait for the core.
+pub const SMALL_QUEUE: usize = 2048;
+/// How often a recording is put on the disk: what a crash may cost.
+const FLUSH_EVERY: Duration = Duration::from_secs(1);
+
+/// What is asked of the core.
+pub enum Command {
+    /// Begins a state.
+    Start(usize, oneshot::Sender<Result<(), String>>),
+    /// Ends a state; the number of views kept.
+    Finish(usize, oneshot::Sender<Result<usize, String>>),
+    /// Forgets everything and goes on in another folder.
+    Reset(PathBuf, oneshot::Sender<Result<(), String>>),
+    /// Puts everything on the disk.
+    Flush(oneshot::Sender<Result<(), String>>),
+    /// The time went back.
+    TimeJump,
+    /// Ends the core: what is open is closed.
+    Stop(oneshot::Sender<()>),
+}
+
+/// What the others may know at any time.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// State being collected.
+    pub collecting: Option<usize>,
+    /// State being collected, or collected last.
+    pub state: usize,
+    /// Whether the object is being moved between automatic states.
+    pub moving: bool,
+    /// Views kept of each state.
+    pub kept: [usize; 2],
+    /// Finished recordings.
+    pub recordings: Option<[PathBuf; 2]>,
+    /// Sets of images that belong together.
+    pub matched: u64,
+    /// Color, depth and mask images given up.
+    pub unmatched: [u64; 3],
+    /// Images that wait for partners, sets that wait for poses.
+    pub waiting: (usize, usize),
+    /// What became of the messages.
+    pub counts: Counts,
+    /// Transforms left out, jumps of /tf.
+    pub transforms: (u64, u64),
+    /// Folder of the session.
+    pub session: PathBuf,
+    /// Frame of the poses.
+    pub world_frame: Option<String>,
+    /// The last thing that went wrong.
+    pub problem: Option<String>,
+    /// Number of changes of the cloud.
+    pub cloud_version: u64,
+}
+
+/// What the core shares.
+#[derive(Debug, Default)]
+pub struct Shared {
+    snapshot: Mutex<Snapshot>,
+    cloud: Mutex<Vec<([f32; 3], [u8; 3])>>,
+}
+
+impl Shared {
+    /// What is known now.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        guard(&self.snapshot).clone()
+    }
+
+    /// The cloud now.
+    #[must_use]
+    pub fn cloud(&self) -> Vec<([f32; 3], [u8; 3])> {
+        guard(&self.cloud).clone()
+    }
+}
+
+fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The collector with its queues.
+pub struct Core {
+    collector: Collector,
+    watch: Option<MotionWatch>,
+    cloud: PreviewCloud,
+    cloud_points: usize,
+    cloud_version: u64,
+    clock: Arc<NodeClock>,
+    shared: Arc<Shared>,
+    last_state: usize,
+    flushed: Instant,
+}
+
+/// Where messages and commands come from.
+pub struct Inbox {
+    /// Images.
+    pub images: mpsc::Receiver<Sample>,
+    /// Everything else.
+    pub small: mpsc::Receiver<Sample>,
+    /// Commands.
+    pub commands: mpsc::Receiver<Command>,
+}
+
+impl Core {
+    /// A core about a collector; with a watch the states begin and end by themselves.
+    #[must_use]
+    pub fn new(collector: Collector, watch: Option<MotionWatch>, cloud_points: usize, clock: Arc<NodeClock>, shared: Arc<Shared>) -> Self {
+        let cloud = PreviewCloud::new(cloud_points);
+        Self { collector, watch, cloud, cloud_points, cloud_version: 0, clock, shared, last_state: 0, flushed: Instant::now() }
+    }
+
+    /// Works until it is stopped or everybody is gone.
+    pub async fn run(mut self, mut inbox: Inbox) {
+        self.publish();
+        let mut tick = tokio::time::interval(Duration::from_millis(200));
+        loop {
+            tokio::select! {
+                biased;
+                command = inbox.commands.recv() => match command {
+                    Some(Command::Stop(done)) => {
+                        self.close();
+                        done.send(()).ok();
+                        return;
+                    }
+                    Some(command) => self.obey(command),
+                    None => return self.close(),
+                },
+                Some(sample) = inbox.small.recv() => self.accept(sample),
+                Some(sample) = inbox.images.recv() => self.accept(sample),
+                _ = tick.tick() => {}
+            }
+            if self.flushed.elapsed() >= FLUSH_EVERY {
+                self.flushed = Instant::now();
+                if let Err(error) = self.collector.flush() {
+                    log::error!("{error}");
+                }
+            }
+            self.publish();
+        }
+    }
+
+    fn obey(&mut self, command: Command) {
+        match command {
+            Command::Start(state, answer) => {
+                let started = self.start(state);
+                answer.send(started).ok();
+            }
+            Command::Finish(state, answer) => {
+                let finished = self.collector.finish(state);
+                answer.send(finished).ok();
+            }
+            Command::Reset(session, answer) => {
+                let reset = self.collector.reset(&session).map_err(|e| e.to_string());
+                self.watch = self.watch.take().map(MotionWatch::renewed);
+                self.cloud = PreviewCloud::new(self.cloud_points);
+                answer.send(reset).ok();
+            }
+            Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(|e| e.to_string())),
+            Command::TimeJump => {
+                log::warn!("time went back: what waited was dropped");
+                self.collector.clear();
+                self.watch = self.watch.take().map(MotionWatch::renewed);
+            }
+            Command::Stop(_) => {}
+        }
+    }
+
+    fn start(&mut self, state: usize) -> Result<(), String> {
+        self.collector.start(state)?;
+        self.last_state = state;
+        self.cloud = PreviewCloud::new(self.cloud_points);
+        Ok(())
+    }
+
+    fn accept(&mut self, sample: Sample) {
+        let now = self.clock.now_nanos();
+        match self.collector.accept(sample, now, self.watch.is_some()) {
+            Ok(seen) => seen.iter().for_each(|s| self.see(s)),
+            Err(error) => log::error!("{error}; the state is not collected any further"),
+        }
+    }
+
+    fn see(&mut self, seen: &Seen) {
+        let Some(pixels) = &seen.pixels else { return };
+        if seen.kept {
+            self.cloud.add(pixels, &seen.world_from_camera);
+            self.cloud_version += 1;
+            *guard(&self.shared.cloud) = self.cloud.points();
+        }
+        let Some(watch) = &mut self.watch else { return };
+        let turn = watch.see(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept());
+        match turn {
+            Turn::None => {}
+            Turn::Start(state) => match self.start(state) {
+                Ok(()) => log::info!("state {state} begins: the object is still"),
+                Err(error) => log::error!("state {state} cannot begin: {error}"),
+            },
+            Turn::Finish(state) => self.end(state),
+            Turn::Moved(state) => {
+                self.collector.drop_held();
+                self.end(state);
+            }
+        }
+    }
+
+    fn end(&mut self, state: usize) {
+        match self.collector.finish(state) {
+            Ok(kept) => log::info!("state {state} ends with {kept} views"),
+            Err(error) => log::error!("state {state} cannot end: {error}"),
+        }
+    }
+
+    /// Closes what is open, so that nothing is lost.
+    fn close(&mut self) {
+        if let Phase::Collecting(state) = self.collector.phase()
+            && let Err(error) = self.collector.finish(state)
+        {
+            log::warn!("state {state} was not finished: {error}");
+        }
+    }
+
+    fn publish(&self) {
+        let c = &self.collector;
+        let (matched, unmatched) = c.matches();
+        let collecting = match c.phase() {
+            Phase::Collecting(state) => Some(state),
+            Phase::Idle => None,
+        };
+        *guard(&self.shared.snapshot) = Snapshot {
+            collecting,
+            state: self.last_state,
+            moving: self.watch.as_ref().is_some_and(MotionWatch::is_moving),
+            kept: c.kept(),
+            recordings: c.recordings(),
+            matched,
+            unmatched,
+            waiting: c.waiting(),
+            counts: c.counts,
+            transforms: (c.tf.refused, c.tf.jumps),
+            session: c.session().to_owned(),
+            world_frame: c.world_frame.clone(),
+            problem: c.problem.clone(),
+            cloud_version: self.cloud_version,
+        };
+    }
+}

@@ -1,0 +1,418 @@
+//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps the views that are new and
+//! writes them to a bag as they come. It knows no middleware and no clock.
+
+use std::{
+    collections::VecDeque,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    counts::Counts,
+    keyframes::{KeyframeRule, Keyframes, Verdict},
+    live_tf::LiveTf,
+    sample::{Picture, Sample},
+    state_bag::{StateBag, Topics},
+    synchronizer::{Matched, Synchronizer},
+    view::{Pixels, View},
+};
+use crate::{
+    capture::stamp_secs,
+    geometry::Pose,
+    io::{
+        BagWriteError,
+        ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
+    },
+};
+
+/// Stamps that go back by more than this are a jump in time, nanoseconds.
+const JUMP_NANOS: i64 = 500_000_000;
+
+/// Settings of a collector.
+#[derive(Clone, Debug)]
+pub struct CollectorSettings {
+    /// Names of the topics, for messages and the recording.
+    pub topics: Topics,
+    /// Frame in which the twin stands, where it was given.
+    pub world_frame: Option<String>,
+    /// Frame whose pose a PoseStamped gives, where it was given.
+    pub pose_frame: Option<String>,
+    /// Largest difference of stamps, nanoseconds.
+    pub slop_nanos: i64,
+    /// Largest gap between transforms, nanoseconds.
+    pub max_gap_nanos: i64,
+    /// Images and sets that wait.
+    pub queue: usize,
+    /// Which views are kept.
+    pub rule: KeyframeRule,
+    /// Views that are held back before they are written, so that they can still be dropped.
+    pub hold: usize,
+}
+
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing.
+    Idle,
+    /// Views of a state are kept.
+    Collecting(usize),
+}
+
+/// A view that got its pose; whether it was kept.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Its stamp, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Its pose.
+    pub world_from_camera: Pose,
+    /// Its pixels; `None` where it was not decoded, as nobody needs it.
+    pub pixels: Option<Pixels>,
+    /// Whether it was kept.
+    pub kept: bool,
+}
+
+/// A view that is kept and not written yet.
+struct Held {
+    view: View,
+    /// The transforms about its stamp, which are forgotten sooner than it may be written.
+    around: Vec<TransformStamped>,
+    /// When it was received.
+    now_nanos: i64,
+}
+
+/// Collects the two states of an object.
+pub struct Collector {
+    settings: CollectorSettings,
+    session: PathBuf,
+    sync: Synchronizer<Picture>,
+    waiting: VecDeque<Matched<Picture>>,
+    /// Transforms.
+    pub tf: LiveTf,
+    infos: [Option<CameraInfo>; 2],
+    phase: Phase,
+    bag: Option<StateBag>,
+    held: VecDeque<Held>,
+    keyframes: [Keyframes; 2],
+    finished: [Option<PathBuf>; 2],
+    newest_nanos: i64,
+    /// Frame of the poses, once it is known.
+    pub world_frame: Option<String>,
+    /// What happened so far.
+    pub counts: Counts,
+    /// The last thing that went wrong.
+    pub problem: Option<String>,
+}
+
+impl Collector {
+    /// A collector that writes below the folder of a session.
+    #[must_use]
+    pub fn new(settings: CollectorSettings, session: &Path) -> Self {
+        let with_masks = settings.topics.mask.is_some();
+        let mut tf = LiveTf::default();
+        tf.overridden = settings.pose_frame.clone().filter(|_| settings.topics.pose.is_some());
+        Self {
+            sync: Synchronizer::new(settings.slop_nanos, settings.queue, with_masks),
+            waiting: VecDeque::new(),
+            tf,
+            infos: [None, None],
+            phase: Phase::Idle,
+            bag: None,
+            held: VecDeque::new(),
+            keyframes: Default::default(),
+            finished: [0, 1].map(|s| finished_state(session, s)),
+            newest_nanos: i64::MIN,
+            world_frame: settings.world_frame.clone(),
+            counts: Counts::default(),
+            problem: None,
+            session: session.to_owned(),
+            settings,
+        }
+    }
+
+    /// What is being done.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Folder of the session.
+    #[must_use]
+    pub fn session(&self) -> &Path {
+        &self.session
+    }
+
+    /// Views kept of each state.
+    #[must_use]
+    pub fn kept(&self) -> [usize; 2] {
+        [0, 1].map(|s| self.keyframes[s].len())
+    }
+
+    /// The finished recordings; `None` while one is missing.
+    #[must_use]
+    pub fn recordings(&self) -> Option<[PathBuf; 2]> {
+        let [Some(state0), Some(state1)] = &self.finished else { return None };
+        Some([state0.clone(), state1.clone()])
+    }
+
+    /// Images that wait for partners, sets that wait for poses.
+    #[must_use]
+    pub fn waiting(&self) -> (usize, usize) {
+        (self.sync.waiting(), self.waiting.len())
+    }
+
+    /// Sets found and images given up.
+    #[must_use]
+    pub fn matches(&self) -> (u64, [u64; 3]) {
+        (self.sync.matched, self.sync.unmatched)
+    }
+
+    /// Begins to collect a state. What was collected of it before is kept under another name.
+    ///
+    /// # Errors
+    /// A sentence: another state is being collected, or the disk refuses.
+    pub fn start(&mut self, state: usize) -> Result<(), String> {
+        if state > 1 {
+            return Err(format!("there is no state {state}; give 0 or 1"));
+        }
+        if let Phase::Collecting(other) = self.phase {
+            return Err(format!("state {other} is being collected; finish it first"));
+        }
+        let bag = StateBag::create(&self.session, state, self.settings.topics.clone()).map_err(|e| e.to_string())?;
+        self.finished[state] = None;
+        self.keyframes[state] = Keyframes::default();
+        self.waiting.clear();
+        self.held.clear();
+        self.bag = Some(bag);
+        self.phase = Phase::Collecting(state);
+        Ok(())
+    }
+
+    /// Ends the state being collected; the number of views kept.
+    ///
+    /// # Errors
+    /// A sentence: that state is not being collected, nothing was kept, or the disk refuses.
+    pub fn finish(&mut self, state: usize) -> Result<usize, String> {
+        if self.phase != Phase::Collecting(state) {
+            return Err(match self.phase {
+                Phase::Idle => format!("state {state} is not being collected; start it first"),
+                Phase::Collecting(other) => format!("state {other} is being collected, not {state}"),
+            });
+        }
+        let kept = self.keyframes[state].len();
+        if kept == 0 {
+            return Err(format!("no view of state {state} was kept; {}", self.why_nothing()));
+        }
+        self.write_held(0).map_err(|e| e.to_string())?;
+        let Some(bag) = self.bag.take() else { return Err("no recording is open".into()) };
+        self.phase = Phase::Idle;
+        self.finished[state] = Some(bag.finish().map_err(|e| e.to_string())?);
+        Ok(kept)
+    }
+
+    /// Drops the views that are held back: they may show the object in motion.
+    pub fn drop_held(&mut self) {
+        if let Phase::Collecting(state) = self.phase {
+            self.keyframes[state].forget_last(self.held.len());
+        }
+        self.held.clear();
+    }
+
+    /// Writes held views, the oldest first, until so many are left.
+    fn write_held(&mut self, left: usize) -> Result<(), BagWriteError> {
+        while self.held.len() > left {
+            let (Some(held), Some(bag)) = (self.held.pop_front(), &mut self.bag) else { break };
+            let infos = self.infos.each_ref().map(Option::as_ref);
+            bag.write(&held.view, infos, self.tf.fixed(), held.around, self.tf.overridden.as_deref(), held.now_nanos)?;
+        }
+        Ok(())
+    }
+
+    /// A sentence about what is missing.
+    fn why_nothing(&self) -> String {
+        let t = &self.settings.topics;
+        let (matched, unmatched) = self.matches();
+        match () {
+            () if unmatched == [0; 3] && matched == 0 => format!("no images came on {} and {}", t.color, t.depth),
+            () if matched == 0 => format!("images on {} and {} do not belong together: {unmatched:?} without partner", t.color, t.depth),
+            () if self.infos[0].is_none() => format!("no camera_info came on {}", t.color_info),
+            () => self.problem.clone().unwrap_or_else(|| "no camera pose was found".into()),
+        }
+    }
+
+    /// Forgets everything and goes on in another folder. Recordings stay on the disk.
+    ///
+    /// # Errors
+    /// If the recording that is open cannot be closed.
+    pub fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
+        let bag = self.bag.take();
+        let tf = std::mem::take(&mut self.tf);
+        let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
+        *self = Self { tf, infos, counts: counts.after_reset(), ..Self::new(self.settings.clone(), session) };
+        bag.map_or(Ok(()), |b| b.finish().map(|_| ()))
+    }
+
+    /// Puts what was written on the disk.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+        self.bag.as_mut().map_or(Ok(()), StateBag::flush)
+    }
+
+    /// Takes a message that was received at a time (nanoseconds); the views that it completed. With `pixels`, every view is
+    /// decoded, else only those that are kept.
+    ///
+    /// # Errors
+    /// If the disk refuses; then the state is not collected any further.
+    pub fn accept(&mut self, sample: Sample, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
+        if let Err(refusal) = sample.check() {
+            self.counts.refuse(refusal);
+            // A message with one broken transform holds others.
+            if !matches!(sample, Sample::Transforms(_) | Sample::StaticTransforms(_)) {
+                return Ok(Vec::new());
+            }
+        }
+        match sample {
+            Sample::Color(picture) => self.image(0, picture),
+            Sample::Depth(picture) => self.image(1, picture),
+            Sample::Mask(picture) => self.image(2, picture),
+            Sample::ColorInfo(info) => self.infos[0] = Some(*info),
+            Sample::DepthInfo(info) => self.infos[1] = Some(*info),
+            Sample::Transforms(m) => self.tf.add(&m),
+            Sample::StaticTransforms(m) => self.tf.add_static(&m),
+            Sample::Pose(m) => self.pose(m),
+            Sample::Odometry(m) => {
+                let child = Some(m.child_frame_id.clone()).filter(|c| !c.is_empty());
+                self.sample_of_pose(m.header, child, m.pose);
+            }
+        }
+        let seen = self.place(now_nanos, pixels);
+        if let Err(error) = &seen {
+            self.problem = Some(error.to_string());
+            self.phase = Phase::Idle;
+            self.bag = None;
+        }
+        seen
+    }
+
+    fn image(&mut self, role: usize, picture: Picture) {
+        let Some((stamp, _)) = picture.header().checked() else { return };
+        if role == 0 {
+            if stamp < self.newest_nanos.saturating_sub(JUMP_NANOS) {
+                self.jump(stamp);
+            }
+            self.newest_nanos = self.newest_nanos.max(stamp);
+        }
+        for set in self.sync.push(role, stamp, picture) {
+            if self.waiting.len() == self.settings.queue {
+                self.waiting.pop_front();
+                self.counts.without_pose += 1;
+            }
+            self.waiting.push_back(set);
+        }
+    }
+
+    /// Forgets what waits, as the time went back.
+    fn jump(&mut self, stamp_nanos: i64) {
+        let back = stamp_secs(self.newest_nanos - stamp_nanos);
+        self.problem = Some(format!("the stamps of the images went back by {back:.3} s; what waited was dropped"));
+        self.clear();
+    }
+
+    /// Forgets what waits and the transforms that change: the time went back.
+    pub fn clear(&mut self) {
+        self.counts.jumps += 1;
+        self.counts.without_pose += self.waiting.len() as u64;
+        self.sync.clear();
+        self.waiting.clear();
+        self.tf.forget_moving();
+        self.newest_nanos = i64::MIN;
+    }
+
+    fn pose(&mut self, m: PoseStamped) {
+        self.sample_of_pose(m.header, self.settings.pose_frame.clone(), m.pose);
+    }
+
+    /// A pose is a transform whose child may only be known once an image came.
+    fn sample_of_pose(&mut self, header: Header, child: Option<String>, transform: Transform) {
+        let Some(child) = child.or_else(|| self.optical()) else { return };
+        self.tf.overridden = Some(child.clone());
+        self.tf.add_one(&TransformStamped { header, child_frame_id: child, transform });
+    }
+
+    /// Frame of the color images.
+    fn optical(&self) -> Option<String> {
+        let info = self.infos[0].as_ref().and_then(|i| i.header.checked());
+        info.map(|(_, frame)| frame).filter(|f| !f.is_empty())
+    }
+
+    /// Gives waiting sets their poses, in order; keeps the views that are new.
+    fn place(&mut self, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
+        let mut seen = Vec::new();
+        let mut still = VecDeque::new();
+        while let Some(set) = self.waiting.pop_front() {
+            let optical = set.images[0].as_ref().and_then(|p| p.header().checked()).map(|(_, frame)| frame).unwrap_or_default();
+            let world = self.settings.world_frame.clone().or_else(|| self.tf.moving_root(&optical));
+            let pose = world.as_ref().map(|w| self.tf.lookup(w, &optical, set.stamp_nanos, self.settings.max_gap_nanos));
+            match pose {
+                Some(Ok(world_from_camera)) if self.infos[0].is_some() => {
+                    self.world_frame = world;
+                    let view = View { stamp_nanos: set.stamp_nanos, images: set.images, world_from_camera };
+                    seen.extend(self.judge(view, &optical, now_nanos, pixels)?);
+                }
+                // The transform after the stamp may still come; the queue is what bounds the waiting.
+                other => {
+                    if let Some(Err(error)) = other {
+                        self.problem = Some(error.to_string());
+                    } else if world.is_none() {
+                        self.problem = Some(format!("frame `{optical}` has no moving parent on /tf; name a pose_topic or a world_frame"));
+                    }
+                    still.push_back(set);
+                }
+            }
+        }
+        self.waiting = still;
+        Ok(seen)
+    }
+
+    /// Keeps a view that is new.
+    fn judge(&mut self, view: View, optical: &str, now_nanos: i64, pixels: bool) -> Result<Option<Seen>, BagWriteError> {
+        let Some(info) = self.infos[0].clone() else { return Ok(None) };
+        let verdict = match self.phase {
+            Phase::Collecting(state) => self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule),
+            Phase::Idle => Verdict::Known,
+        };
+        let keep = verdict == Verdict::Keep;
+        let decoded = if keep || pixels {
+            let t = &self.settings.topics;
+            match view.decode(&info, &t.color_info, [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()]) {
+                Ok(pixels) => Some(pixels),
+                Err(why) => {
+                    self.counts.broken += 1;
+                    self.problem = Some(why);
+                    return Ok(None);
+                }
+            }
+        } else {
+            None
+        };
+        self.counts.judged(verdict, self.phase != Phase::Idle);
+        let seen = Seen { stamp_nanos: view.stamp_nanos, world_from_camera: view.world_from_camera, pixels: decoded, kept: keep };
+        if let (true, Phase::Collecting(state)) = (keep, self.phase) {
+            self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
+            let around = self.tf.around(optical, view.stamp_nanos);
+            self.held.push_back(Held { view, around, now_nanos });
+            self.write_held(self.settings.hold)?;
+        }
+        Ok(Some(seen))
+    }
+}
+
+/// The recording of a state that an earlier run of the node finished in this session.
+fn finished_state(session: &Path, state: usize) -> Option<PathBuf> {
+    let folder = session.join(format!("state{state}"));
+    folder.join("metadata.yaml").is_file().then_some(folder)
+}
+
+#[cfg(test)]
+#[path = "collector_tests.rs"]
+mod tests;

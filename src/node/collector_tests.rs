@@ -1,0 +1,167 @@
+//! The collector fed with the messages of a shipped recording, without a network.
+
+use std::path::Path;
+
+use super::*;
+use crate::{
+    capture::CaptureConfig,
+    io::{
+        self,
+        ros2msg::{CompressedImage, Image, TfMessage, decode},
+    },
+};
+
+const COLOR: &str = "/camera/camera/color/image_raw/compressed";
+const DEPTH: &str = "/camera/camera/aligned_depth_to_color/image_raw/compressedDepth";
+const COLOR_INFO: &str = "/camera/camera/color/camera_info";
+const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
+const MASK: &str = "/object_mask";
+
+/// Removes its folder.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("artitwin-{name}-{}", std::process::id()));
+        std::fs::remove_dir_all(&path).ok();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.0).ok();
+    }
+}
+
+fn shipped(state: usize) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("bags/drawer/state{state}"))
+}
+
+fn settings() -> CollectorSettings {
+    let topics = Topics {
+        color: COLOR.into(),
+        depth: DEPTH.into(),
+        color_info: COLOR_INFO.into(),
+        depth_info: Some(DEPTH_INFO.into()),
+        mask: Some(MASK.into()),
+        pose: None,
+    };
+    let rule = KeyframeRule { translation_m: 0.02, rotation_rad: 0.03, most: 100 };
+    CollectorSettings {
+        topics,
+        world_frame: None,
+        pose_frame: None,
+        slop_nanos: 15_000_000,
+        max_gap_nanos: 500_000_000,
+        queue: 30,
+        rule,
+        hold: 0,
+    }
+}
+
+/// The messages of a state in the order of recording: time and message.
+fn samples(state: usize) -> Vec<(i64, Sample)> {
+    let bytes = std::fs::read(shipped(state).join(format!("state{state}.mcap"))).unwrap();
+    let compressed = |data: &[u8]| Picture::Compressed(decode::<CompressedImage>(data).unwrap());
+    let sample = |topic: &str, data: &[u8]| {
+        Some(match topic {
+            COLOR => Sample::Color(compressed(data)),
+            DEPTH => Sample::Depth(compressed(data)),
+            MASK => Sample::Mask(Picture::Raw(decode::<Image>(data).unwrap())),
+            COLOR_INFO => Sample::ColorInfo(Box::new(decode(data).unwrap())),
+            DEPTH_INFO => Sample::DepthInfo(Box::new(decode(data).unwrap())),
+            "/tf" => Sample::Transforms(decode::<TfMessage>(data).unwrap()),
+            "/tf_static" => Sample::StaticTransforms(decode::<TfMessage>(data).unwrap()),
+            _ => return None,
+        })
+    };
+    let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    messages.filter_map(|m| Some((m.log_time as i64, sample(&m.channel.topic, &m.data)?))).collect()
+}
+
+fn feed(collector: &mut Collector, state: usize) -> usize {
+    let samples = samples(state);
+    samples.into_iter().map(|(time, sample)| collector.accept(sample, time, false).unwrap().len()).sum()
+}
+
+#[test]
+fn what_is_collected_has_the_frames_of_the_recording() {
+    let folder = Folder::new("collector");
+    let mut collector = Collector::new(settings(), &folder.0);
+    assert!(collector.finish(0).unwrap_err().contains("not being collected"));
+    for state in 0..2 {
+        collector.start(state).unwrap();
+        assert!(collector.start(state).unwrap_err().contains("finish it first"));
+        assert!(collector.finish(state).unwrap_err().contains("no view"));
+        feed(&mut collector, state);
+        assert_eq!(collector.finish(state), Ok(16));
+    }
+    assert_eq!((collector.kept(), collector.matches()), ([16, 16], (32, [0; 3])));
+    assert_eq!(collector.world_frame.as_deref(), Some("world"));
+    let config = CaptureConfig::default();
+    let own = io::open(&collector.recordings().unwrap(), &config, 0).unwrap();
+    let given = io::open(&[shipped(0), shipped(1)], &config, 0).unwrap();
+    for (own, given) in own.states.iter().flatten().zip(given.states.iter().flatten()) {
+        assert_eq!(own.stamp_nanos, given.stamp_nanos);
+        assert_eq!(own.world_from_camera, given.world_from_camera);
+        assert!(own.rgb == given.rgb && own.depth_m == given.depth_m && own.mask == given.mask);
+    }
+    assert_eq!(own.states.each_ref().map(Vec::len), [16, 16]);
+    let session = Collector::new(settings(), &folder.0);
+    assert_eq!(session.recordings(), collector.recordings(), "an earlier session is taken up");
+}
+
+#[test]
+fn known_views_and_a_second_replay_add_nothing() {
+    let folder = Folder::new("collector-again");
+    let mut collector = Collector::new(settings(), &folder.0);
+    collector.start(0).unwrap();
+    feed(&mut collector, 0);
+    // The same stamps again: time went back, and what was kept stays the only copy.
+    feed(&mut collector, 0);
+    assert_eq!(collector.kept()[0], 16);
+    assert!(collector.counts.jumps >= 1 && collector.counts.late > 0, "{:?}", collector.counts);
+    assert_eq!(collector.finish(0), Ok(16));
+    let recordings = std::fs::read_dir(&folder.0).unwrap().count();
+    collector.start(0).unwrap();
+    assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), recordings + 1, "what was collected before is kept");
+}
+
+#[test]
+fn without_poses_or_partners_the_answer_says_what_is_missing() {
+    let folder = Folder::new("collector-missing");
+    let mut collector = Collector::new(settings(), &folder.0);
+    collector.start(0).unwrap();
+    assert!(collector.finish(0).unwrap_err().contains(COLOR));
+    let samples = samples(0);
+    let without_tf = samples.iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_) | Sample::StaticTransforms(_)));
+    without_tf.for_each(|(time, s)| assert!(collector.accept(s.clone(), *time, false).unwrap().is_empty()));
+    let why = collector.finish(0).unwrap_err();
+    assert!(why.contains("/tf"), "{why}");
+    assert_eq!(collector.waiting(), (0, 16));
+    collector.reset(&folder.0.join("next")).unwrap();
+    assert_eq!((collector.phase(), collector.waiting()), (Phase::Idle, (0, 0)));
+}
+
+#[test]
+fn broken_images_are_counted_and_not_kept() {
+    let folder = Folder::new("collector-broken");
+    let mut collector = Collector::new(settings(), &folder.0);
+    collector.start(0).unwrap();
+    let mut count = 0;
+    for (time, mut sample) in samples(0) {
+        if let Sample::Depth(Picture::Compressed(image)) = &mut sample {
+            count += 1;
+            match count {
+                1 => image.data.truncate(40),
+                2 => image.header.stamp.sec = -1,
+                _ => {}
+            }
+        }
+        collector.accept(sample, time, false).unwrap();
+    }
+    assert_eq!(collector.finish(0), Ok(14));
+    assert_eq!((collector.counts.broken, collector.counts.bad_header), (1, 1));
+    assert_eq!(collector.matches().1[0], 1, "its color image has no partner");
+}

@@ -1,0 +1,56 @@
+//! What became of the messages, for diagnostics.
+
+use super::{keyframes::Verdict, sample::Refusal};
+
+/// Numbers since the start or the last reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Messages whose header was unusable.
+    pub bad_header: u64,
+    /// Messages whose sizes contradict each other or the bounds.
+    pub bad_size: u64,
+    /// Messages with numbers that cannot be.
+    pub bad_value: u64,
+    /// Views whose images could not be decoded.
+    pub broken: u64,
+    /// Sets given up as no camera pose came.
+    pub without_pose: u64,
+    /// Views kept.
+    pub kept: u64,
+    /// Views that show what a kept one shows.
+    pub known: u64,
+    /// Views given up as the state was full.
+    pub full: u64,
+    /// Views older than the last one kept.
+    pub late: u64,
+    /// Times that the time went back.
+    pub jumps: u64,
+}
+
+impl Counts {
+    /// Counts a message that is not used.
+    pub fn refuse(&mut self, refusal: Refusal) {
+        match refusal {
+            Refusal::Header => self.bad_header += 1,
+            Refusal::Size => self.bad_size += 1,
+            Refusal::Value => self.bad_value += 1,
+        }
+    }
+
+    /// Counts a view while a state is collected.
+    pub fn judged(&mut self, verdict: Verdict, collecting: bool) {
+        match verdict {
+            _ if !collecting => {}
+            Verdict::Keep => self.kept += 1,
+            Verdict::Known => self.known += 1,
+            Verdict::Full => self.full += 1,
+            Verdict::Late => self.late += 1,
+        }
+    }
+
+    /// What stays after a reset: refusals and jumps, which tell of the neighbours.
+    #[must_use]
+    pub fn after_reset(self) -> Self {
+        Self { bad_header: self.bad_header, bad_size: self.bad_size, bad_value: self.bad_value, jumps: self.jumps, ..Self::default() }
+    }
+}

@@ -1,0 +1,64 @@
+//! Why the node does not start, or ends.
+
+use super::{environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError};
+use crate::{config::ConfigError, io::BagWriteError};
+
+/// Why the node does not start, or ends.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// An argument cannot be read.
+    #[error(transparent)]
+    Arguments(#[from] RosArgsError),
+    /// An argument means nothing.
+    #[error("`{0}` is no argument of the node; parameters stand behind --ros-args, e.g. `--ros-args -p parts:=2`")]
+    Stray(String),
+    /// A parameter cannot be used.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The settings cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The environment cannot be used.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// A name cannot be used.
+    #[error("`{name}` cannot be a name: {reason}")]
+    Name {
+        /// The name.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// The network refuses.
+    #[error("{what}: {reason}")]
+    Network {
+        /// What was tried.
+        what: String,
+        /// What the middleware said.
+        reason: String,
+    },
+    /// A recording could not be written.
+    #[error(transparent)]
+    Bag(#[from] BagWriteError),
+    /// The system refuses.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// What it said.
+        source: std::io::Error,
+    },
+}
+
+impl NodeError {
+    /// Whether arguments, parameters or the environment are wrong.
+    #[must_use]
+    pub fn is_usage(&self) -> bool {
+        !matches!(self, Self::Network { .. } | Self::Bag(_) | Self::System { .. })
+    }
+
+    /// The middleware refused something.
+    pub fn network(what: &str, reason: impl std::fmt::Display) -> Self {
+        Self::Network { what: what.to_owned(), reason: reason.to_string() }
+    }
+}

@@ -1,0 +1,100 @@
+//! Counts of one subscription: what came, what was lost on the way, what could not be decoded.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+/// Publishers whose sequence numbers are followed, at most.
+const MAX_PUBLISHERS: usize = 64;
+
+/// Counts of one subscription.
+#[derive(Debug, Default)]
+pub struct InputCount {
+    inner: Mutex<Inner>,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    snapshot: InputSnapshot,
+    /// Last sequence number by publisher.
+    last: BTreeMap<[u8; 16], i64>,
+    /// Undecodable messages since the last good one; their sequence numbers are not known.
+    malformed_since: u64,
+}
+
+/// The counts at a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InputSnapshot {
+    /// Messages decoded.
+    pub received: u64,
+    /// Messages that are no CDR of their type.
+    pub malformed: u64,
+    /// Messages that the middleware lost, by the gaps in the publishers' sequence numbers.
+    pub lost: u64,
+    /// Messages dropped here, as the node was busy.
+    pub overrun: u64,
+}
+
+impl InputCount {
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts a message of a publisher.
+    pub fn receive(&self, publisher: [u8; 16], sequence: i64) {
+        let mut inner = self.inner();
+        inner.snapshot.received += 1;
+        let malformed = std::mem::take(&mut inner.malformed_since);
+        let last = inner.last.get(&publisher).copied();
+        match last {
+            Some(last) if sequence > last => inner.snapshot.lost += ((sequence - last - 1) as u64).saturating_sub(malformed),
+            // It came late: it had been counted as lost.
+            Some(_) => {
+                inner.snapshot.lost = inner.snapshot.lost.saturating_sub(1);
+                return;
+            }
+            None if inner.last.len() >= MAX_PUBLISHERS => inner.last.clear(),
+            None => {}
+        }
+        inner.last.insert(publisher, sequence);
+    }
+
+    /// Counts a message that could not be decoded.
+    pub fn malformed(&self) {
+        let mut inner = self.inner();
+        inner.snapshot.malformed += 1;
+        inner.malformed_since += 1;
+    }
+
+    /// Counts a message that was dropped as the node was busy.
+    pub fn overrun(&self) {
+        self.inner().snapshot.overrun += 1;
+    }
+
+    /// The counts now.
+    #[must_use]
+    pub fn snapshot(&self) -> InputSnapshot {
+        self.inner().snapshot
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_are_losses_by_publisher() {
+        let count = InputCount::default();
+        let (a, b) = ([1; 16], [2; 16]);
+        [5, 6, 9].map(|s| count.receive(a, s));
+        [100, 101].map(|s| count.receive(b, s));
+        assert_eq!(count.snapshot(), InputSnapshot { received: 5, lost: 2, ..InputSnapshot::default() });
+        // 7 was only late.
+        count.receive(a, 7);
+        assert_eq!(count.snapshot().lost, 1);
+        count.malformed();
+        count.receive(a, 12);
+        assert_eq!((count.snapshot().lost, count.snapshot().malformed), (2, 1));
+    }
+}

@@ -1,0 +1,153 @@
+//! The subscriptions of the node, each with its counts.
+
+use std::sync::Arc;
+
+use tokio::sync::mpsc::{self, error::TrySendError};
+
+use super::{
+    clock::NodeClock,
+    collection::Command,
+    error::NodeError,
+    input_count::InputCount,
+    parameters::Parameters,
+    participant::{Participant, latched, named, reliable, sensor_data},
+    ros_args::RosArgs,
+    ros_names::NodeIdentity,
+    sample::{Picture, Sample},
+    state_bag::Topics,
+};
+use crate::io::ros2msg::{CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry, text::Clock};
+
+/// Transforms that may wait: a robot's tree comes in many small messages.
+const TF_DEPTH: usize = 100;
+
+/// A subscription's name and counts.
+#[derive(Clone, Debug)]
+pub struct Input {
+    /// Its role.
+    pub role: &'static str,
+    /// Its topic.
+    pub topic: String,
+    /// Its counts.
+    pub count: Arc<InputCount>,
+}
+
+/// Where messages go.
+#[derive(Clone)]
+pub struct Outbox {
+    /// Images.
+    pub images: mpsc::Sender<Sample>,
+    /// Everything else.
+    pub small: mpsc::Sender<Sample>,
+    /// Commands.
+    pub commands: mpsc::Sender<Command>,
+}
+
+/// Names of the topics that are subscribed to, remapped.
+#[must_use]
+pub fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
+    let resolve = |name: &str| arguments.resolve(name, node);
+    let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
+    let transported = |name: &str, transport: &str| match transport {
+        "raw" => resolve(name),
+        other => resolve(&format!("{name}/{other}")),
+    };
+    Topics {
+        color: transported(&p.color_topic, &p.color_transport),
+        depth: transported(&p.depth_topic, &p.depth_transport),
+        color_info: resolve(&p.camera_info_topic),
+        depth_info: given(&p.depth_info_topic),
+        mask: (!p.mask_topic.is_empty()).then(|| transported(&p.mask_topic, &p.mask_transport)),
+        pose: given(&p.pose_topic).map(|name| (name, p.pose_type == "odometry")),
+    }
+}
+
+/// Makes subscriptions.
+struct Subscriber<'a> {
+    participant: &'a mut Participant,
+    outbox: &'a Outbox,
+    inputs: Vec<Input>,
+}
+
+impl Subscriber<'_> {
+    /// Hands the messages of a topic on; what finds no room is counted.
+    fn add<M: RosMessage>(
+        &mut self,
+        role: &'static str,
+        topic: &str,
+        qos: &ros2_client::QosProfile,
+        wrap: impl Fn(M) -> Sample + Send + 'static,
+    ) -> Result<(), NodeError> {
+        let count = Arc::new(InputCount::default());
+        let images = matches!(role, "color" | "depth" | "mask");
+        let sink = if images { self.outbox.images.clone() } else { self.outbox.small.clone() };
+        let overrun = Arc::clone(&count);
+        self.participant.subscribe(topic, qos, Arc::clone(&count), move |message: M| {
+            if let Err(TrySendError::Full(_)) = sink.try_send(wrap(message)) {
+                overrun.overrun();
+            }
+        })?;
+        self.inputs.push(Input { role, topic: topic.to_owned(), count });
+        Ok(())
+    }
+
+    fn image(
+        &mut self,
+        role: &'static str,
+        topic: &str,
+        raw: bool,
+        qos: &ros2_client::QosProfile,
+        wrap: fn(Picture) -> Sample,
+    ) -> Result<(), NodeError> {
+        match raw {
+            true => self.add(role, topic, qos, move |m: Image| wrap(Picture::Raw(m))),
+            false => self.add(role, topic, qos, move |m: CompressedImage| wrap(Picture::Compressed(m))),
+        }
+    }
+}
+
+/// Subscribes to everything that the parameters name.
+///
+/// # Errors
+/// If a name cannot be used or the network refuses.
+pub fn subscribe(
+    participant: &mut Participant,
+    p: &Parameters,
+    topics: &Topics,
+    outbox: &Outbox,
+    clock: &Arc<NodeClock>,
+) -> Result<Vec<Input>, NodeError> {
+    let depth = usize::try_from(p.queue_depth).unwrap_or(10);
+    let (images, infos) = (named(&p.image_qos, depth), named(&p.info_qos, depth));
+    let mut s = Subscriber { participant, outbox, inputs: Vec::new() };
+    let (tf, tf_static) = (s.participant.resolve("/tf"), s.participant.resolve("/tf_static"));
+    s.add("tf", &tf, &reliable(TF_DEPTH), Sample::Transforms)?;
+    s.add("tf_static", &tf_static, &latched(TF_DEPTH), Sample::StaticTransforms)?;
+    s.image("color", &topics.color, p.color_transport == "raw", &images, Sample::Color)?;
+    s.image("depth", &topics.depth, p.depth_transport == "raw", &images, Sample::Depth)?;
+    if let Some(mask) = &topics.mask {
+        s.image("mask", mask, p.mask_transport == "raw", &images, Sample::Mask)?;
+    }
+    s.add("camera_info", &topics.color_info, &infos, |m: CameraInfo| Sample::ColorInfo(Box::new(m)))?;
+    if let Some(info) = topics.depth_info.as_ref().filter(|t| **t != topics.color_info) {
+        s.add("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
+    }
+    match &topics.pose {
+        Some((topic, true)) => s.add("pose", topic, &sensor_data(TF_DEPTH), |m: FullOdometry| Sample::Odometry(Box::new(m)))?,
+        Some((topic, false)) => s.add("pose", topic, &sensor_data(TF_DEPTH), |m: PoseStamped| Sample::Pose(m))?,
+        None => {}
+    }
+    let mut inputs = s.inputs;
+    if p.use_sim_time {
+        let count = Arc::new(InputCount::default());
+        let (clock, commands) = (Arc::clone(clock), outbox.commands.clone());
+        let topic = participant.resolve("/clock");
+        participant.subscribe(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
+            if clock.set(m.clock) {
+                commands.try_send(Command::TimeJump).ok();
+            }
+        })?;
+        inputs.push(Input { role: "clock", topic, count });
+    }
+    Ok(inputs)
+}

@@ -1,0 +1,98 @@
+//! Which views are worth keeping: those that differ from all kept ones. Bounds what a long recording needs.
+
+use crate::geometry::Pose;
+
+/// When a view is new.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyframeRule {
+    /// Distance to every view kept, meters ...
+    pub translation_m: f64,
+    /// ... or turn against it, radians.
+    pub rotation_rad: f64,
+    /// Most views a state.
+    pub most: usize,
+}
+
+/// The views kept of one state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Keyframes {
+    poses: Vec<Pose>,
+    last_stamp_nanos: Option<i64>,
+}
+
+/// What becomes of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is kept.
+    Keep,
+    /// It shows what a kept view shows.
+    Known,
+    /// The state has as many views as are allowed.
+    Full,
+    /// Its stamp is not after that of the last view kept: time went back.
+    Late,
+}
+
+impl Keyframes {
+    /// Number kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.poses.len()
+    }
+
+    /// Whether a view would be kept.
+    #[must_use]
+    pub fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
+        if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
+            return Verdict::Late;
+        }
+        let known = |p: &Pose| {
+            let away = (p.translation.vector - world_from_camera.translation.vector).norm();
+            away < rule.translation_m && p.rotation.angle_to(&world_from_camera.rotation) < rule.rotation_rad
+        };
+        match self.poses.iter().any(known) {
+            true => Verdict::Known,
+            false if self.poses.len() >= rule.most => Verdict::Full,
+            false => Verdict::Keep,
+        }
+    }
+
+    /// Forgets the views that were kept last.
+    pub fn forget_last(&mut self, count: usize) {
+        self.poses.truncate(self.poses.len().saturating_sub(count));
+    }
+
+    /// Keeps a view.
+    pub fn keep(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
+        self.poses.push(world_from_camera);
+        self.last_stamp_nanos = Some(stamp_nanos);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    #[test]
+    fn a_view_is_kept_once() {
+        let rule = KeyframeRule { translation_m: 0.1, rotation_rad: 0.2, most: 3 };
+        let mut kept = Keyframes::default();
+        let mut offer = |stamp, x: f64, turn: f64| {
+            let pose = Pose::new(Vector3::new(x, 0.0, 0.0), Vector3::new(0.0, turn, 0.0));
+            let verdict = kept.judge(stamp, &pose, &rule);
+            if verdict == Verdict::Keep {
+                kept.keep(stamp, pose);
+            }
+            verdict
+        };
+        assert_eq!(offer(1, 0.0, 0.0), Verdict::Keep);
+        assert_eq!(offer(2, 0.05, 0.1), Verdict::Known);
+        assert_eq!(offer(3, 0.05, 0.3), Verdict::Keep);
+        assert_eq!(offer(4, 0.11, 0.0), Verdict::Keep);
+        assert_eq!(offer(4, 0.5, 0.0), Verdict::Late);
+        assert_eq!(offer(5, 0.5, 0.0), Verdict::Full);
+        assert_eq!(offer(6, 0.0, 0.0), Verdict::Known);
+    }
+}

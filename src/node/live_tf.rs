@@ -1,0 +1,216 @@
+//! Transforms as they come: looked up like those of a recording, forgotten after a while, and kept in their own words for
+//! the recording.
+
+use std::collections::BTreeMap;
+
+use crate::{
+    capture::{CaptureError, TfBuffer},
+    geometry::Pose,
+    io::ros2msg::{TfMessage, TransformStamped},
+};
+
+/// How long a transform is remembered, nanoseconds.
+const MEMORY_NANOS: i64 = 10_000_000_000;
+/// Most samples of one frame that are remembered.
+const MAX_SAMPLES: usize = 20_000;
+/// Most frames.
+const MAX_FRAMES: usize = 1000;
+
+/// Transforms of the last seconds.
+#[derive(Debug, Default)]
+pub struct LiveTf {
+    buffer: TfBuffer,
+    /// By child frame, then stamp.
+    moving: BTreeMap<String, BTreeMap<i64, TransformStamped>>,
+    /// By child frame.
+    fixed: BTreeMap<String, TransformStamped>,
+    newest_nanos: i64,
+    /// Transforms left out: no unit quaternion, not finite, too many frames.
+    pub refused: u64,
+    /// Times that the stamps went back by more than the memory.
+    pub jumps: u64,
+    /// A frame whose pose comes from a topic of its own.
+    pub overridden: Option<String>,
+}
+
+impl LiveTf {
+    /// Takes the transforms of `/tf`.
+    pub fn add(&mut self, message: &TfMessage) {
+        for t in &message.transforms {
+            let child = t.child_frame_id.trim_start_matches('/');
+            if self.overridden.as_deref() != Some(child) {
+                self.add_one(t);
+            }
+        }
+    }
+
+    /// Takes one sample of a transform that changes.
+    pub fn add_one(&mut self, t: &TransformStamped) {
+        let child = t.child_frame_id.trim_start_matches('/').to_owned();
+        let (Some((stamp, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) else {
+            self.refused += 1;
+            return;
+        };
+        if !self.has_room(&child) {
+            return;
+        }
+        // As tf2 does, time that runs backwards makes everything before it worthless.
+        if stamp < self.newest_nanos - MEMORY_NANOS {
+            self.jumps += 1;
+            self.forget_moving();
+        }
+        self.newest_nanos = self.newest_nanos.max(stamp);
+        self.fixed.remove(&child);
+        self.buffer.add(&parent, &child, stamp, pose);
+        let samples = self.moving.entry(child).or_default();
+        samples.insert(stamp, t.clone());
+        let horizon = self.newest_nanos - MEMORY_NANOS;
+        while samples.len() > MAX_SAMPLES || samples.keys().next().is_some_and(|first| *first < horizon) {
+            samples.pop_first();
+        }
+        self.buffer.forget_before(horizon, MAX_SAMPLES);
+    }
+
+    /// Takes the transforms of `/tf_static`.
+    pub fn add_static(&mut self, message: &TfMessage) {
+        for t in &message.transforms {
+            let child = t.child_frame_id.trim_start_matches('/').to_owned();
+            match (t.header.checked(), t.transform.checked()) {
+                (Some((_, parent)), Some(pose)) if self.has_room(&child) => {
+                    self.buffer.add_static(&parent, &child, pose);
+                    self.fixed.insert(child, t.clone());
+                }
+                _ => self.refused += 1,
+            }
+        }
+    }
+
+    fn has_room(&mut self, child: &str) -> bool {
+        let room = self.moving.contains_key(child) || self.fixed.contains_key(child) || self.moving.len() + self.fixed.len() < MAX_FRAMES;
+        self.refused += u64::from(!room);
+        room
+    }
+
+    /// Forgets what changes, after a jump in time.
+    pub fn forget_moving(&mut self) {
+        self.moving.clear();
+        self.newest_nanos = 0;
+        self.buffer = TfBuffer::default();
+        for (child, t) in &self.fixed {
+            if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
+                self.buffer.add_static(&parent, child, pose);
+            }
+        }
+    }
+
+    /// The frame at the top of a frame's chain, if something moves on the way there.
+    #[must_use]
+    pub fn moving_root(&self, frame: &str) -> Option<String> {
+        let chain = self.buffer.chain(frame);
+        (chain.moves && chain.root != frame).then_some(chain.root)
+    }
+
+    /// `target_from_source` at a stamp, never extrapolated.
+    ///
+    /// # Errors
+    /// Those of [`TfBuffer::lookup`].
+    pub fn lookup(&self, target: &str, source: &str, stamp_nanos: i64, max_gap_nanos: i64) -> Result<Pose, CaptureError> {
+        self.buffer.lookup(target, source, stamp_nanos, max_gap_nanos)
+    }
+
+    /// The samples on either side of a stamp, of every frame above the given one: what a recording must hold so that the
+    /// lookup gives the same.
+    #[must_use]
+    pub fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
+        let mut found = Vec::new();
+        let mut frame = frame.to_owned();
+        for _ in 0..MAX_FRAMES {
+            let parent = match (self.moving.get(&frame), self.fixed.get(&frame)) {
+                (Some(samples), _) => {
+                    let before = samples.range(..=stamp_nanos).next_back();
+                    let after = samples.range(stamp_nanos..).next();
+                    let same = before.map(|e| e.0) == after.map(|e| e.0);
+                    found.extend(before.into_iter().chain(after.filter(|_| !same)).map(|(_, t)| t.clone()));
+                    before.or(after).map(|(_, t)| t.header.frame_id.clone())
+                }
+                (None, Some(t)) => Some(t.header.frame_id.clone()),
+                (None, None) => None,
+            };
+            match parent {
+                Some(parent) => frame = parent.trim_start_matches('/').to_owned(),
+                None => break,
+            }
+        }
+        found
+    }
+
+    /// All static transforms.
+    #[must_use]
+    pub fn fixed(&self) -> Vec<TransformStamped> {
+        self.fixed.values().cloned().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::ros2msg::{Header, Time, Transform};
+
+    const S: i64 = 1_000_000_000;
+
+    fn sample(parent: &str, child: &str, stamp_nanos: i64, x: f64) -> TransformStamped {
+        let header = Header { stamp: Time::from_nanos(stamp_nanos), frame_id: parent.into() };
+        TransformStamped { header, child_frame_id: child.into(), transform: Transform::from_pose(&Pose::translation(x, 0.0, 0.0)) }
+    }
+
+    fn live() -> LiveTf {
+        let mut tf = LiveTf::default();
+        tf.add_static(&TfMessage { transforms: vec![sample("link", "optical", 0, 1.0)] });
+        for i in 0..30 {
+            tf.add_one(&sample("world", "link", S * (100 + i), i as f64));
+        }
+        tf
+    }
+
+    #[test]
+    fn what_is_written_gives_the_same_lookup() {
+        let tf = live();
+        let stamp = 122 * S + S / 4;
+        let pose = tf.lookup("world", "optical", stamp, 2 * S).unwrap();
+        assert!((pose.translation.vector.x - 23.25).abs() < 1e-12);
+        let around = tf.around("optical", stamp);
+        assert_eq!(around.iter().map(|t| t.header.stamp.sec).collect::<Vec<_>>(), [122, 123]);
+        let mut written = LiveTf::default();
+        written.add_static(&TfMessage { transforms: tf.fixed() });
+        written.add(&TfMessage { transforms: around });
+        assert_eq!(written.lookup("world", "optical", stamp, 2 * S).unwrap(), pose);
+        assert_eq!(tf.around("optical", 122 * S).len(), 1);
+    }
+
+    #[test]
+    fn old_samples_are_forgotten_and_nothing_is_extrapolated() {
+        let tf = live();
+        assert!(tf.lookup("world", "optical", 105 * S, 2 * S).is_err());
+        assert!(tf.lookup("world", "optical", 130 * S, 2 * S).is_err());
+        assert_eq!(tf.moving_root("optical").as_deref(), Some("world"));
+    }
+
+    #[test]
+    fn time_that_runs_back_starts_anew() {
+        let mut tf = live();
+        tf.add_one(&sample("world", "link", 50 * S, 0.0));
+        tf.add_one(&sample("world", "link", 51 * S, 1.0));
+        assert_eq!(tf.jumps, 1);
+        assert!((tf.lookup("world", "optical", 50 * S + S / 2, 2 * S).unwrap().translation.vector.x - 1.5).abs() < 1e-12);
+        assert!(tf.lookup("world", "optical", 122 * S + S / 2, 2 * S).is_err());
+    }
+
+    #[test]
+    fn broken_transforms_are_counted() {
+        let mut tf = live();
+        let mut broken = sample("world", "link", 130 * S, 1.0);
+        broken.transform.rotation.w = 0.1;
+        tf.add_one(&broken);
+        assert_eq!(tf.refused, 1);
+    }
+}

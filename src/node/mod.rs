@@ -1,0 +1,45 @@
+//! `artitwin node`: a ROS 2 node that collects the two states of an object, makes its twin with the pipeline of the command
+//! line, and publishes it. A DDS participant in pure Rust; no ROS installation is needed.
+//!
+//! ```text
+//! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)
+//! services, action -> collection, run::reconstruct(session) -> outputs
+//! ```
+
+mod action;
+mod clock;
+mod collection;
+mod collector;
+mod counts;
+mod diagnostics;
+mod environment;
+mod error;
+mod input_count;
+mod inputs;
+mod keyframes;
+mod live_tf;
+mod logger;
+mod motion_watch;
+mod outputs;
+mod parameter_file;
+mod parameter_values;
+mod parameters;
+mod participant;
+mod preview_cloud;
+mod progress;
+mod reconstruction;
+mod recorder;
+mod ros_args;
+mod ros_names;
+mod sample;
+mod services;
+mod session;
+mod settings;
+mod state_bag;
+mod synchronizer;
+mod twin_messages;
+mod view;
+
+pub use error::NodeError;
+pub use recorder::{Recorded, record};
+pub use session::run;

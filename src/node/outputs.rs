@@ -1,0 +1,175 @@
+//! What the node publishes: the twin, its state, the collection, diagnostics. Large things are small or best effort.
+
+use std::{
+    sync::{Arc, atomic::Ordering},
+    time::{Duration, Instant},
+};
+
+use ros2_client::Publisher;
+use tokio::sync::watch;
+
+use super::{
+    clock::NodeClock,
+    collection::{Shared, Snapshot},
+    diagnostics::Diagnostics,
+    error::NodeError,
+    parameters::Parameters,
+    participant::{Participant, latched, reliable, sensor_data},
+    reconstruction::{Reconstructor, Twin},
+    twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
+};
+use crate::io::ros2msg::{
+    Header, JointState, TfMessage, diagnostic::DiagnosticArray, markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus,
+    text::Text,
+};
+
+/// Values of `CollectionStatus.phase`.
+mod phase {
+    pub const IDLE: u8 = 0;
+    pub const COLLECTING: u8 = 1;
+    pub const MOVING: u8 = 2;
+    pub const READY: u8 = 3;
+    pub const RECONSTRUCTING: u8 = 4;
+    pub const DONE: u8 = 5;
+}
+
+/// All publishers.
+pub struct Outputs {
+    description: Publisher<Text>,
+    joint_states: Publisher<JointState>,
+    tf: Publisher<TfMessage>,
+    tf_static: Publisher<TfMessage>,
+    markers: Publisher<MarkerArray>,
+    cloud: Publisher<PointCloud2>,
+    diagnostics: Publisher<DiagnosticArray>,
+    status: Publisher<CollectionStatus>,
+    settings: OutputSettings,
+    clock: Arc<NodeClock>,
+}
+
+struct OutputSettings {
+    rate_hz: f64,
+    prefix: String,
+    publish_tf: bool,
+    package_uris: bool,
+}
+
+impl Outputs {
+    /// Makes all publishers.
+    ///
+    /// # Errors
+    /// If a name cannot be used or the network refuses.
+    pub fn new(participant: &mut Participant, p: &Parameters, clock: Arc<NodeClock>) -> Result<Self, NodeError> {
+        Ok(Self {
+            description: participant.publisher("~/robot_description", &latched(1))?,
+            joint_states: participant.publisher("joint_states", &reliable(10))?,
+            tf: participant.publisher("/tf", &reliable(100))?,
+            tf_static: participant.publisher("/tf_static", &latched(1))?,
+            markers: participant.publisher("~/joint_markers", &latched(1))?,
+            cloud: participant.publisher("~/points", &sensor_data(1))?,
+            diagnostics: participant.publisher("/diagnostics", &reliable(10))?,
+            status: participant.publisher("~/status", &latched(1))?,
+            settings: OutputSettings {
+                rate_hz: p.joint_state_rate_hz,
+                prefix: p.frame_prefix.clone(),
+                publish_tf: p.publish_tf,
+                package_uris: p.mesh_uri == "package",
+            },
+            clock,
+        })
+    }
+
+    /// Publishes until the node ends.
+    pub async fn run(
+        self,
+        mut twins: watch::Receiver<Option<Arc<Twin>>>,
+        shared: Arc<Shared>,
+        reconstructor: Arc<Reconstructor>,
+        mut diagnostics: Diagnostics,
+    ) {
+        let mut fast = tokio::time::interval(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
+        let mut slow = tokio::time::interval(Duration::from_secs(1));
+        let mut last_report = Instant::now();
+        let mut last_cloud = 0;
+        loop {
+            tokio::select! {
+                changed = twins.changed() => {
+                    if changed.is_err() {
+                        return;
+                    }
+                    let twin = twins.borrow_and_update().clone();
+                    if let Some(twin) = twin {
+                        self.announce(&twin).await;
+                    }
+                }
+                _ = fast.tick() => {
+                    let twin = twins.borrow().clone();
+                    if let Some(twin) = twin {
+                        self.move_links(&twin).await;
+                    }
+                }
+                _ = slow.tick() => {
+                    let snapshot = shared.snapshot();
+                    let report = diagnostics.array(self.clock.stamp(), last_report.elapsed(), &snapshot);
+                    last_report = Instant::now();
+                    tell(self.diagnostics.async_publish(report).await, "/diagnostics");
+                    let done = twins.borrow().is_some();
+                    tell(self.status.async_publish(self.status_of(&snapshot, reconstructor.busy.load(Ordering::Acquire), done)).await, "status");
+                    if snapshot.cloud_version != last_cloud {
+                        last_cloud = snapshot.cloud_version;
+                        let header = Header { stamp: self.clock.stamp(), frame_id: snapshot.world_frame.unwrap_or_default() };
+                        tell(self.cloud.async_publish(PointCloud2::colored(header, &shared.cloud())).await, "points");
+                    }
+                }
+            }
+        }
+    }
+
+    /// A new twin: all that is latched.
+    async fn announce(&self, twin: &Twin) {
+        let stamp = self.clock.stamp();
+        let data = twin.summary.urdf_with_uris(self.settings.package_uris);
+        log::info!("robot_description: {} bytes, {} joints", data.len(), twin.summary.joints.len());
+        tell(self.description.async_publish(Text { data }).await, "robot_description");
+        tell(self.markers.async_publish(joint_markers(&twin.summary, twin.state, &twin.world_frame, stamp)).await, "joint_markers");
+        if let Some(root) =
+            root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix).filter(|_| self.settings.publish_tf)
+        {
+            tell(self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await, "/tf_static");
+        }
+    }
+
+    async fn move_links(&self, twin: &Twin) {
+        let stamp = self.clock.stamp();
+        tell(self.joint_states.async_publish(joint_state(&twin.summary, twin.state, stamp)).await, "joint_states");
+        if self.settings.publish_tf {
+            tell(self.tf.async_publish(link_transforms(&twin.summary, twin.state, stamp, &self.settings.prefix)).await, "/tf");
+        }
+    }
+
+    fn status_of(&self, s: &Snapshot, busy: bool, done: bool) -> CollectionStatus {
+        let phase = match () {
+            () if busy => phase::RECONSTRUCTING,
+            () if s.collecting.is_some() => phase::COLLECTING,
+            () if s.moving => phase::MOVING,
+            () if done => phase::DONE,
+            () if s.recordings.is_some() => phase::READY,
+            () => phase::IDLE,
+        };
+        CollectionStatus {
+            header: Header { stamp: self.clock.stamp(), frame_id: s.world_frame.clone().unwrap_or_default() },
+            phase,
+            state: s.collecting.unwrap_or(s.state) as u8,
+            keyframes: s.kept.map(|n| n as u32),
+            matched: s.matched,
+            unmatched: s.unmatched.iter().sum(),
+            session: s.session.display().to_string(),
+        }
+    }
+}
+
+fn tell<E: std::fmt::Debug>(published: Result<(), E>, what: &str) {
+    if published.is_err() {
+        log::debug!("{what} could not be published");
+    }
+}

@@ -1,0 +1,109 @@
+//! Parameter files of ROS 2: node names, wildcards, `ros__parameters`.
+
+use std::{fs, path::Path};
+
+use serde_norway::{Mapping, Value};
+
+use super::{parameters::ParameterError, ros_names::NodeIdentity};
+
+/// Largest file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The parameters of a file that are meant for a node, in the order of the file; nested names are joined by dots.
+///
+/// # Errors
+/// [`ParameterError::File`] if it cannot be read or is no parameter file.
+pub fn parameters_of_file(path: &Path, node: &NodeIdentity) -> Result<Vec<(String, Value)>, ParameterError> {
+    let fail = |reason: String| ParameterError::File { path: path.to_owned(), reason };
+    let size = fs::metadata(path).map_err(|e| fail(e.to_string()))?.len();
+    if size > MAX_BYTES {
+        return Err(fail(format!("{size} bytes; {MAX_BYTES} are the limit")));
+    }
+    let text = fs::read_to_string(path).map_err(|e| fail(e.to_string()))?;
+    parameters_of_text(&text, node).map_err(fail)
+}
+
+fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Value)>, String> {
+    match serde_norway::from_str(text).map_err(|e| e.to_string())? {
+        Value::Mapping(map) => {
+            let mut found = Vec::new();
+            nodes(&map, "", node, &mut found)?;
+            Ok(found)
+        }
+        Value::Null => Ok(Vec::new()),
+        _ => Err("it is no map of node names".into()),
+    }
+}
+
+fn nodes(map: &Mapping, path: &str, node: &NodeIdentity, found: &mut Vec<(String, Value)>) -> Result<(), String> {
+    for (key, value) in map {
+        let (Some(key), Value::Mapping(inner)) = (key.as_str(), value) else {
+            return Err(format!("`{path}` holds something that is no map; parameters stand below `ros__parameters`"));
+        };
+        if key == "ros__parameters" {
+            if is_for(path, node) {
+                flatten(inner, "", found);
+            }
+        } else {
+            nodes(inner, &format!("{path}/{}", key.trim_matches('/')), node, found)?;
+        }
+    }
+    Ok(())
+}
+
+fn flatten(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
+    for (key, value) in map {
+        let Some(key) = key.as_str() else { continue };
+        match value {
+            Value::Mapping(inner) => flatten(inner, &format!("{prefix}{key}."), found),
+            value => found.push((format!("{prefix}{key}"), value.clone())),
+        }
+    }
+}
+
+/// Whether a path of names and wildcards stands for the node: `*` for one name, `**` for any number.
+fn is_for(path: &str, node: &NodeIdentity) -> bool {
+    let tokens = |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
+    let (pattern, name) = (tokens(path), tokens(&node.full()));
+    // A name without namespace stands for the node in the root namespace, or wherever it was put by `__ns`.
+    fits(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
+}
+
+fn fits(pattern: &[String], name: &[String]) -> bool {
+    match (pattern, name) {
+        ([], []) => true,
+        ([first, rest @ ..], _) if first == "**" => (0..=name.len()).any(|k| fits(rest, &name[k..])),
+        ([first, rest @ ..], [token, others @ ..]) => (first == "*" || first == token) && fits(rest, others),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(text: &str) -> Vec<String> {
+        let node = NodeIdentity::new("/lab/arm", "artitwin").unwrap();
+        parameters_of_text(text, &node).unwrap().into_iter().map(|(name, _)| name).collect()
+    }
+
+    #[test]
+    fn nodes_are_named_in_every_way_of_the_format() {
+        for key in ["/**", "/lab/arm/artitwin", "artitwin", "/*/arm/artitwin", "/**/artitwin", "/lab/**"] {
+            assert_eq!(names(&format!("{key}:\n  ros__parameters:\n    a: 1\n    b:\n      c: x\n")), ["a", "b.c"], "{key}");
+        }
+        assert_eq!(names("lab:\n  arm:\n    artitwin:\n      ros__parameters: {a: 1}\n"), ["a"]);
+        for key in ["/lab/artitwin", "/*/artitwin", "other", "/lab/arm/artitwin/x"] {
+            assert_eq!(names(&format!("{key}:\n  ros__parameters: {{a: 1}}\n")), Vec::<String>::new(), "{key}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_parameter_file_is_refused() {
+        let node = NodeIdentity::new("/", "n").unwrap();
+        for text in ["[1]", "a: 1", "a: {b: 1}", "{"] {
+            assert!(parameters_of_text(text, &node).is_err(), "{text}");
+        }
+        assert_eq!(parameters_of_text("", &node), Ok(Vec::new()));
+    }
+}

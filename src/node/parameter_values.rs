@@ -1,0 +1,36 @@
+//! Parameters as the parameter services show them. They are read once, at the start; changes are refused.
+
+use ros2_client::{ParameterValue, parameters::SetParametersResult};
+use serde_norway::Value;
+
+use super::parameters::Parameters;
+
+/// Names and values.
+#[must_use]
+pub fn declared(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
+    let entry = |(name, value): (Value, Value)| Some((name.as_str()?.to_owned(), ros_value(&value)));
+    // `use_sim_time` is declared by the library.
+    parameters.to_mapping().into_iter().filter_map(entry).filter(|(name, _)| name != "use_sim_time").collect()
+}
+
+fn ros_value(value: &Value) -> ParameterValue {
+    match value {
+        Value::Bool(b) => ParameterValue::Boolean(*b),
+        Value::Number(n) => match n.as_i64() {
+            Some(i) => ParameterValue::Integer(i),
+            None => ParameterValue::Double(n.as_f64().unwrap_or(f64::NAN)),
+        },
+        Value::String(s) => ParameterValue::String(s.clone()),
+        Value::Sequence(list) => ParameterValue::StringArray(list.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect()),
+        _ => ParameterValue::NotSet,
+    }
+}
+
+/// Accepts a value that is the present one, and refuses any other with the remedy.
+pub fn refuse_changes(parameters: &Parameters) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {
+    let present = declared(parameters);
+    move |name, value| match present.iter().find(|(n, _)| n == name) {
+        Some((_, v)) if v != value => Err(format!("`{name}` is read at the start only; start the node with `-p {name}:=VALUE`")),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,330 @@
+//! Parameters of the node: defaults, files, command line; later wins. They are read once, at the start.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use serde_norway::{Mapping, Value};
+
+use super::{
+    parameter_file::parameters_of_file,
+    ros_args::{ParameterSource, RosArgs},
+    ros_names::NodeIdentity,
+};
+
+/// Every parameter with its default. An empty text stands for: not given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Parameters {
+    /// Whether the time comes from `/clock`.
+    pub use_sim_time: bool,
+    /// Color images; with `compressed` transport `/compressed` is appended.
+    pub color_topic: String,
+    /// `raw` or `compressed`.
+    pub color_transport: String,
+    /// Depth images aligned to color; with `compressedDepth` transport `/compressedDepth` is appended.
+    pub depth_topic: String,
+    /// `raw` or `compressedDepth`.
+    pub depth_transport: String,
+    /// CameraInfo of the color images.
+    pub camera_info_topic: String,
+    /// CameraInfo of the depth images; empty: that of color holds for both.
+    pub depth_info_topic: String,
+    /// Object masks; empty: none. Where there are masks, an image without one is not used.
+    pub mask_topic: String,
+    /// `raw` or `compressed`.
+    pub mask_transport: String,
+    /// Camera poses in place of `/tf`; empty: `/tf`.
+    pub pose_topic: String,
+    /// `pose` (PoseStamped) or `odometry`.
+    pub pose_type: String,
+    /// Frame whose pose a PoseStamped gives; empty: the optical frame of the color images.
+    pub pose_frame: String,
+    /// Frame in which the twin stands; empty: the root of the camera's transform chain.
+    pub world_frame: String,
+    /// QoS of the image subscriptions: `sensor_data` (best effort) or `default` (reliable).
+    pub image_qos: String,
+    /// QoS of the camera_info subscriptions.
+    pub info_qos: String,
+    /// Samples that a subscription keeps.
+    pub queue_depth: i64,
+    /// Images of each kind that wait for their partners, and sets that wait for their pose.
+    pub sync_queue: i64,
+    /// Number of rigid parts, the static one included; 0: it comes with the goal.
+    pub parts: i64,
+    /// Name of the twin.
+    pub twin_name: String,
+    /// Folder that gets a folder a session.
+    pub out_folder: String,
+    /// Name of the session's folder; empty: made from the time. With a name, a restart goes on in the same folder.
+    pub session: String,
+    /// Preset of settings.
+    pub preset: String,
+    /// YAML file of settings.
+    pub config_file: String,
+    /// Single settings, `KEY=VALUE`.
+    pub settings: Vec<String>,
+    /// A view is kept if the camera is at least this far from every view kept, meters ...
+    pub keyframe_translation_m: f64,
+    /// ... or turned at least this much, degrees.
+    pub keyframe_rotation_deg: f64,
+    /// Most views kept a state.
+    pub max_keyframes: i64,
+    /// Whether states begin and end by themselves.
+    pub automatic_states: bool,
+    /// The object counts as still after this time without motion, seconds.
+    pub still_secs: f64,
+    /// Views that an automatic state needs before it may end.
+    pub min_keyframes: i64,
+    /// Views after which an automatic state 1 ends.
+    pub enough_keyframes: i64,
+    /// Rate of `joint_states` and `/tf`, Hz.
+    pub joint_state_rate_hz: f64,
+    /// Most points of the point cloud.
+    pub cloud_points: i64,
+    /// Prefix of the link frames.
+    pub frame_prefix: String,
+    /// Whether the parts are published on `/tf`.
+    pub publish_tf: bool,
+    /// How the URDF names its meshes: `file` or `package`.
+    pub mesh_uri: String,
+    /// `auto` (by RMW_IMPLEMENTATION), `fastdds` or `cyclone`.
+    pub service_mapping: String,
+    /// Receive buffer asked of the system, bytes.
+    pub receive_buffer_bytes: i64,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            use_sim_time: false,
+            color_topic: "/camera/camera/color/image_raw".into(),
+            color_transport: "raw".into(),
+            depth_topic: "/camera/camera/aligned_depth_to_color/image_raw".into(),
+            depth_transport: "raw".into(),
+            camera_info_topic: "/camera/camera/color/camera_info".into(),
+            depth_info_topic: "/camera/camera/aligned_depth_to_color/camera_info".into(),
+            mask_topic: String::new(),
+            mask_transport: "raw".into(),
+            pose_topic: String::new(),
+            pose_type: "pose".into(),
+            pose_frame: String::new(),
+            world_frame: String::new(),
+            image_qos: "sensor_data".into(),
+            info_qos: "sensor_data".into(),
+            queue_depth: 10,
+            sync_queue: 30,
+            parts: 0,
+            twin_name: "twin".into(),
+            out_folder: "artitwin_sessions".into(),
+            session: String::new(),
+            preset: String::new(),
+            config_file: String::new(),
+            settings: Vec::new(),
+            keyframe_translation_m: 0.02,
+            keyframe_rotation_deg: 2.0,
+            max_keyframes: 300,
+            automatic_states: false,
+            still_secs: 2.0,
+            min_keyframes: 12,
+            enough_keyframes: 30,
+            joint_state_rate_hz: 10.0,
+            cloud_points: 5000,
+            frame_prefix: String::new(),
+            publish_tf: true,
+            mesh_uri: "file".into(),
+            service_mapping: "auto".into(),
+            receive_buffer_bytes: 8 << 20,
+        }
+    }
+}
+
+/// Why the parameters cannot be used.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ParameterError {
+    /// A value cannot be used.
+    #[error("parameter `{name}`: {reason}")]
+    Value {
+        /// Its name.
+        name: String,
+        /// Why, and what can.
+        reason: String,
+    },
+    /// A file cannot be used.
+    #[error("parameter file `{}`: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Parameters, and the names that nothing reads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Loaded {
+    /// The parameters.
+    pub parameters: Parameters,
+    /// Names that were given and mean nothing here, with the nearest that does.
+    pub unknown: Vec<String>,
+}
+
+impl Parameters {
+    /// Merges defaults, files and single values in the order given.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or a value has the wrong type or cannot be used.
+    pub fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
+        let mut merged = Self::default().to_mapping();
+        let mut unknown = Vec::new();
+        for source in &arguments.parameters {
+            let found = match source {
+                ParameterSource::File(path) => parameters_of_file(path, node)?,
+                ParameterSource::Value { node: Some(n), .. } if n.trim_start_matches('/') != node.name && *n != node.full() => continue,
+                ParameterSource::Value { name, value, .. } => vec![(name.clone(), value.clone())],
+            };
+            for (name, value) in found {
+                match merged.get(name.as_str()) {
+                    Some(default) => {
+                        let value = coerce(default, value).map_err(|reason| ParameterError::Value { name: name.clone(), reason })?;
+                        merged.insert(name.into(), value);
+                    }
+                    // Parameters of the middleware, e.g. qos_overrides, and of other programs in the same file.
+                    None => unknown.push(name),
+                }
+            }
+        }
+        let parameters: Self = serde_norway::from_value(Value::Mapping(merged))
+            .map_err(|e| ParameterError::Value { name: "?".into(), reason: e.to_string() })?;
+        parameters.check()?;
+        Ok(Loaded { parameters, unknown })
+    }
+
+    /// All names with their values.
+    #[must_use]
+    pub fn to_mapping(&self) -> Mapping {
+        match serde_norway::to_value(self) {
+            Ok(Value::Mapping(mapping)) => mapping,
+            _ => Mapping::new(),
+        }
+    }
+
+    fn check(&self) -> Result<(), ParameterError> {
+        let refuse = |name: &str, reason: String| Err(ParameterError::Value { name: name.to_owned(), reason });
+        let choices: [(&str, &String, &[&str]); 8] = [
+            ("color_transport", &self.color_transport, &["raw", "compressed"]),
+            ("depth_transport", &self.depth_transport, &["raw", "compressedDepth"]),
+            ("mask_transport", &self.mask_transport, &["raw", "compressed"]),
+            ("pose_type", &self.pose_type, &["pose", "odometry"]),
+            ("image_qos", &self.image_qos, &["sensor_data", "default"]),
+            ("info_qos", &self.info_qos, &["sensor_data", "default"]),
+            ("mesh_uri", &self.mesh_uri, &["file", "package"]),
+            ("service_mapping", &self.service_mapping, &["auto", "fastdds", "cyclone"]),
+        ];
+        for (name, value, allowed) in choices {
+            if !allowed.contains(&value.as_str()) {
+                return refuse(name, format!("`{value}` is not one of {}", allowed.join(", ")));
+            }
+        }
+        let ranges = [
+            ("queue_depth", self.queue_depth, 1, 1000),
+            ("sync_queue", self.sync_queue, 2, 300),
+            ("parts", self.parts, 0, 16),
+            ("max_keyframes", self.max_keyframes, 1, 5000),
+            ("min_keyframes", self.min_keyframes, 1, 5000),
+            ("enough_keyframes", self.enough_keyframes, 1, 5000),
+            ("cloud_points", self.cloud_points, 0, 100_000),
+            ("receive_buffer_bytes", self.receive_buffer_bytes, 1 << 16, 1 << 30),
+        ];
+        for (name, value, low, high) in ranges {
+            if !(low..=high).contains(&value) {
+                return refuse(name, format!("{value} does not lie in {low} to {high}"));
+            }
+        }
+        let reals = [
+            ("keyframe_translation_m", self.keyframe_translation_m, 0.0, 10.0),
+            ("keyframe_rotation_deg", self.keyframe_rotation_deg, 0.0, 180.0),
+            ("still_secs", self.still_secs, 0.1, 600.0),
+            ("joint_state_rate_hz", self.joint_state_rate_hz, 0.1, 200.0),
+        ];
+        for (name, value, low, high) in reals {
+            if !(low..=high).contains(&value) {
+                return refuse(name, format!("{value} does not lie in {low} to {high}"));
+            }
+        }
+        if !crate::model::is_plain_name(&self.twin_name) {
+            return refuse("twin_name", format!("`{}` is not a letter followed by letters, digits and _", self.twin_name.escape_debug()));
+        }
+        let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+        if !self.session.chars().all(plain) || self.session.starts_with('.') {
+            return refuse("session", format!("`{}` is no plain folder name", self.session.escape_debug()));
+        }
+        Ok(())
+    }
+}
+
+/// A value of the default's type; whole numbers do for real ones.
+fn coerce(default: &Value, value: Value) -> Result<Value, String> {
+    let kind = |v: &Value| match v {
+        Value::Bool(_) => "a truth value",
+        Value::Number(n) if n.is_f64() => "a number",
+        Value::Number(_) => "a whole number",
+        Value::String(_) => "a text",
+        Value::Sequence(_) => "a list of texts",
+        _ => "something else",
+    };
+    match (default, &value) {
+        (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
+        (Value::Number(_), Value::Number(v)) if !v.is_f64() => Ok(value),
+        (Value::String(_), Value::String(_)) | (Value::Bool(_), Value::Bool(_)) => Ok(value),
+        (Value::Sequence(_), Value::Sequence(list)) if list.iter().all(|v| matches!(v, Value::String(_))) => Ok(value),
+        _ => Err(format!("it must be {}, not {}", kind(default), kind(&value))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(line: &str) -> Result<Loaded, ParameterError> {
+        let args = RosArgs::parse(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).unwrap();
+        let node = args.identity("artitwin").unwrap();
+        Parameters::load(&args, &node)
+    }
+
+    #[test]
+    fn later_wins_and_whole_numbers_do_for_real_ones() {
+        let found = load("--ros-args -p parts:=3 -p parts:=2 -p still_secs:=3 -p settings:=[a=1] -p other:parts:=9 -p strange:=1").unwrap();
+        assert_eq!((found.parameters.parts, found.parameters.still_secs), (2, 3.0));
+        assert_eq!(found.parameters.settings, ["a=1"]);
+        assert_eq!(found.unknown, ["strange"]);
+    }
+
+    #[test]
+    fn the_shipped_file_holds_the_defaults() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/ros/node.yaml");
+        let found = load(&format!("--ros-args --params-file {file}")).unwrap();
+        assert_eq!(found, Loaded::default());
+        let text = std::fs::read_to_string(file).unwrap();
+        for (name, _) in Parameters::default().to_mapping() {
+            let name = name.as_str().unwrap().to_owned();
+            // An empty list cannot be written in a parameter file of ROS 2.
+            assert!(name == "settings" || text.contains(&format!("    {name}: ")), "{name}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused_by_name() {
+        for (line, words) in [
+            ("--ros-args -p parts:=two", "whole number"),
+            ("--ros-args -p parts:=99", "0 to 16"),
+            ("--ros-args -p still_secs:=.nan", "still_secs"),
+            ("--ros-args -p image_qos:=best", "sensor_data"),
+            ("--ros-args -p twin_name:=../x", "twin_name"),
+            ("--ros-args -p session:=..", "session"),
+            ("--ros-args --params-file /nope.yaml", "/nope.yaml"),
+        ] {
+            let text = load(line).unwrap_err().to_string();
+            assert!(text.contains(words), "{text}");
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! The node on the network: its DDS participant, topics with their quality of service, subscriptions.
+
+use std::{sync::Arc, time::Duration};
+
+use futures::{StreamExt as _, pin_mut};
+use ros2_client::{
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
+    qos::{Durability, History, WhenFull},
+};
+
+use super::{
+    environment::Environment,
+    error::NodeError,
+    input_count::InputCount,
+    parameters::Parameters,
+    ros_args::RosArgs,
+    ros_names::{NodeIdentity, check_full_name},
+};
+use crate::io::ros2msg::definitions::RosMessage;
+
+/// Receive buffer below which images get lost, bytes.
+const GOOD_BUFFER_BYTES: u64 = 4 << 20;
+/// How long a writer waits for slow readers.
+const WAIT: Duration = Duration::from_millis(100);
+
+/// The node on the network.
+pub struct Participant {
+    node: Node,
+    /// Names before they are expanded and remapped.
+    arguments: RosArgs,
+    /// Its own name.
+    pub identity: NodeIdentity,
+}
+
+/// Profiles of ROS 2 by their use.
+#[must_use]
+pub fn reliable(depth: usize) -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability_reliable(WhenFull::Wait(WAIT))
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth })
+}
+
+/// Best effort: fits every publisher.
+#[must_use]
+pub fn sensor_data(depth: usize) -> QosProfile {
+    reliable(depth).reliability_best_effort()
+}
+
+/// Reliable, and the last samples are there for whoever joins later.
+#[must_use]
+pub fn latched(depth: usize) -> QosProfile {
+    reliable(depth).durability(Durability::TransientLocal)
+}
+
+/// The profile of that name.
+#[must_use]
+pub fn named(profile: &str, depth: usize) -> QosProfile {
+    if profile == "default" { reliable(depth) } else { sensor_data(depth) }
+}
+
+impl Participant {
+    /// Joins the domain.
+    ///
+    /// # Errors
+    /// If the network refuses or a name cannot be used.
+    pub fn join(
+        environment: &Environment,
+        arguments: &RosArgs,
+        identity: &NodeIdentity,
+        parameters: &Parameters,
+    ) -> Result<Self, NodeError> {
+        let mut builder = rustdds::DomainParticipantBuilder::new(environment.domain)
+            .socket_receive_buffer_size(usize::try_from(parameters.receive_buffer_bytes).unwrap_or(8 << 20));
+        if let Some(networks) = environment.networks() {
+            builder = builder.with_only_networks(networks);
+        }
+        let participant = builder.build().map_err(|e| NodeError::network("joining the domain", e))?;
+        let context = Context::from_domain_participant(participant).map_err(|e| NodeError::network("joining the domain", e))?;
+        let name = NodeName::new(&identity.namespace, &identity.name).map_err(|e| NodeError::network("naming the node", e))?;
+        let mut options = NodeOptions::new().enable_rosout(!arguments.no_rosout);
+        for (name, value) in super::parameter_values::declared(parameters) {
+            options = options.declare_parameter(&name, value);
+        }
+        let options = options.parameter_validator(Box::new(super::parameter_values::refuse_changes(parameters)));
+        let node = context.new_node(name, options).map_err(|e| NodeError::network("making the node", e))?;
+        Ok(Self { node, arguments: arguments.clone(), identity: identity.clone() })
+    }
+
+    /// Starts the node's own work: parameters, discovery.
+    ///
+    /// # Errors
+    /// If the network refuses.
+    pub fn spin(&mut self) -> Result<(), NodeError> {
+        let spinner = self.node.spinner().map_err(|e| NodeError::network("starting the node", e))?;
+        tokio::spawn(async move {
+            if let Err(error) = spinner.spin().await {
+                log::error!("the node's own work ended: {error}");
+            }
+        });
+        Ok(())
+    }
+
+    /// The node of the library, for services and actions.
+    pub fn node(&mut self) -> &mut Node {
+        &mut self.node
+    }
+
+    /// A name, expanded and remapped.
+    #[must_use]
+    pub fn resolve(&self, name: &str) -> String {
+        self.arguments.resolve(name, &self.identity)
+    }
+
+    /// The library's form of a name, expanded and remapped.
+    ///
+    /// # Errors
+    /// If it cannot be used.
+    pub fn name(&self, name: &str) -> Result<Name, NodeError> {
+        library_name(&self.resolve(name))
+    }
+
+    /// A topic by its full name.
+    fn topic<M: RosMessage>(&self, full: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
+        let (package, kind) = M::TYPE.split_once("/msg/").unwrap_or(("", M::TYPE));
+        let name = library_name(full)?;
+        self.node
+            .create_topic(&name, MessageTypeName::new(package, kind), qos)
+            .map_err(|e| NodeError::network(&format!("making the topic {name}"), e))
+    }
+
+    /// A publisher; it must be kept, as what is latched goes with it.
+    ///
+    /// # Errors
+    /// If the name cannot be used or the network refuses.
+    pub fn publisher<M: RosMessage>(&mut self, name: &str, qos: &QosProfile) -> Result<Publisher<M>, NodeError> {
+        let topic = self.topic::<M>(&self.resolve(name), qos)?;
+        self.node.create_publisher(&topic, None).map_err(|e| NodeError::network(&format!("publishing {name}"), e))
+    }
+
+    /// Hands every message of a topic, by its full name, on as long as the node lives. What cannot be decoded is counted.
+    ///
+    /// # Errors
+    /// If the name cannot be used or the network refuses.
+    pub fn subscribe<M: RosMessage>(
+        &mut self,
+        name: &str,
+        qos: &QosProfile,
+        count: Arc<InputCount>,
+        mut take: impl FnMut(M) + Send + 'static,
+    ) -> Result<(), NodeError> {
+        let topic = self.topic::<M>(name, qos)?;
+        let subscription =
+            self.node.create_subscription::<M>(&topic, None).map_err(|e| NodeError::network(&format!("subscribing to {name}"), e))?;
+        let name = name.to_owned();
+        tokio::spawn(async move {
+            let stream = subscription.async_stream();
+            pin_mut!(stream);
+            while let Some(message) = stream.next().await {
+                match message {
+                    Ok((message, info)) => {
+                        count.receive(gid_bytes(&info), info.sequence_number());
+                        take(message);
+                    }
+                    Err(error) => {
+                        count.malformed();
+                        log::debug!("{name}: {error}");
+                    }
+                }
+            }
+        });
+        Ok(())
+    }
+}
+
+fn library_name(full: &str) -> Result<Name, NodeError> {
+    check_full_name(full).map_err(|reason| NodeError::Name { name: full.to_owned(), reason })?;
+    Name::parse(full).map_err(|e| NodeError::Name { name: full.to_owned(), reason: e.to_string() })
+}
+
+/// The publisher's identity.
+fn gid_bytes(info: &ros2_client::MessageInfo) -> [u8; 16] {
+    *info.publisher_gid().as_bytes()
+}
+
+/// A sentence where the system's receive buffer is too small for images.
+#[must_use]
+pub fn small_buffer_warning() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?;
+    let bytes: u64 = text.trim().parse().ok()?;
+    (bytes < GOOD_BUFFER_BYTES).then(|| {
+        format!(
+            "net.core.rmem_max is {bytes} bytes: images will be lost; raise it with \
+             `sysctl -w net.core.rmem_max=8388608 net.core.rmem_default=8388608`"
+        )
+    })
+}

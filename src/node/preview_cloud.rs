@@ -1,0 +1,98 @@
+//! A small colored cloud of what was collected, for the eye.
+
+use std::collections::BTreeMap;
+
+use super::view::Pixels;
+use crate::geometry::Pose;
+
+/// Every so many pixels of a row and column are looked at.
+const EVERY: usize = 6;
+/// First edge of a cell, meters; it doubles whenever there are too many.
+const FIRST_CELL_M: f64 = 0.004;
+/// Beyond this the object is not, meters.
+const MAX_DEPTH_M: f32 = 4.0;
+
+/// One point a cell.
+#[derive(Clone, Debug)]
+pub struct PreviewCloud {
+    most: usize,
+    cell_m: f64,
+    cells: BTreeMap<[i32; 3], ([f32; 3], [u8; 3])>,
+}
+
+impl PreviewCloud {
+    /// An empty cloud of at most so many points.
+    #[must_use]
+    pub fn new(most: usize) -> Self {
+        Self { most, cell_m: FIRST_CELL_M, cells: BTreeMap::new() }
+    }
+
+    /// Adds a view; of a masked one the object only.
+    pub fn add(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
+        if self.most == 0 {
+            return;
+        }
+        let camera = &pixels.intrinsics;
+        for v in (0..camera.height).step_by(EVERY) {
+            for u in (0..camera.width).step_by(EVERY) {
+                let i = v * camera.width + u;
+                let z = pixels.depth.pixels[i];
+                let hidden = pixels.mask.as_ref().is_some_and(|m| !m.pixels[i]);
+                if !(z > 0.0 && z < MAX_DEPTH_M) || hidden {
+                    continue;
+                }
+                let z = f64::from(z);
+                let ray = [(u as f64 - camera.cx) / camera.fx, (v as f64 - camera.cy) / camera.fy];
+                let point = world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
+                let point = [point.x as f32, point.y as f32, point.z as f32];
+                self.cells.entry(self.cell(&point)).or_insert((point, pixels.color.pixels[i]));
+            }
+            self.shrink();
+        }
+    }
+
+    fn cell(&self, point: &[f32; 3]) -> [i32; 3] {
+        point.map(|v| (f64::from(v) / self.cell_m).floor() as i32)
+    }
+
+    /// Doubles the cells until there are few enough.
+    fn shrink(&mut self) {
+        while self.cells.len() > self.most && self.cell_m < 1e3 {
+            self.cell_m *= 2.0;
+            let points: Vec<_> = std::mem::take(&mut self.cells).into_values().collect();
+            for (point, color) in points {
+                self.cells.entry(self.cell(&point)).or_insert((point, color));
+            }
+        }
+    }
+
+    /// Its points in the world frame, with colors.
+    #[must_use]
+    pub fn points(&self) -> Vec<([f32; 3], [u8; 3])> {
+        self.cells.values().copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{geometry::Intrinsics, io::image_codec::Raster};
+
+    #[test]
+    fn the_cloud_lies_on_the_surface_and_stays_small() {
+        let intrinsics = Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0 };
+        let size = 320 * 240;
+        let raster = |z: f32| Raster { width: 320, height: 240, pixels: vec![z; size] };
+        let pixels = Pixels {
+            intrinsics,
+            color: Raster { width: 320, height: 240, pixels: vec![[9, 8, 7]; size] },
+            depth: raster(1.0),
+            mask: Some(Raster { width: 320, height: 240, pixels: (0..size).map(|i| i % 320 < 160).collect() }),
+        };
+        let mut cloud = PreviewCloud::new(100);
+        cloud.add(&pixels, &Pose::translation(0.0, 0.0, 2.0));
+        let points = cloud.points();
+        assert!((20..=100).contains(&points.len()), "{}", points.len());
+        assert!(points.iter().all(|(p, c)| (p[2] - 3.0).abs() < 1e-6 && p[0] < 0.0 && *c == [9, 8, 7]));
+    }
+}

@@ -1,0 +1,111 @@
+//! `artitwin record`: everything that the node would read, written to a bag as it comes.
+
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use super::{
+    clock::NodeClock,
+    error::NodeError,
+    inputs::{self, Input},
+    sample::Sample,
+    session::{Start, end_requested, in_runtime, queues, quiet},
+    state_bag::Topics,
+};
+use crate::io::{
+    BagWriteError, BagWriter, OfferedQos,
+    ros2msg::{CameraInfo, DecodeError, PoseStamped, TfMessage, definitions::RosMessage, encode, odometry::FullOdometry},
+};
+
+/// Name of the node where none is given.
+const DEFAULT_NAME: &str = "artitwin_record";
+/// Images that wait for the disk.
+const IMAGE_QUEUE: usize = 64;
+/// How often the recording is put on the disk: what a crash may cost.
+const FLUSH_EVERY: Duration = Duration::from_secs(1);
+
+/// What was recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Recorded {
+    /// Messages written.
+    pub messages: u64,
+    /// Messages that were lost on the way, malformed, or came too fast.
+    pub dropped: u64,
+}
+
+/// Records until it is asked to end (Ctrl-C or SIGTERM). `arguments` are those of the node.
+///
+/// # Errors
+/// [`NodeError`] if it cannot start or the disk refuses.
+pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
+    let start = Start::read(arguments, DEFAULT_NAME)?;
+    in_runtime(live(bag, &start))
+}
+
+async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
+    let p = &start.parameters;
+    let topics = inputs::topics(&start.arguments, &start.identity, p);
+    let mut bag = BagWriter::create(folder)?;
+    let mut participant = start.join()?;
+    let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
+    let (outbox, mut inbox) = queues(IMAGE_QUEUE);
+    let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
+    participant.spin()?;
+    log::info!("recording to {}", folder.display());
+    let end = end_requested();
+    tokio::pin!(end);
+    let mut flushed = Instant::now();
+    loop {
+        let sample = tokio::select! {
+            done = &mut end => {
+                done?;
+                break;
+            }
+            Some(sample) = inbox.small.recv() => Some(sample),
+            Some(sample) = inbox.images.recv() => Some(sample),
+            Some(_) = inbox.commands.recv() => None,
+        };
+        if let Some(sample) = sample {
+            write(&mut bag, &topics, &sample, clock.now_nanos())?;
+        }
+        if flushed.elapsed() >= FLUSH_EVERY {
+            bag.flush()?;
+            flushed = Instant::now();
+        }
+    }
+    quiet();
+    let messages = bag.finish()?;
+    let lost = |input: &Input| {
+        let count = input.count.snapshot();
+        count.lost + count.malformed + count.overrun
+    };
+    Ok(Recorded { messages, dropped: inputs.iter().map(lost).sum() })
+}
+
+/// Writes a message under its topic, whether it makes sense or not: that is for the reader to tell.
+fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) -> Result<(), BagWriteError> {
+    const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
+    const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
+    const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
+    let named = |name: &Option<String>| name.clone().unwrap_or_default();
+    let pose = topics.pose.as_ref().map(|(name, _)| name.clone()).unwrap_or_default();
+    let (topic, type_name, qos, payload): (String, &str, OfferedQos, Result<Vec<u8>, DecodeError>) = match sample {
+        Sample::Color(m) => (topics.color.clone(), m.type_name(), SENSOR, m.payload()),
+        Sample::Depth(m) => (topics.depth.clone(), m.type_name(), SENSOR, m.payload()),
+        Sample::Mask(m) => (named(&topics.mask), m.type_name(), SENSOR, m.payload()),
+        Sample::ColorInfo(m) => (topics.color_info.clone(), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
+        Sample::DepthInfo(m) => (named(&topics.depth_info), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
+        Sample::Transforms(m) => ("/tf".to_owned(), TfMessage::TYPE, RELIABLE, encode(m)),
+        Sample::StaticTransforms(m) => ("/tf_static".to_owned(), TfMessage::TYPE, LATCHED, encode(m)),
+        Sample::Pose(m) => (pose, PoseStamped::TYPE, SENSOR, encode(m)),
+        Sample::Odometry(m) => (pose, FullOdometry::TYPE, SENSOR, encode(m.as_ref())),
+    };
+    match payload {
+        Ok(payload) => bag.write(&topic, type_name, qos, now_nanos, &payload),
+        Err(error) => {
+            log::warn!("{topic}: a message cannot be written: {error}");
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! `--ros-args`: remappings, parameters, log level, as `ros2 run` and `ros2 launch` pass them.
+
+use std::path::PathBuf;
+
+use serde_norway::Value;
+
+use super::ros_names::{NodeIdentity, expand, strip_transport};
+
+/// Everything between `--ros-args` and `--`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RosArgs {
+    /// In the order given; the first that fits counts.
+    pub remaps: Vec<Remap>,
+    /// In the order given; later wins.
+    pub parameters: Vec<ParameterSource>,
+    /// `debug`, `info`, `warn`, `error` or `fatal`.
+    pub log_level: Option<String>,
+    /// Security enclave.
+    pub enclave: Option<String>,
+    /// Whether `/rosout` is to be left alone.
+    pub no_rosout: bool,
+    /// Whether standard error is to be left alone.
+    pub no_stdout: bool,
+    /// Arguments that mean nothing here.
+    pub unknown: Vec<String>,
+    /// Arguments before `--ros-args` and after `--`.
+    pub rest: Vec<String>,
+}
+
+/// Where parameters come from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ParameterSource {
+    /// A file of `--params-file`.
+    File(PathBuf),
+    /// One of `-p`; of the named node, or of any.
+    Value {
+        /// The node it is meant for.
+        node: Option<String>,
+        /// Its name.
+        name: String,
+        /// Its value.
+        value: Value,
+    },
+}
+
+/// `from:=to`, for one node or for all.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Remap {
+    /// The node it is meant for.
+    pub node: Option<String>,
+    /// A name as the node uses it, or `__node`, `__ns`.
+    pub from: String,
+    /// What it becomes.
+    pub to: String,
+}
+
+/// An argument that cannot be read.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[error("`{argument}`: {reason}")]
+pub struct RosArgsError {
+    argument: String,
+    reason: String,
+}
+
+impl RosArgs {
+    /// Reads the arguments of a program, its own name left out. What is not known between `--ros-args` and `--` is kept in
+    /// `unknown`, as a newer launch may pass more than this program knows.
+    ///
+    /// # Errors
+    /// If an option lacks its value or the value cannot be read.
+    pub fn parse(arguments: &[String]) -> Result<Self, RosArgsError> {
+        let mut parsed = Self::default();
+        let mut ros = false;
+        let mut list = arguments.iter();
+        while let Some(argument) = list.next() {
+            match (ros, argument.as_str()) {
+                (_, "--ros-args") => ros = true,
+                (true, "--") => ros = false,
+                (true, option) => parsed.option(option, &mut list)?,
+                (false, _) => parsed.rest.push(argument.clone()),
+            }
+        }
+        Ok(parsed)
+    }
+
+    fn option<'a>(&mut self, option: &str, rest: &mut impl Iterator<Item = &'a String>) -> Result<(), RosArgsError> {
+        let fail = |reason: &str| RosArgsError { argument: option.to_owned(), reason: reason.to_owned() };
+        let mut value = |what: &str| rest.next().cloned().ok_or_else(|| fail(&format!("is the last argument; give {what} after it")));
+        match option {
+            "-r" | "--remap" => {
+                let text = value("FROM:=TO")?;
+                self.remaps.push(remap(&text)?);
+            }
+            "-p" | "--param" => {
+                let text = value("NAME:=VALUE")?;
+                self.parameters.push(parameter(&text)?);
+            }
+            "--params-file" => self.parameters.push(ParameterSource::File(value("FILE")?.into())),
+            "--log-level" => self.log_level = Some(log_level(&value("LEVEL")?)?),
+            "-e" | "--enclave" => self.enclave = Some(value("ENCLAVE")?),
+            "--log-config-file" | "--log-file-name" => self.unknown.push(format!("{option} {}", value("FILE")?)),
+            "--disable-rosout-logs" => self.no_rosout = true,
+            "--disable-stdout-logs" => self.no_stdout = true,
+            "--enable-rosout-logs" => self.no_rosout = false,
+            "--enable-stdout-logs" => self.no_stdout = false,
+            "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
+            // The old form without a dash.
+            text if text.contains(":=") => self.remaps.push(remap(text)?),
+            other => self.unknown.push(other.to_owned()),
+        }
+        Ok(())
+    }
+
+    /// The node's name and namespace after `__node` and `__ns`.
+    ///
+    /// # Errors
+    /// If they are no names.
+    pub fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
+        let find = |keys: [&str; 2]| self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name));
+        let name = find(["__node", "__name"]).map_or(default_name, |r| r.to.as_str());
+        let namespace = find(["__ns", "__ns"]).map_or("/", |r| r.to.as_str());
+        NodeIdentity::new(namespace, name).map_err(|reason| RosArgsError {
+            argument: format!("{namespace} {name}"),
+            reason: format!("the node cannot have this name: {reason}"),
+        })
+    }
+
+    fn is_for(&self, remap: &Remap, default_name: &str) -> bool {
+        remap.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == default_name)
+    }
+
+    /// The full name that a topic, service or action gets: expanded, then remapped.
+    #[must_use]
+    pub fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
+        let full = expand(strip_transport(name), node);
+        let fits = |r: &&Remap| {
+            let own = r.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full());
+            own && !r.from.starts_with("__") && expand(strip_transport(&r.from), node) == full
+        };
+        self.remaps.iter().find(fits).map_or(full.clone(), |r| expand(strip_transport(&r.to), node))
+    }
+}
+
+fn remap(text: &str) -> Result<Remap, RosArgsError> {
+    let fail = |reason: &str| RosArgsError { argument: text.to_owned(), reason: reason.to_owned() };
+    let (left, to) = text.split_once(":=").ok_or_else(|| fail("is no remapping; give FROM:=TO"))?;
+    // `rostopic://` and `rosservice://` hold a colon that separates no node.
+    let (node, from) = match left.split_once(':') {
+        Some((node, from)) if !from.starts_with("//") => (Some(node.to_owned()), from),
+        _ => (None, left),
+    };
+    if from.is_empty() || to.is_empty() {
+        return Err(fail("a side of the remapping is empty"));
+    }
+    Ok(Remap { node, from: from.to_owned(), to: to.to_owned() })
+}
+
+fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
+    let fail = |reason: String| RosArgsError { argument: text.to_owned(), reason };
+    let (left, value) = text.split_once(":=").ok_or_else(|| fail("is no parameter; give NAME:=VALUE".into()))?;
+    let (node, name) = left.split_once(':').map_or((None, left), |(node, name)| (Some(node.to_owned()), name));
+    if name.is_empty() {
+        return Err(fail("the parameter has no name".into()));
+    }
+    let value = serde_norway::from_str(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
+    Ok(ParameterSource::Value { node, name: name.to_owned(), value })
+}
+
+/// `LEVEL`, or `LOGGER:=LEVEL`, of which only the level counts: there is one logger.
+fn log_level(text: &str) -> Result<String, RosArgsError> {
+    let level = text.rsplit(":=").next().unwrap_or(text).to_ascii_lowercase();
+    if ["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {
+        return Ok(level);
+    }
+    Err(RosArgsError { argument: text.to_owned(), reason: "is no log level; give debug, info, warn, error or fatal".into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(line: &str) -> RosArgs {
+        RosArgs::parse(&line.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn what_a_launch_file_passes_is_understood() {
+        let args = parse(
+            "a --ros-args -r __node:=twin -r __ns:=/lab -r color:=/rgb --params-file p.yaml -p parts:=3 -p n:q:=[1,2] --log-level x:=WARN -- b",
+        );
+        assert_eq!(args.rest, ["a", "b"]);
+        let node = args.identity("artitwin").unwrap();
+        assert_eq!(node.full(), "/lab/twin");
+        assert_eq!(args.log_level.as_deref(), Some("warn"));
+        assert_eq!(args.parameters[0], ParameterSource::File("p.yaml".into()));
+        let value = |node: Option<&str>, name: &str, yaml: &str| ParameterSource::Value {
+            node: node.map(str::to_owned),
+            name: name.to_owned(),
+            value: serde_norway::from_str(yaml).unwrap(),
+        };
+        assert_eq!(args.parameters[1..], [value(None, "parts", "3"), value(Some("n"), "q", "[1, 2]")]);
+    }
+
+    #[test]
+    fn names_are_expanded_before_they_are_compared() {
+        let args = parse("--ros-args -r image:=/cam/image -r ~/save:=store -r other:image:=/x -r rostopic:///a/b:=c");
+        let node = NodeIdentity::new("/ns", "twin").unwrap();
+        assert_eq!(args.resolve("image", &node), "/cam/image");
+        assert_eq!(args.resolve("/ns/image", &node), "/cam/image");
+        assert_eq!(args.resolve("~/save", &node), "/ns/store");
+        assert_eq!(args.resolve("/ns/twin/save", &node), "/ns/store");
+        assert_eq!(args.resolve("/image", &node), "/image");
+        assert_eq!(args.resolve("/a/b", &node), "/ns/c");
+        assert_eq!(args.resolve("~/reset", &node), "/ns/twin/reset");
+    }
+
+    #[test]
+    fn nonsense_is_refused_and_the_unknown_is_kept() {
+        let error = |line: &str| RosArgs::parse(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).unwrap_err().to_string();
+        assert!(error("--ros-args -r a=b").contains("FROM:=TO"));
+        assert!(error("--ros-args -p").contains("last argument"));
+        assert!(error("--ros-args -p a:=[1").contains("no YAML"));
+        assert!(error("--ros-args --log-level loud").contains("debug"));
+        assert_eq!(parse("--ros-args --shiny -r a:=b").unknown, ["--shiny"]);
+        assert!(parse("--ros-args -r __node:=no/name").identity("artitwin").is_err());
+    }
+}

@@ -1,0 +1,85 @@
+//! Names of nodes, topics and services.
+
+/// Longest name that is taken, bytes.
+const MAX_NAME: usize = 255;
+
+/// A node's name and where it lives.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NodeIdentity {
+    /// `/` or `/a/b`.
+    pub namespace: String,
+    /// Without slashes.
+    pub name: String,
+}
+
+impl NodeIdentity {
+    /// Checks name and namespace; a namespace without leading slash gets one.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn new(namespace: &str, name: &str) -> Result<Self, String> {
+        let namespace = format!("/{}", namespace.trim_matches('/'));
+        check_token(name)?;
+        namespace.split('/').skip(1).filter(|t| !t.is_empty() || namespace != "/").try_for_each(check_token)?;
+        Ok(Self { namespace, name: name.to_owned() })
+    }
+
+    /// Namespace and name.
+    #[must_use]
+    pub fn full(&self) -> String {
+        format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
+    }
+}
+
+fn check_token(token: &str) -> Result<(), String> {
+    let valid = token.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') && !token.starts_with(|c: char| c.is_ascii_digit());
+    match valid && !token.is_empty() && !token.contains("__") && token.len() <= MAX_NAME {
+        true => Ok(()),
+        false => Err(format!("`{}` is not made of letters, digits and single underscores", token.escape_debug())),
+    }
+}
+
+/// Refuses a full name that DDS would not carry.
+///
+/// # Errors
+/// A sentence.
+pub fn check_full_name(name: &str) -> Result<(), String> {
+    let tokens = name.strip_prefix('/').ok_or_else(|| format!("`{name}` does not begin with a slash"))?;
+    if name.len() > MAX_NAME {
+        return Err(format!("it has {} bytes, more than {MAX_NAME}", name.len()));
+    }
+    tokens.split('/').try_for_each(check_token)
+}
+
+/// The full form of a name: `/a` stands as it is, `~/a` lies below the node, `a` in its namespace.
+#[must_use]
+pub fn expand(name: &str, node: &NodeIdentity) -> String {
+    match name.strip_prefix('~') {
+        Some(rest) => format!("{}/{}", node.full(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned(),
+        None if name.starts_with('/') => name.to_owned(),
+        None => format!("{}/{name}", node.namespace.trim_end_matches('/')),
+    }
+}
+
+/// Leaves out `rostopic://` and `rosservice://`.
+#[must_use]
+pub fn strip_transport(name: &str) -> &str {
+    ["rostopic://", "rosservice://"].iter().find_map(|p| name.strip_prefix(p)).unwrap_or(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn namespaces_are_normalized_and_nonsense_is_refused() {
+        for (given, kept) in [("", "/"), ("/", "/"), ("a", "/a"), ("/a/b/", "/a/b")] {
+            assert_eq!(NodeIdentity::new(given, "n").unwrap().namespace, kept);
+        }
+        for (namespace, name) in [("/a//b", "n"), ("/a", ""), ("/a", "1n"), ("/a-b", "n"), ("/", "n__m")] {
+            assert!(NodeIdentity::new(namespace, name).is_err(), "{namespace} {name}");
+        }
+        assert!(check_full_name("/a/b_1").is_ok());
+        assert!(check_full_name("/a b").is_err() && check_full_name("a").is_err() && check_full_name("/").is_err());
+    }
+}

@@ -1,0 +1,232 @@
+//! What a subscription hands on: a decoded message that has been checked for sense.
+
+use crate::io::{
+    image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
+    ros2msg::{
+        CameraInfo, CompressedImage, DecodeError, Header, Image, MAX_NAME, PoseStamped, TfMessage, definitions::RosMessage, encode,
+        odometry::FullOdometry,
+    },
+};
+
+/// Largest image message, bytes.
+pub const MAX_IMAGE_BYTES: usize = 64 << 20;
+/// Most transforms of one message.
+const MAX_TRANSFORMS: usize = 10_000;
+/// Most distortion coefficients.
+const MAX_COEFFICIENTS: usize = 64;
+
+/// A color, depth or mask image as it came.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Picture {
+    /// `sensor_msgs/msg/Image`.
+    Raw(Image),
+    /// `sensor_msgs/msg/CompressedImage`.
+    Compressed(CompressedImage),
+}
+
+/// A message by its role.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sample {
+    /// Color image.
+    Color(Picture),
+    /// Depth image.
+    Depth(Picture),
+    /// Object mask.
+    Mask(Picture),
+    /// Parameters of the color camera.
+    ColorInfo(Box<CameraInfo>),
+    /// Parameters of the depth camera.
+    DepthInfo(Box<CameraInfo>),
+    /// `/tf`.
+    Transforms(TfMessage),
+    /// `/tf_static`.
+    StaticTransforms(TfMessage),
+    /// Camera pose.
+    Pose(PoseStamped),
+    /// Camera pose.
+    Odometry(Box<FullOdometry>),
+}
+
+/// Why a message is not used, in a word that counts can be kept by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Refusal {
+    /// Stamp or frame name.
+    Header,
+    /// Size, row length, amount of data.
+    Size,
+    /// Numbers that are not finite, quaternions that are none.
+    Value,
+}
+
+impl Picture {
+    /// Its header.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        match self {
+            Self::Raw(m) => &m.header,
+            Self::Compressed(m) => &m.header,
+        }
+    }
+
+    /// Its ROS type.
+    #[must_use]
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Self::Raw(_) => Image::TYPE,
+            Self::Compressed(_) => CompressedImage::TYPE,
+        }
+    }
+
+    /// The payload for a bag.
+    ///
+    /// # Errors
+    /// Where CDR cannot hold it.
+    pub fn payload(&self) -> Result<Vec<u8>, DecodeError> {
+        match self {
+            Self::Raw(m) => encode(m),
+            Self::Compressed(m) => encode(m),
+        }
+    }
+
+    /// Bytes of pixels.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Raw(m) => m.data.len(),
+            Self::Compressed(m) => m.data.len(),
+        }
+    }
+
+    /// Its pixels as color.
+    ///
+    /// # Errors
+    /// [`ImageError`].
+    pub fn color(&self) -> Result<Raster<[u8; 3]>, ImageError> {
+        match self {
+            Self::Raw(m) => codec::raw_color(m),
+            Self::Compressed(m) => codec::compressed_color(m),
+        }
+    }
+
+    /// Its pixels as depth, meters; 0: unknown.
+    ///
+    /// # Errors
+    /// [`ImageError`].
+    pub fn depth(&self) -> Result<Raster<f32>, ImageError> {
+        match self {
+            Self::Raw(m) => codec::raw_depth(m),
+            Self::Compressed(m) => codec::compressed_depth(m),
+        }
+    }
+
+    /// Its pixels as a mask.
+    ///
+    /// # Errors
+    /// [`ImageError`].
+    pub fn mask(&self) -> Result<Raster<bool>, ImageError> {
+        match self {
+            Self::Raw(m) => codec::raw_mask(m),
+            Self::Compressed(m) => codec::compressed_mask(m),
+        }
+    }
+
+    fn check(&self) -> Result<(), Refusal> {
+        stamped(self.header())?;
+        let (name, sized) = match self {
+            Self::Raw(m) => {
+                let side = |n: u32| (1..=MAX_SIDE).contains(&(n as usize));
+                let whole = (m.step as usize).checked_mul(m.height as usize) == Some(m.data.len());
+                (&m.encoding, side(m.width) && side(m.height) && whole)
+            }
+            Self::Compressed(m) => (&m.format, !m.data.is_empty()),
+        };
+        (sized && self.bytes() <= MAX_IMAGE_BYTES && name.len() <= MAX_NAME).then_some(()).ok_or(Refusal::Size)
+    }
+}
+
+/// A header with a stamp, a frame and a stamp after the epoch.
+fn stamped(header: &Header) -> Result<(), Refusal> {
+    match header.checked() {
+        Some((stamp, frame)) if stamp > 0 && !frame.is_empty() => Ok(()),
+        _ => Err(Refusal::Header),
+    }
+}
+
+impl Sample {
+    /// Refuses what no recording could use.
+    ///
+    /// # Errors
+    /// In what it fails.
+    pub fn check(&self) -> Result<(), Refusal> {
+        match self {
+            Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check(),
+            Self::ColorInfo(info) | Self::DepthInfo(info) => check_info(info),
+            Self::Transforms(m) | Self::StaticTransforms(m) => match m.transforms.len() {
+                n if n > MAX_TRANSFORMS => Err(Refusal::Size),
+                // One broken transform does not make the others wrong; the buffer leaves it out.
+                _ if m.transforms.iter().all(|t| t.header.checked().is_some() && t.transform.checked().is_some()) => Ok(()),
+                _ => Err(Refusal::Value),
+            },
+            Self::Pose(m) => stamped(&m.header).and(m.pose.checked().map(|_| ()).ok_or(Refusal::Value)),
+            Self::Odometry(m) => {
+                stamped(&m.header)?;
+                (m.child_frame_id.len() <= MAX_NAME).then_some(()).ok_or(Refusal::Header)?;
+                m.pose.checked().map(|_| ()).ok_or(Refusal::Value)
+            }
+        }
+    }
+}
+
+fn check_info(info: &CameraInfo) -> Result<(), Refusal> {
+    info.header.checked().ok_or(Refusal::Header)?;
+    if info.d.len() > MAX_COEFFICIENTS || info.distortion_model.len() > MAX_NAME {
+        return Err(Refusal::Size);
+    }
+    let finite = info.d.iter().chain(&info.k).chain(&info.r).chain(&info.p).all(|v| v.is_finite());
+    finite.then_some(()).ok_or(Refusal::Value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::ros2msg::{Time, Transform, TransformStamped};
+
+    fn header() -> Header {
+        Header { stamp: Time { sec: 1, nanosec: 2 }, frame_id: "cam".into() }
+    }
+
+    fn image() -> Image {
+        Image { header: header(), height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 0, step: 3, data: vec![0; 6] }
+    }
+
+    #[test]
+    fn images_must_hold_what_they_say() {
+        let check = |change: fn(&mut Image)| {
+            let mut m = image();
+            change(&mut m);
+            Sample::Color(Picture::Raw(m)).check()
+        };
+        assert_eq!(check(|_| {}), Ok(()));
+        assert_eq!(check(|m| m.data.truncate(5)), Err(Refusal::Size));
+        assert_eq!(check(|m| (m.width, m.step) = (0, 0)), Err(Refusal::Size));
+        assert_eq!(check(|m| m.height = u32::MAX), Err(Refusal::Size));
+        assert_eq!(check(|m| m.encoding = "x".repeat(300)), Err(Refusal::Size));
+        assert_eq!(check(|m| m.header.stamp.sec = -1), Err(Refusal::Header));
+        assert_eq!(check(|m| m.header.stamp = Time::default()), Err(Refusal::Header));
+        assert_eq!(check(|m| m.header.frame_id.clear()), Err(Refusal::Header));
+        let empty = CompressedImage { header: header(), ..CompressedImage::default() };
+        assert_eq!(Sample::Depth(Picture::Compressed(empty)).check(), Err(Refusal::Size));
+    }
+
+    #[test]
+    fn transforms_and_cameras_must_be_finite() {
+        let tf = |w: f64| {
+            let mut t = TransformStamped { header: header(), child_frame_id: "a".into(), transform: Transform::default() };
+            t.transform.rotation.w = w;
+            Sample::Transforms(TfMessage { transforms: vec![t] }).check()
+        };
+        assert_eq!((tf(1.0), tf(0.5), tf(f64::NAN)), (Ok(()), Err(Refusal::Value), Err(Refusal::Value)));
+        let info = |k: f64| Sample::ColorInfo(Box::new(CameraInfo { header: header(), k: [k; 9], ..CameraInfo::default() })).check();
+        assert_eq!((info(1.0), info(f64::INFINITY)), (Ok(()), Err(Refusal::Value)));
+    }
+}

@@ -1,0 +1,142 @@
+//! Services of the node: states, reset, save.
+
+use std::{path::PathBuf, sync::Arc};
+
+use ros2_client::{Message, ServiceMapping, ServiceTypeName};
+use tokio::sync::{mpsc, oneshot};
+
+use super::{
+    collection::{Command, Shared},
+    error::NodeError,
+    participant::{Participant, reliable},
+};
+use crate::io::ros2msg::status::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
+
+impl Message for SetStateRequest {}
+impl Message for SetStateResponse {}
+impl Message for TriggerRequest {}
+impl Message for TriggerResponse {}
+
+/// Requests that wait.
+const DEPTH: usize = 10;
+
+/// What the services need.
+#[derive(Clone)]
+pub struct ServiceContext {
+    /// To the core.
+    pub commands: mpsc::Sender<Command>,
+    /// What the core tells.
+    pub shared: Arc<Shared>,
+    /// Makes the folder of the next session.
+    pub next_session: Arc<dyn Fn() -> PathBuf + Send + Sync>,
+}
+
+impl ServiceContext {
+    /// Sends a command and waits for its answer.
+    async fn ask<T>(&self, command: impl FnOnce(oneshot::Sender<Result<T, String>>) -> Command) -> Result<T, String> {
+        let (answer, answered) = oneshot::channel();
+        let gone = || "the node is ending".to_owned();
+        self.commands.send(command(answer)).await.map_err(|_| gone())?;
+        answered.await.map_err(|_| gone())?
+    }
+
+    async fn set_state(&self, begin: bool, state: usize) -> SetStateResponse {
+        let done = match begin {
+            true => self.ask(|a| Command::Start(state, a)).await.map(|()| format!("state {state} is being collected")),
+            false => self.ask(|a| Command::Finish(state, a)).await.map(|kept| format!("state {state} has {kept} views")),
+        };
+        let keyframes = self.shared.snapshot().kept.get(state).copied().unwrap_or(0) as u32;
+        match done {
+            Ok(message) => {
+                log::info!("{message}");
+                SetStateResponse { success: true, message, keyframes }
+            }
+            Err(message) => {
+                log::warn!("{message}");
+                SetStateResponse { success: false, message, keyframes }
+            }
+        }
+    }
+
+    async fn reset(&self) -> TriggerResponse {
+        let session = (self.next_session)();
+        let done = self.ask(|a| Command::Reset(session.clone(), a)).await;
+        trigger(done.map(|()| format!("the next session is {}", session.display())))
+    }
+
+    async fn save(&self) -> TriggerResponse {
+        let done = self.ask(Command::Flush).await;
+        let snapshot = self.shared.snapshot();
+        trigger(done.map(|()| {
+            let [zero, one] = snapshot.kept;
+            format!("{}: {zero} and {one} views are on the disk", snapshot.session.display())
+        }))
+    }
+}
+
+fn trigger(done: Result<String, String>) -> TriggerResponse {
+    match done {
+        Ok(message) => TriggerResponse { success: true, message },
+        Err(message) => TriggerResponse { success: false, message },
+    }
+}
+
+/// Offers all services.
+///
+/// # Errors
+/// If a name cannot be used or the network refuses.
+pub fn offer(participant: &mut Participant, mapping: ServiceMapping, context: &ServiceContext) -> Result<(), NodeError> {
+    for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
+        let context = context.clone();
+        serve(participant, mapping, name, ("artitwin_msgs", "SetState"), move |request: SetStateRequest| {
+            let context = context.clone();
+            async move { context.set_state(begin, request.state as usize).await }
+        })?;
+    }
+    let c = context.clone();
+    serve(participant, mapping, "~/reset", ("std_srvs", "Trigger"), move |_: TriggerRequest| {
+        let context = c.clone();
+        async move { context.reset().await }
+    })?;
+    let c = context.clone();
+    serve(participant, mapping, "~/save", ("std_srvs", "Trigger"), move |_: TriggerRequest| {
+        let context = c.clone();
+        async move { context.save().await }
+    })
+}
+
+/// Answers the requests of one service, one after the other.
+fn serve<Q, A, F>(
+    participant: &mut Participant,
+    mapping: ServiceMapping,
+    name: &str,
+    (package, kind): (&str, &str),
+    mut answer: impl FnMut(Q) -> F + Send + 'static,
+) -> Result<(), NodeError>
+where
+    Q: Message + Clone + Send + Sync + 'static,
+    A: Message + Send + Sync + 'static,
+    F: Future<Output = A> + Send,
+{
+    let full = participant.name(name)?;
+    let qos = reliable(DEPTH);
+    let server = participant
+        .node()
+        .create_server::<Q, A>(mapping, &full, &ServiceTypeName::new(package, kind), qos.clone(), qos)
+        .map_err(|e| NodeError::network(&format!("offering {name}"), e))?;
+    let name = name.to_owned();
+    tokio::spawn(async move {
+        loop {
+            match server.async_receive_request().await {
+                Ok((id, request)) => {
+                    let response = answer(request).await;
+                    if let Err(error) = server.async_send_response(id, response).await {
+                        log::warn!("{name}: the answer was not sent: {error}");
+                    }
+                }
+                Err(error) => log::debug!("{name}: a request could not be read: {error}"),
+            }
+        }
+    });
+    Ok(())
+}

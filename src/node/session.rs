@@ -1,0 +1,189 @@
+//! The life of the node: start, work, end.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use tokio::sync::{mpsc, oneshot, watch};
+
+use super::{
+    action,
+    clock::NodeClock,
+    collection::{Command, Core, IMAGE_QUEUE, Inbox, SMALL_QUEUE, Shared},
+    collector::Collector,
+    diagnostics::Diagnostics,
+    environment::Environment,
+    error::NodeError,
+    inputs::{self, Outbox},
+    logger,
+    motion_watch::MotionWatch,
+    outputs::Outputs,
+    parameters::Parameters,
+    participant::{Participant, small_buffer_warning},
+    reconstruction::Reconstructor,
+    ros_args::RosArgs,
+    ros_names::NodeIdentity,
+    services::{self, ServiceContext},
+    settings,
+};
+
+/// Name of the node where none is given.
+const DEFAULT_NAME: &str = "artitwin";
+/// How long the end may take before it is given up.
+const END_WAIT: Duration = Duration::from_secs(10);
+
+/// Runs the node until it is asked to end (Ctrl-C or SIGTERM). `arguments` are those after `artitwin node`.
+///
+/// # Errors
+/// [`NodeError`] if it cannot start.
+pub fn run(arguments: &[String]) -> Result<(), NodeError> {
+    let start = Start::read(arguments, DEFAULT_NAME)?;
+    in_runtime(live(&start))
+}
+
+/// What a node starts with.
+pub(super) struct Start {
+    /// Remappings and all that.
+    pub arguments: RosArgs,
+    /// The node's name.
+    pub identity: NodeIdentity,
+    /// Domain and reach.
+    pub environment: Environment,
+    /// Parameters.
+    pub parameters: Parameters,
+}
+
+impl Start {
+    /// Reads arguments, environment and parameters, starts the log and tells what is odd.
+    pub fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
+        let arguments = RosArgs::parse(arguments)?;
+        if let Some(stray) = arguments.rest.first() {
+            return Err(NodeError::Stray(stray.clone()));
+        }
+        let identity = arguments.identity(name)?;
+        logger::start(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
+        arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
+        let environment = Environment::read(|name| std::env::var(name).ok())?;
+        environment.warnings.iter().for_each(|w| log::warn!("{w}"));
+        if arguments.enclave.as_deref().is_some_and(|e| e != "/") {
+            log::warn!("--enclave is left out: this build has no DDS security");
+        }
+        let loaded = Parameters::load(&arguments, &identity)?;
+        loaded.unknown.iter().for_each(|name| log::warn!("parameter `{name}` is not known here and is left out"));
+        small_buffer_warning().into_iter().for_each(|w| log::warn!("{w}"));
+        Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
+    }
+
+    /// Joins the domain.
+    pub fn join(&self) -> Result<Participant, NodeError> {
+        Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)
+    }
+}
+
+/// Runs a future on the node's threads.
+pub(super) fn in_runtime<T>(work: impl Future<Output = Result<T, NodeError>>) -> Result<T, NodeError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|source| NodeError::System { what: "starting the threads", source })?;
+    let done = runtime.block_on(work);
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    done
+}
+
+async fn live(start: &Start) -> Result<(), NodeError> {
+    let (environment, identity, p) = (&start.environment, &start.identity, &start.parameters);
+    let topics = inputs::topics(&start.arguments, identity, p);
+    // What cannot work is refused before anybody sees the node.
+    let resolved = settings::run_settings(p, &topics)?;
+    let mut participant = start.join()?;
+    let clock = Arc::new(NodeClock::new(p.use_sim_time));
+    let shared = Arc::new(Shared::default());
+    let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
+        let (out, name) = (PathBuf::from(&p.out_folder), p.session.clone());
+        Arc::new(move || free_folder(&out, &name))
+    };
+    let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
+    let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
+    let watch = settings::watch_rule(p).map(MotionWatch::new);
+    let core = Core::new(collector, watch, usize::try_from(p.cloud_points).unwrap_or(0), Arc::clone(&clock), Arc::clone(&shared));
+    let (outbox, inbox) = queues(IMAGE_QUEUE);
+    let commands = outbox.commands.clone();
+    let handle = tokio::runtime::Handle::current();
+    let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
+
+    let (twins, twin) = watch::channel(None);
+    let reconstructor = Arc::new(Reconstructor {
+        config: resolved.config,
+        origins: resolved.origins,
+        name: p.twin_name.clone(),
+        shared: Arc::clone(&shared),
+        twins,
+        busy: AtomicBool::new(false),
+    });
+    let mapping = environment.service_mapping(&p.service_mapping);
+    let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
+    let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
+    services::offer(&mut participant, mapping, &context)?;
+    action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
+    let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
+    let diagnostics = Diagnostics::new(&identity.full(), inputs);
+    participant.spin()?;
+    tokio::spawn(outputs.run(twin, shared, reconstructor, diagnostics));
+    log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
+
+    end_requested().await?;
+    log::info!("ending");
+    quiet();
+    let (done, ended) = oneshot::channel();
+    commands.send(Command::Stop(done)).await.ok();
+    tokio::time::timeout(END_WAIT, ended).await.ok();
+    tokio::time::timeout(END_WAIT, core).await.ok();
+    Ok(())
+}
+
+/// Queues with room for so many images.
+pub(super) fn queues(images: usize) -> (Outbox, Inbox) {
+    let (images, image_inbox) = mpsc::channel(images);
+    let (small, small_inbox) = mpsc::channel(SMALL_QUEUE);
+    let (commands, command_inbox) = mpsc::channel(16);
+    (Outbox { images, small, commands }, Inbox { images: image_inbox, small: small_inbox, commands: command_inbox })
+}
+
+/// A folder that is not there yet: by the name, or by the time.
+fn free_folder(out: &Path, name: &str) -> PathBuf {
+    let base = if name.is_empty() {
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+        format!("session_{seconds}")
+    } else {
+        name.to_owned()
+    };
+    let numbered = |k: usize| out.join(if k == 0 { base.clone() } else { format!("{base}_{k}") });
+    (0..).map(numbered).find(|p| !p.exists()).unwrap_or_else(|| out.join(base))
+}
+
+/// Ends the log: the middleware complains of its own threads while it is taken down.
+pub(super) fn quiet() {
+    log::set_max_level(log::LevelFilter::Off);
+}
+
+/// Waits for Ctrl-C or SIGTERM.
+pub(super) async fn end_requested() -> Result<(), NodeError> {
+    let fail = |source| NodeError::System { what: "listening for signals", source };
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut terminate = signal(SignalKind::terminate()).map_err(fail)?;
+        tokio::select! {
+            done = tokio::signal::ctrl_c() => done.map_err(fail),
+            _ = terminate.recv() => Ok(()),
+        }
+    }
+    #[cfg(not(unix))]
+    {
+        tokio::signal::ctrl_c().await.map_err(fail)
+    }
+}

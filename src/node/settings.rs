@@ -1,0 +1,73 @@
+//! From parameters to the settings of a run and of the collector.
+
+use serde_norway::Value;
+
+use super::{collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters, state_bag::Topics};
+use crate::config::{Config, ConfigError, Layers, Resolved};
+
+/// Views held back while states end by themselves: motion is noticed a few views after it began.
+const HELD_VIEWS: usize = 4;
+
+/// Merges preset, file and single settings, then what the parameters say of topics and frames.
+///
+/// # Errors
+/// If a layer is wrong or a value cannot be used.
+pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
+    let mut layers = Layers::new(&Config::default())?;
+    if !p.preset.is_empty() {
+        layers.preset(&p.preset)?;
+    }
+    if !p.config_file.is_empty() {
+        layers.file(p.config_file.as_ref())?;
+    }
+    p.settings.iter().try_for_each(|assignment| layers.set(assignment))?;
+    let text = |s: &String| (!s.is_empty()).then(|| Value::from(s.as_str()));
+    let assigned = [
+        ("color_topic", "capture.topics.color", text(&topics.color)),
+        ("depth_topic", "capture.topics.depth", text(&topics.depth)),
+        ("camera_info_topic", "capture.topics.color_info", text(&topics.color_info)),
+        ("mask_topic", "capture.topics.mask", topics.mask.as_ref().and_then(text)),
+        ("pose_topic", "capture.topics.pose", topics.pose.as_ref().and_then(|(name, _)| text(name))),
+        ("world_frame", "capture.world_frame", text(&p.world_frame)),
+        ("pose_frame", "capture.pose_frame", text(&p.pose_frame)),
+        ("parts", "run.parts", (p.parts > 0).then(|| Value::from(p.parts))),
+    ];
+    for (parameter, key, value) in assigned {
+        value.into_iter().try_for_each(|v| layers.assign(&format!("parameter {parameter}"), key, v))?;
+    }
+    let resolved: Resolved<Config> = layers.resolve()?;
+    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
+    Ok(resolved)
+}
+
+/// Settings of the collector; pairing and gaps are those that the run's settings name.
+#[must_use]
+pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
+    let given = |s: &String| (!s.is_empty()).then(|| s.clone());
+    let count = |n: i64| usize::try_from(n).unwrap_or(1);
+    CollectorSettings {
+        topics,
+        world_frame: config.capture.world_frame.clone(),
+        pose_frame: given(&p.pose_frame),
+        slop_nanos: (config.capture.sync_slop_secs * 1e9) as i64,
+        max_gap_nanos: (config.capture.tf_max_gap_secs * 1e9) as i64,
+        queue: count(p.sync_queue),
+        rule: KeyframeRule {
+            translation_m: p.keyframe_translation_m,
+            rotation_rad: p.keyframe_rotation_deg.to_radians(),
+            most: count(p.max_keyframes),
+        },
+        hold: if p.automatic_states { HELD_VIEWS } else { 0 },
+    }
+}
+
+/// Settings of the watch, where states begin and end by themselves.
+#[must_use]
+pub fn watch_rule(p: &Parameters) -> Option<WatchRule> {
+    let count = |n: i64| usize::try_from(n).unwrap_or(1);
+    p.automatic_states.then(|| WatchRule {
+        still_nanos: (p.still_secs * 1e9) as i64,
+        least: count(p.min_keyframes),
+        enough: count(p.enough_keyframes),
+    })
+}

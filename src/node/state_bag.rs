@@ -1,0 +1,137 @@
+//! The recording of one state: what the kept views need, and nothing else.
+
+use std::path::{Path, PathBuf};
+
+use super::view::View;
+use crate::io::{
+    BagWriteError, BagWriter, OfferedQos,
+    ros2msg::{CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode, odometry::FullOdometry},
+};
+
+/// How images were offered, as far as a recording tells.
+const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
+const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
+const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
+
+/// Names of the topics, remapped.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Topics {
+    /// Color images.
+    pub color: String,
+    /// Depth images.
+    pub depth: String,
+    /// CameraInfo of the color images.
+    pub color_info: String,
+    /// CameraInfo of the depth images.
+    pub depth_info: Option<String>,
+    /// Object masks.
+    pub mask: Option<String>,
+    /// Camera poses in place of `/tf`; whether they are odometry.
+    pub pose: Option<(String, bool)>,
+}
+
+/// The recording of one state while it is written.
+pub struct StateBag {
+    bag: BagWriter,
+    topics: Topics,
+    fixed: Vec<TransformStamped>,
+}
+
+impl StateBag {
+    /// Opens `session/state<N>`. What is there already is kept as `state<N>_replaced<K>`.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn create(session: &Path, state: usize, topics: Topics) -> Result<Self, BagWriteError> {
+        let folder = session.join(format!("state{state}"));
+        if folder.exists() {
+            let spare = (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
+            if let Some(spare) = spare {
+                std::fs::rename(&folder, &spare).map_err(|source| BagWriteError::Io { path: spare, source })?;
+            }
+        }
+        Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new() })
+    }
+
+    /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth, `fixed` transforms,
+    /// those `around` its stamp, of which that of the frame `posed` came from the pose topic.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn write(
+        &mut self,
+        view: &View,
+        infos: [Option<&CameraInfo>; 2],
+        fixed: Vec<TransformStamped>,
+        around: Vec<TransformStamped>,
+        posed: Option<&str>,
+        now_nanos: i64,
+    ) -> Result<(), BagWriteError> {
+        if fixed != self.fixed {
+            self.message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
+            self.fixed = fixed;
+        }
+        self.poses(around, posed, now_nanos)?;
+        let topics = self.topics.clone();
+        for (info, topic) in infos.into_iter().zip([Some(&topics.color_info), topics.depth_info.as_ref()]) {
+            if let (Some(info), Some(topic)) = (info, topic) {
+                self.message(topic, SENSOR, now_nanos, info)?;
+            }
+        }
+        for (image, topic) in view.images.iter().zip([Some(&topics.color), Some(&topics.depth), topics.mask.as_ref()]) {
+            if let (Some(image), Some(topic)) = (image, topic) {
+                let payload = image.payload().map_err(|e| unwritable(&self.bag, &e.to_string()))?;
+                self.bag.write(topic, image.type_name(), SENSOR, now_nanos, &payload)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The transforms about a stamp; those of the pose topic under its name.
+    fn poses(&mut self, around: Vec<TransformStamped>, posed: Option<&str>, now_nanos: i64) -> Result<(), BagWriteError> {
+        let (posed, plain): (Vec<_>, Vec<_>) = match (&self.topics.pose, posed) {
+            (Some(_), Some(child)) => around.into_iter().partition(|t| t.child_frame_id == child),
+            _ => (Vec::new(), around),
+        };
+        if !plain.is_empty() {
+            self.message("/tf", RELIABLE, now_nanos, &TfMessage { transforms: plain })?;
+        }
+        let Some((topic, odometry)) = self.topics.pose.clone() else { return Ok(()) };
+        for t in posed {
+            let header = Header { stamp: t.header.stamp, frame_id: t.header.frame_id };
+            if odometry {
+                let message = FullOdometry { header, child_frame_id: t.child_frame_id, pose: t.transform, ..FullOdometry::default() };
+                self.message(&topic, RELIABLE, now_nanos, &message)?;
+            } else {
+                self.message(&topic, RELIABLE, now_nanos, &PoseStamped { header, pose: t.transform })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn message<M: RosMessage>(&mut self, topic: &str, qos: OfferedQos, now_nanos: i64, message: &M) -> Result<(), BagWriteError> {
+        let payload = encode(message).map_err(|e| unwritable(&self.bag, &e.to_string()))?;
+        self.bag.write(topic, M::TYPE, qos, now_nanos, &payload)
+    }
+
+    /// Puts what was written on the disk.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+        self.bag.flush()
+    }
+
+    /// Closes the recording; its folder.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn finish(self) -> Result<PathBuf, BagWriteError> {
+        let folder = self.bag.folder().to_owned();
+        self.bag.finish().map(|_| folder)
+    }
+}
+
+fn unwritable(bag: &BagWriter, why: &str) -> BagWriteError {
+    BagWriteError::Io { path: bag.folder().to_owned(), source: std::io::Error::other(why.to_owned()) }
+}

@@ -1,0 +1,257 @@
+//! A finished twin as messages: joint states, transforms, markers.
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+use crate::{
+    geometry::Pose,
+    io::{
+        RunSummary, SummaryJoint,
+        ros2msg::{
+            Header, JointState, TfMessage, Time, Transform, TransformStamped,
+            markers::{Color, Marker, MarkerArray, action, kind},
+        },
+    },
+    model::JointKind,
+};
+
+/// Group of the markers.
+const NAMESPACE: &str = "joint_axes";
+/// Markers a joint: axis, range, cone of uncertainty, text.
+const MARKERS_PER_JOINT: i32 = 4;
+/// Length of an axis, meters.
+const AXIS_LENGTH_M: f64 = 0.2;
+/// Points of an arc or circle.
+const ARC_POINTS: usize = 33;
+/// Standard deviations shown.
+const SIGMAS: f64 = 3.0;
+
+/// The joints at the positions of an observed state.
+#[must_use]
+pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
+    JointState {
+        header: Header { stamp, frame_id: String::new() },
+        name: twin.joints.iter().map(|j| j.name.clone()).collect(),
+        position: twin.positions(state),
+        ..JointState::default()
+    }
+}
+
+/// Frames of the moving links, each in its parent's, and with `fixed` that of the root in the world frame.
+#[must_use]
+pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
+    let transform = |(joint, position): (&SummaryJoint, f64)| TransformStamped {
+        header: Header { stamp, frame_id: format!("{prefix}{}", joint.parent) },
+        child_frame_id: format!("{prefix}{}", joint.child),
+        transform: Transform::from_pose(&joint.parent_from_child(position)),
+    };
+    TfMessage { transforms: twin.joints.iter().zip(twin.positions(state)).map(transform).collect() }
+}
+
+/// The root link's frame is the world frame of the recording. `None` where both have one name.
+#[must_use]
+pub fn root_transform(twin: &RunSummary, world_frame: &str, stamp: Time, prefix: &str) -> Option<TransformStamped> {
+    let child_frame_id = format!("{prefix}{}", twin.root);
+    (child_frame_id != world_frame).then(|| TransformStamped {
+        header: Header { stamp, frame_id: world_frame.to_owned() },
+        child_frame_id,
+        transform: Transform::default(),
+    })
+}
+
+/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state. Old markers go.
+#[must_use]
+pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
+    let header = Header { stamp, frame_id: world_frame.to_owned() };
+    let clear = Marker { header: header.clone(), ns: NAMESPACE.into(), action: action::DELETE_ALL, ..Marker::default() };
+    let positions = twin.positions(state);
+    let poses = twin.link_poses(&positions);
+    let mut markers = vec![clear];
+    for (k, joint) in twin.joints.iter().enumerate() {
+        let parent = poses.iter().find(|(name, _)| *name == joint.parent).map_or_else(Pose::identity, |(_, pose)| *pose);
+        let world_from_joint = parent * joint.parent_from_joint;
+        let drawn = Drawn { joint, position: positions.get(k).copied().unwrap_or_default(), world_from_joint };
+        let first = MARKERS_PER_JOINT * k as i32;
+        markers.extend(drawn.markers().into_iter().zip(first..).map(|(m, id)| Marker {
+            header: header.clone(),
+            ns: NAMESPACE.into(),
+            id,
+            ..m
+        }));
+    }
+    MarkerArray { markers }
+}
+
+/// A joint to be drawn.
+struct Drawn<'a> {
+    joint: &'a SummaryJoint,
+    position: f64,
+    world_from_joint: Pose,
+}
+
+impl Drawn<'_> {
+    fn markers(&self) -> [Marker; MARKERS_PER_JOINT as usize] {
+        let axis = self.joint.axis.into_inner();
+        let half = 0.5 * AXIS_LENGTH_M * axis;
+        let arrow = Marker {
+            kind: kind::ARROW,
+            // Shaft, head, head length.
+            scale: [0.006, 0.014, 0.03].into(),
+            color: Color { r: 0.1, g: 0.4, b: 1.0, a: 1.0 },
+            points: self.points(&[-half, half]),
+            ..Marker::default()
+        };
+        let line = |points: &[Vector3<f64>], color: Color| Marker {
+            kind: kind::LINE_STRIP,
+            scale: [0.003, 0.0, 0.0].into(),
+            color,
+            points: self.points(points),
+            ..Marker::default()
+        };
+        let at = self.world_from_joint * Point3::from(1.2 * half);
+        let label = Marker {
+            kind: kind::TEXT,
+            scale: [0.0, 0.0, 0.03].into(),
+            color: Color { r: 1.0, g: 1.0, b: 1.0, a: 1.0 },
+            pose: Transform { translation: <[f64; 3]>::from(at.coords).into(), ..Transform::default() },
+            text: self.label(),
+            ..Marker::default()
+        };
+        let range = line(&self.range(), Color { r: 0.1, g: 0.8, b: 0.2, a: 1.0 });
+        let uncertain = line(&self.uncertainty(), Color { r: 1.0, g: 0.5, b: 0.0, a: 0.8 });
+        [arrow, range, uncertain, label]
+    }
+
+    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<crate::io::ros2msg::Vector3> {
+        in_joint.iter().map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into()).collect()
+    }
+
+    /// From the lowest to the highest position: an arc about the axis, or a piece of it.
+    fn range(&self) -> Vec<Vector3<f64>> {
+        let [low, high] = self.joint.limits;
+        let axis = self.joint.axis.into_inner();
+        match self.joint.kind {
+            JointKind::Prismatic => vec![axis * low, axis * high],
+            JointKind::Revolute => {
+                let radius = 0.4 * AXIS_LENGTH_M * across(&axis);
+                let turn = |k: usize| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64;
+                (0..ARC_POINTS).map(|k| UnitQuaternion::from_scaled_axis(axis * turn(k)) * radius).collect()
+            }
+        }
+    }
+
+    /// A circle about the tip of the axis: where the tip may be, direction and place together.
+    fn uncertainty(&self) -> Vec<Vector3<f64>> {
+        let axis = self.joint.axis.into_inner();
+        let reach = 0.5 * AXIS_LENGTH_M;
+        let known = |v: f64| if v.is_finite() { v } else { 0.0 };
+        let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
+        let turn = |k: usize| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64;
+        (0..ARC_POINTS).map(|k| axis * reach + UnitQuaternion::from_scaled_axis(axis * turn(k)) * (radius * across(&axis))).collect()
+    }
+
+    fn label(&self) -> String {
+        let j = self.joint;
+        let [low, high] = j.limits;
+        match j.kind {
+            JointKind::Revolute => format!(
+                "{}: {:.1} deg in [{:.1}, {:.1}], axis +-{:.2} deg",
+                j.name,
+                self.position.to_degrees(),
+                low.to_degrees(),
+                high.to_degrees(),
+                j.axis_std_rad.to_degrees()
+            ),
+            JointKind::Prismatic => format!(
+                "{}: {:.0} mm in [{:.0}, {:.0}], axis +-{:.2} deg",
+                j.name,
+                1e3 * self.position,
+                1e3 * low,
+                1e3 * high,
+                j.axis_std_rad.to_degrees()
+            ),
+        }
+    }
+}
+
+/// A unit vector at right angles to an axis.
+fn across(axis: &Vector3<f64>) -> Vector3<f64> {
+    let helper = if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    axis.cross(&helper).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Unit;
+
+    use super::*;
+
+    fn twin() -> RunSummary {
+        let joint = |name: &str, parent: &str, child: &str, kind, x: f64, axis| SummaryJoint {
+            name: name.into(),
+            parent: parent.into(),
+            child: child.into(),
+            kind,
+            parent_from_joint: Pose::translation(x, 0.0, 0.0),
+            axis: Unit::new_normalize(axis),
+            limits: [0.0, 1.0],
+            states: vec![0.0, std::f64::consts::FRAC_PI_2],
+            axis_std_rad: 0.01,
+            origin_std_m: f64::NAN,
+            motion_std: 0.1,
+        };
+        RunSummary {
+            folder: "/nowhere".into(),
+            name: "box".into(),
+            urdf: "<mesh filename=\"meshes/visual/base.obj\"/>".into(),
+            root: "base".into(),
+            joints: vec![
+                joint("hinge", "base", "lid", JointKind::Revolute, 1.0, Vector3::z()),
+                joint("slide", "lid", "tray", JointKind::Prismatic, 0.5, Vector3::x()),
+            ],
+        }
+    }
+
+    #[test]
+    fn names_and_positions_go_together() {
+        let message = joint_state(&twin(), 1, Time { sec: 3, nanosec: 4 });
+        assert_eq!(message.name, ["hinge", "slide"]);
+        assert_eq!(message.position, [std::f64::consts::FRAC_PI_2; 2]);
+        assert_eq!(message.header.stamp.sec, 3);
+    }
+
+    #[test]
+    fn transforms_compose_to_the_poses_of_the_links() {
+        let twin = twin();
+        let message = link_transforms(&twin, 1, Time::default(), "p/");
+        assert_eq!(message.transforms[1].header.frame_id, "p/lid");
+        let chain = message.transforms.iter().fold(Pose::identity(), |pose, t| pose * t.transform.checked().unwrap());
+        let (name, pose) = twin.link_poses(&twin.positions(1)).pop().unwrap();
+        assert_eq!(name, "tray");
+        assert!((chain.translation.vector - pose.translation.vector).norm() < 1e-12);
+        // The lid stands at a right angle, so the tray slides along y.
+        assert!((pose.translation.vector - Vector3::new(1.0, 0.5 + std::f64::consts::FRAC_PI_2, 0.0)).norm() < 1e-12);
+        assert_eq!(root_transform(&twin, "map", Time::default(), "").unwrap().child_frame_id, "base");
+        assert_eq!(root_transform(&twin, "base", Time::default(), ""), None);
+    }
+
+    #[test]
+    fn markers_have_stable_numbers_and_finite_points() {
+        let array = joint_markers(&twin(), 0, "map", Time::default());
+        assert_eq!(array.markers[0].action, action::DELETE_ALL);
+        assert_eq!(array.markers[1..].iter().map(|m| m.id).collect::<Vec<_>>(), (0..8).collect::<Vec<_>>());
+        let arrow = &array.markers[1];
+        assert_eq!((arrow.points.len(), arrow.kind, arrow.header.frame_id.as_str()), (2, kind::ARROW, "map"));
+        assert!((arrow.points[1].z - 0.1).abs() < 1e-12 && (arrow.points[1].x - 1.0).abs() < 1e-12);
+        let finite = |p: &crate::io::ros2msg::Vector3| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
+        assert!(array.markers.iter().flat_map(|m| &m.points).all(finite));
+        // Three standard deviations of 0.01 rad at 0.1 m.
+        let tip = array.markers[3].points[0];
+        assert!(((tip.x - 1.0).hypot(tip.y) - 0.003).abs() < 1e-9, "{tip:?}");
+    }
+
+    #[test]
+    fn meshes_are_named_so_that_others_find_them() {
+        assert!(twin().urdf_with_uris(false).contains("\"file:///nowhere/meshes/visual/base.obj\""));
+        assert!(twin().urdf_with_uris(true).contains("\"package://box/meshes/visual/base.obj\""));
+    }
+}

@@ -1,0 +1,60 @@
+//! A set of images with its camera and pose, decoded as a recording's are.
+
+use super::sample::Picture;
+use crate::{
+    capture::CaptureError,
+    geometry::{Intrinsics, Pose},
+    io::{
+        check_size,
+        image_codec::{ImageError, Raster},
+        pinhole,
+        ros2msg::CameraInfo,
+    },
+};
+
+/// Images that belong together, with all that a recording needs of them.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Stamp of the color image, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Color, depth, mask.
+    pub images: [Option<Picture>; 3],
+    /// Pose of the optical frame.
+    pub world_from_camera: Pose,
+}
+
+/// A view's pixels, not undistorted.
+#[derive(Clone, Debug)]
+pub struct Pixels {
+    /// The pinhole of the color camera.
+    pub intrinsics: Intrinsics,
+    /// Color.
+    pub color: Raster<[u8; 3]>,
+    /// Depth, meters; 0: unknown.
+    pub depth: Raster<f32>,
+    /// The object.
+    pub mask: Option<Raster<bool>>,
+}
+
+impl View {
+    /// Decodes all images, with the checks of a recording. `info` is that of the color camera; the topics' names are for
+    /// messages.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong with which image.
+    pub fn decode(&self, info: &CameraInfo, info_topic: &str, topics: [&str; 3]) -> Result<Pixels, String> {
+        let (intrinsics, _) = pinhole(info, info_topic, topics[0]).map_err(|e| e.to_string())?;
+        let [Some(color), Some(depth), mask] = &self.images else { return Err("an image is missing".into()) };
+        let color = self.checked(topics[0], &intrinsics, color.color())?;
+        let depth = self.checked(topics[1], &intrinsics, depth.depth())?;
+        let mask = mask.as_ref().map(|m| self.checked(topics[2], &intrinsics, m.mask())).transpose()?;
+        Ok(Pixels { intrinsics, color, depth, mask })
+    }
+
+    fn checked<T>(&self, topic: &str, camera: &Intrinsics, decoded: Result<Raster<T>, ImageError>) -> Result<Raster<T>, String> {
+        let raster = decoded.map_err(|e| format!("{topic}: {e}"))?;
+        let size = check_size(topic, (raster.width, raster.height), self.stamp_nanos, camera);
+        size.map_err(|e: CaptureError| e.to_string())?;
+        Ok(raster)
+    }
+}

@@ -1,0 +1,103 @@
+//! The node as a process, and what its neighbours do.
+
+#![allow(dead_code, reason = "every test binary uses its own part of this")]
+
+use std::{
+    io::Read as _,
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// One test of the network at a time: they need a core each.
+pub fn serial() -> MutexGuard<'static, ()> {
+    static SERIAL: Mutex<()> = Mutex::new(());
+    SERIAL.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A running node; ended with it.
+pub struct Node {
+    child: Option<Child>,
+}
+
+impl Node {
+    /// Starts a node in a domain with these parameters.
+    pub fn start(domain: u16, parameters: &[String]) -> Self {
+        Self::start_with(domain, parameters, &[])
+    }
+
+    /// Starts a node with further arguments of ROS 2.
+    pub fn start_with(domain: u16, parameters: &[String], arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
+        command.args(["node", "--ros-args"]).args(arguments);
+        for parameter in parameters {
+            command.args(["-p", parameter]);
+        }
+        command.env("ROS_DOMAIN_ID", domain.to_string()).env("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp");
+        for variable in ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_SECURITY_ENABLE"] {
+            command.env_remove(variable);
+        }
+        Self { child: Some(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()) }
+    }
+
+    /// Process id.
+    pub fn id(&self) -> u32 {
+        self.child.as_ref().unwrap().id()
+    }
+
+    /// Whether it still runs.
+    pub fn lives(&self) -> bool {
+        Path::new(&format!("/proc/{}/stat", self.id())).exists()
+    }
+
+    /// Ends it as a crash would.
+    pub fn kill(mut self) {
+        let mut child = self.child.take().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    /// Asks it to end and gives what it said. Panics if it does not end well.
+    pub fn end(mut self) -> String {
+        let mut child = self.child.take().unwrap();
+        Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+        let mut text = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+        let status = child.wait().unwrap();
+        assert!(status.success(), "the node ended with {status}: {text}");
+        text
+    }
+}
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            child.kill().ok();
+            let mut text = String::new();
+            if let Some(mut stderr) = child.stderr.take() {
+                stderr.read_to_string(&mut text).ok();
+            }
+            child.wait().ok();
+            eprintln!("the node said:\n{text}");
+        }
+    }
+}
+
+/// Runs a scenario of `tests/python/ros/scenario.py` in a domain; what it prints.
+pub fn scenario(python: &Path, domain: u16, arguments: &[&str]) -> serde_json::Value {
+    lossy_scenario(python, domain, 0, arguments)
+}
+
+/// The same, where so many of a thousand packets are dropped on sending.
+pub fn lossy_scenario(python: &Path, domain: u16, loss_per_mille: u32, arguments: &[&str]) -> serde_json::Value {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/scenario.py");
+    let start = Instant::now();
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments).env("ROS_DOMAIN_ID", domain.to_string());
+    let output = command.env("XMIT_LOSS_PER_MILLE", loss_per_mille.to_string()).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    assert!(output.status.success(), "{arguments:?} after {:?}: {}", start.elapsed(), text(&output.stderr));
+    assert!(start.elapsed() < Duration::from_secs(900), "{arguments:?} took {:?}", start.elapsed());
+    serde_json::from_str(text(&output.stdout).trim().lines().last().unwrap()).unwrap()
+}

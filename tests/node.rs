@@ -1,0 +1,283 @@
+//! The ROS 2 node among neighbours that are not made of it: Cyclone DDS and rosbags, on the loopback network, every test
+//! in a domain of its own.
+
+#![cfg(feature = "node")]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+
+mod common;
+#[path = "common/program.rs"]
+mod program;
+#[path = "common/ros.rs"]
+mod ros;
+#[path = "common/venv.rs"]
+mod venv;
+
+use std::path::Path;
+
+use common::TempDir;
+use program::{SMALL, end, reconstruct, shipped};
+use ros::{Node, lossy_scenario, scenario, serial};
+
+/// Parameters that make a run of the node the one of [`reconstruct`] with [`SMALL`].
+fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
+    let settings = SMALL.map(|s| format!("'{s}'")).join(", ");
+    let mut parameters = vec![
+        "preset:=preview".to_owned(),
+        format!("settings:=[{settings}]"),
+        "parts:=2".to_owned(),
+        "twin_name:=drawer".to_owned(),
+        "session:=session".to_owned(),
+        format!("out_folder:={}", folder.join("node").display()),
+        "mask_topic:=/object_mask".to_owned(),
+        "image_qos:=default".to_owned(),
+    ];
+    if !raw {
+        parameters.extend(["color_transport:=compressed".to_owned(), "depth_transport:=compressedDepth".to_owned()]);
+    }
+    parameters
+}
+
+/// Numbers of a URDF's joints: every attribute value of every element below `joint`.
+fn joints(urdf: &Path) -> Vec<(String, Vec<f64>)> {
+    let robot = urdf_rs::read_file(urdf).unwrap();
+    let numbers = |j: &urdf_rs::Joint| [&j.origin.xyz.0[..], &j.origin.rpy.0, &j.axis.xyz.0, &[j.limit.lower, j.limit.upper]].concat();
+    robot.joints.iter().map(|j| (format!("{} {:?} {} {}", j.name, j.joint_type, j.parent.link, j.child.link), numbers(j))).collect()
+}
+
+/// A whole session: both states from bags at the pace of their recording, a goal that is canceled, one that is not, and
+/// everything that is published then. The twin is that of the command line.
+fn session(bag: &str, domain: u16, raw: bool, cancel: bool) {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new(&format!("node-{bag}"));
+    let node = Node::start(domain, &small_run(&folder, raw));
+    let states = [0, 1].map(|s| shipped(&format!("{bag}/state{s}")).display().to_string());
+    let mut arguments = vec!["session", &states[0], &states[1]];
+    arguments.extend([(raw, "--raw"), (cancel, "--cancel")].into_iter().filter(|(on, _)| *on).map(|(_, a)| a));
+    let told = scenario(&python, domain, &arguments);
+    let log = node.end();
+    assert!(!log.contains("panicked"), "{log}");
+
+    let cli = folder.join("cli");
+    let source = shipped(bag);
+    let ended = end(&mut reconstruct(&[&source], &cli, &["--parts", "2", "--name", "drawer"]));
+    assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
+    let twin = folder.join("node/session/drawer");
+    assert_eq!(Path::new(told["folder"].as_str().unwrap()), twin);
+    let (by_node, by_cli) = (joints(&twin.join("drawer.urdf")), joints(&cli.join("drawer/drawer.urdf")));
+    assert_eq!(by_node.len(), by_cli.len());
+    for ((name, a), (other, b)) in by_node.iter().zip(&by_cli) {
+        assert_eq!(name, other);
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6), "{name}: {a:?} and {b:?}");
+    }
+
+    // The recordings of the session and its settings give the same twin without the node, byte for byte.
+    let again = folder.join("again");
+    let sources = [0, 1].map(|s| folder.join(&format!("node/session/state{s}")));
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    command.arg("reconstruct").args(&sources).arg("--out").arg(&again).args(["--name", "drawer", "--config"]);
+    let ended = end(command.arg(folder.join("node/session/settings.yaml")));
+    assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
+    let read = |path: &Path| std::fs::read(path.join("drawer.urdf")).unwrap();
+    assert_eq!(read(&twin), read(&again.join("drawer")));
+}
+
+#[test]
+fn a_replayed_recording_gives_the_twin_of_the_command_line() {
+    session("drawer", 41, false, true);
+}
+
+#[test]
+#[ignore = "the same with raw images: 1 minute more"]
+fn a_replayed_raw_recording_gives_the_twin_of_the_command_line() {
+    session("drawer_raw", 42, true, false);
+}
+
+#[test]
+fn three_hundred_frames_at_30_hz_arrive() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-rate");
+    let parameters = ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let node = Node::start(43, &parameters);
+    let told = scenario(&python, 43, &["rate", "--reliable", "--frames", "300"]);
+    let log = node.end();
+    for part in ["color", "depth"] {
+        assert_eq!(told[part]["received"], 300, "{told}\n{log}");
+        assert_eq!(told[part]["lost"], 0, "{told}");
+    }
+    assert_eq!(told["matched"], 300, "{told}");
+}
+
+#[test]
+fn images_that_are_lost_on_the_way_are_counted() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-loss");
+    let out = format!("out_folder:={}", folder.join("out").display());
+    for (domain, qos, options) in [(52, "sensor_data", &[][..]), (53, "default", &["--reliable"])] {
+        let node = Node::start(domain, &[out.clone(), format!("image_qos:={qos}")]);
+        let told = lossy_scenario(&python, domain, 10, &[&["rate", "--frames", "150"], options].concat());
+        node.end();
+        for part in ["color", "depth"] {
+            let count = |key: &str| told[part][key].as_u64().unwrap();
+            let found = count("received") + count("lost");
+            if qos == "default" {
+                assert_eq!((count("received"), count("lost")), (150, 0), "{told}");
+            } else {
+                // Only a later image tells of one that was lost.
+                assert!(count("lost") > 0 && (146..=150).contains(&found), "{told}");
+            }
+        }
+    }
+}
+
+#[test]
+fn ten_thousand_broken_messages_are_counted_and_do_no_harm() {
+    flood(44, "10000", "2000");
+}
+
+#[test]
+#[ignore = "1e5 messages: 2 minutes"]
+fn a_hundred_thousand_broken_messages_are_counted_and_do_no_harm() {
+    flood(45, "100000", "2000");
+}
+
+fn flood(domain: u16, count: &str, hz: &str) {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-flood");
+    let mut parameters = small_run(&folder, false);
+    parameters.retain(|p| !p.starts_with("mask_topic"));
+    parameters.push("info_qos:=default".to_owned());
+    let node = Node::start(domain, &parameters);
+    let bag = shipped("drawer/state0").display().to_string();
+    let told = scenario(&python, domain, &["hostile", &bag, "--count", count, "--hz", hz, "--short"]);
+    assert!(node.lives());
+    let log = node.end();
+    assert!(!log.contains("panicked"), "{log}");
+    let number = |v: &serde_json::Value| v.as_u64().unwrap();
+    for (topic, input) in told["inputs"].as_object().unwrap() {
+        let counted = number(&input["received"]) + number(&input["lost"]) + number(&input["malformed"]);
+        assert_eq!(counted, number(&input["sent"]), "{topic}: {input}");
+    }
+    assert!(number(&told["refused"]) > 0, "{told}");
+    assert!(number(&told["resident_bytes"]) < 600_000_000, "{told}");
+}
+
+#[test]
+fn simulated_time_may_jump_back() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-clock");
+    let parameters = ["use_sim_time:=true".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let node = Node::start(46, &parameters);
+    let told = scenario(&python, 46, &["clock"]);
+    node.end();
+    assert!(told["jumps"].as_u64().unwrap() >= 1, "{told}");
+}
+
+#[test]
+fn the_node_is_seen_under_its_name() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-discovery");
+    let out = format!("out_folder:={}", folder.join("out").display());
+    let node = Node::start_with(47, &[out], &["-r", "__node:=twin_maker", "-r", "__ns:=/lab"]);
+    let told = scenario(&python, 47, &["discovery", "--name", "twin_maker"]);
+    node.end();
+    assert_eq!((&told["name"], &told["namespace"]), (&"twin_maker".into(), &"/lab".into()), "{told}");
+    assert!(told["writers"].as_u64().unwrap() > 8, "{told}");
+}
+
+#[test]
+fn states_are_found_without_a_call() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-automatic");
+    let mut parameters = small_run(&folder, false);
+    parameters.extend(["automatic_states:=true", "still_secs:=0.5", "min_keyframes:=5", "enough_keyframes:=10"].map(str::to_owned));
+    let node = Node::start(48, &parameters);
+    let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
+    let told = scenario(&python, 48, &["automatic", &states[0], &states[1]]);
+    let log = node.end();
+    let phases: Vec<u64> = told["phases"].as_array().unwrap().iter().map(|p| p.as_u64().unwrap()).collect();
+    assert!(phases.contains(&1) && phases.last() == Some(&3), "{phases:?}\n{log}");
+    for state in 0..2 {
+        assert!(folder.join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
+    }
+}
+
+#[test]
+fn a_crash_loses_nothing_that_was_there_for_a_second() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-crash");
+    let node = Node::start(49, &small_run(&folder, false));
+    let bag = shipped("drawer/state0").display().to_string();
+    scenario(&python, 49, &["play", &bag, "--begin", "0", "--masks", "--linger", "3"]);
+    node.kill();
+    let session = folder.join("node/session");
+    assert!(!session.join("state0/metadata.yaml").exists());
+    let found = artitwin::io::inspect(&session.join("state0")).unwrap();
+    assert_eq!(found.recordings[0].views, 16);
+}
+
+#[test]
+fn what_is_recorded_is_what_was_published() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-record");
+    let bag = folder.join("bag");
+    let mut parameters = small_run(&folder, false);
+    parameters.push("info_qos:=default".to_owned());
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    command.arg("record").arg(&bag).arg("--ros-args").env("ROS_DOMAIN_ID", "50");
+    parameters.iter().for_each(|p| _ = command.args(["-p", p]));
+    let mut recorder = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let source = shipped("drawer/state0").display().to_string();
+    let told = scenario(&python, 50, &["play", &source, "--masks"]);
+    std::process::Command::new("kill").args(["-TERM", &recorder.id().to_string()]).status().unwrap();
+    let mut text = String::new();
+    std::io::Read::read_to_string(&mut recorder.stdout.take().unwrap(), &mut text).unwrap();
+    assert!(recorder.wait().unwrap().success(), "{text}");
+    assert_eq!(told["sent"], 113);
+    assert!(text.ends_with(": 113 messages\n"), "{text}");
+    assert_eq!(artitwin::io::inspect(&bag).unwrap().recordings[0].views, 16);
+}
+
+#[test]
+#[ignore = "10 minutes of images at 30 Hz"]
+fn ten_minutes_of_images_need_no_more_memory_than_one() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-load");
+    let parameters = ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let node = Node::start(51, &parameters);
+    let told = scenario(&python, 51, &["rate", "--reliable", "--collect", "--frames", "18000"]);
+    node.end();
+    for part in ["color", "depth"] {
+        let count = |key: &str| told[part][key].as_u64().unwrap();
+        assert_eq!(count("received") + count("lost"), 18_000, "{told}");
+    }
+    let resident: Vec<f64> = told["resident_every_20_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let (early, late) = (resident[3], resident.iter().fold(0.0, |a: f64, b| a.max(*b)));
+    assert!(late < 500e6 && late < 1.1 * early, "{told}");
+}
+
+#[test]
+fn what_cannot_work_is_refused_at_the_start() {
+    let refused = |environment: &[(&str, &str)], arguments: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+        command.arg("node").args(arguments).envs(environment.iter().copied());
+        let ended = end(&mut command);
+        assert_eq!(ended.code, 2, "{}", ended.stderr);
+        ended.stderr
+    };
+    let secure = [("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")];
+    assert!(refused(&secure, &[]).contains("no DDS security"));
+    assert!(refused(&[("ROS_DOMAIN_ID", "300")], &[]).contains("0 to 232"));
+    assert!(refused(&[], &["--ros-args", "-p", "parts:=many"]).contains("whole number"));
+    assert!(refused(&[], &["--parts", "2"]).contains("--ros-args"));
+    assert!(refused(&[], &["--ros-args", "-p", "settings:=[train.stepz=3]"]).contains("train.steps"));
+}

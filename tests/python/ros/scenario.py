@@ -1,0 +1,372 @@
+"""What a neighbour of the node does in a test: `scenario.py NAME ARGUMENTS`. Prints JSON; a broken expectation ends it with 1."""
+import argparse
+import json
+import struct
+import sys
+import time
+from pathlib import Path
+
+import numpy
+from cyclone import ActionClient, Peer, Reader, profile, service
+from mcap.reader import NonSeekingReader
+
+NODE = "/artitwin"
+
+
+def messages(bag):
+    """Topic, type, time and bytes of every message of a bag, in the order of recording."""
+    found = []
+    for path in sorted(Path(bag).glob("*.mcap")):
+        with path.open("rb") as file:
+            for schema, channel, message in NonSeekingReader(file).iter_messages():
+                found.append((channel.topic, schema.name, message.log_time, message.data))
+    return sorted(found, key=lambda m: m[2])
+
+
+class Replay:
+    """Publishes bags at the pace of their recording."""
+
+    def __init__(self, peer, bags):
+        self.bags = [messages(bag) for bag in bags]
+        self.writers = {}
+        for topic, kind in sorted({(m[0], m[1]) for bag in self.bags for m in bag}):
+            latched = topic == "/tf_static"
+            self.writers[topic] = peer.publisher(topic, kind, reliable=True, latched=latched, depth=1 if latched else 100)
+
+    def wait(self, topics):
+        for topic in topics:
+            self.writers[topic].wait()
+        time.sleep(0.5)
+
+    def play(self, number, rate=1.0):
+        bag = self.bags[number]
+        start, first = time.time(), bag[0][2]
+        for topic, _, stamp, data in bag:
+            time.sleep(max(0.0, start + (stamp - first) * 1e-9 / rate - time.time()))
+            self.writers[topic].bytes(data)
+        return len(bag)
+
+
+def expect(condition, *what):
+    if not condition:
+        print("FAILED:", *what, file=sys.stderr)
+        sys.exit(1)
+
+
+def report(peer, reader, secs=5.0):
+    """The figures of the node's next diagnostics, by part."""
+    reader.take()  # What lies there is old.
+    message = peer.receive(reader, "diagnostic_msgs/msg/DiagnosticArray", secs)
+    return {
+        s.name.split(": ")[1]: {v.key: v.value for v in s.values} | {"message": s.message, "level": int(s.level)} for s in message.status
+    }
+
+
+def values(peer, reader, part):
+    return report(peer, reader)[part]
+
+
+def settled(peer, reader, part, key, wanted, secs=20.0):
+    """Waits until a figure is there, or rises no more."""
+    end, last = time.time() + secs, None
+    while True:
+        found = values(peer, reader, part)
+        if float(found[key]) >= wanted or found[key] == last or time.time() > end:
+            return found
+        last = found[key]
+
+
+def session(args):
+    """Both states from bags, a goal that is canceled, one that is not, and everything that is published then."""
+    peer = Peer()
+    color = "/camera/camera/color/image_raw" + ("" if args.raw else "/compressed")
+    replay = Replay(peer, args.bags)
+    diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
+    finish = service(peer, f"{NODE}/finish_state", "artitwin_msgs", "SetState")
+    save = service(peer, f"{NODE}/save", "std_srvs", "Trigger")
+    action = ActionClient(peer, f"{NODE}/reconstruct")
+    for part in (start, finish, save, action):
+        part.wait()
+    replay.wait([color, "/tf", "/tf_static"])
+    expect(not finish.call(0).success, "a state that was not begun cannot end")
+    goal, accepted = action.start(2)
+    expect(accepted, "goals are taken")
+    early = action.results.call(goal)
+    expect(early.status == 6 and "both states" in early.message, early)
+    kept = []
+    for state in range(2):
+        begun = start.call(state)
+        expect(begun.success, begun.message)
+        replay.play(state)
+        images = sum(m[0] == color for m in replay.bags[state])
+        end = time.time() + 10
+        while time.time() < end and int(values(peer, diagnostics, "collection")[f"keyframes_state{state}"]) < images:
+            pass
+        expect("on the disk" in save.call(0).message, "saved")
+        done = finish.call(state)
+        expect(done.success, done.message)
+        kept.append(int(done.keyframes))
+        expect(kept[-1] == images, f"state {state}: {kept[-1]} of {images} views", values(peer, diagnostics, "collection"))
+    if args.cancel:
+        goal, accepted = action.start(2)
+        expect(accepted)
+        while not action.feedbacks():
+            time.sleep(0.02)
+        reply = action.cancel(goal)
+        expect(reply.return_code == 0 and len(reply.goals_canceling) == 1, reply)
+        result = action.results.call(goal, secs=120)
+        expect(result.status == 5 and not result.success, "canceled", result)
+    action.feedbacks()
+    goal, accepted = action.start(2)
+    expect(accepted)
+    other, accepted = action.start(2)
+    expect(not accepted, "a second goal is rejected while one runs")
+    number = action.results.send(goal)
+    feedback, result = [], None
+    while result is None:
+        feedback += action.feedbacks()
+        try:
+            result = action.results.reply(number, 0.2)
+        except TimeoutError:
+            pass
+    feedback += action.feedbacks()
+    expect(result.status == 4 and result.success, result)
+    fractions = [f.fraction for f in feedback]
+    expect(len(feedback) >= 5 and fractions == sorted(fractions) and fractions[-1] > 0.9, fractions)
+    expect({"capture", "register", "export"} <= {f.stage for f in feedback}, {f.stage for f in feedback})
+    # Whoever joins now still gets what is latched.
+    late = Peer()
+    description = late.receive(
+        late.subscriber(f"{NODE}/robot_description", "std_msgs/msg/String", latched=True, depth=1), "std_msgs/msg/String", 15)
+    expect(description.data.startswith("<?xml") and "file://" in description.data, description.data[:200])
+    markers = late.receive(
+        late.subscriber(f"{NODE}/joint_markers", "visualization_msgs/msg/MarkerArray", latched=True, depth=1),
+        "visualization_msgs/msg/MarkerArray", 15)
+    expect(markers.markers[0].action == 3 and len(markers.markers) == 1 + 4 * len(result.joints), len(markers.markers))
+    states = late.receive(late.subscriber("/joint_states", "sensor_msgs/msg/JointState"), "sensor_msgs/msg/JointState", 15)
+    expect(list(states.name) == list(result.joints) and numpy.allclose(states.position, result.motions), states)
+    links = late.receive(
+        late.subscriber("/tf", "tf2_msgs/msg/TFMessage"), "tf2_msgs/msg/TFMessage", 15,
+        lambda m: any(t.child_frame_id.startswith("part") for t in m.transforms))
+    root = late.receive(
+        late.subscriber("/tf_static", "tf2_msgs/msg/TFMessage", latched=True, depth=100), "tf2_msgs/msg/TFMessage", 15,
+        lambda m: any(t.child_frame_id == links.transforms[0].header.frame_id for t in m.transforms))
+    expect(root.transforms[0].header.frame_id == "world", root)
+    status = late.receive(
+        late.subscriber(f"{NODE}/status", "artitwin_msgs/msg/CollectionStatus", latched=True, depth=1),
+        "artitwin_msgs/msg/CollectionStatus", 15, lambda m: m.phase == 5)
+    expect(list(status.keyframes) == kept, status)
+    print(json.dumps({"kept": kept, "joints": list(result.joints), "motions": list(result.motions), "folder": result.folder,
+                      "feedback": len(feedback), "description": len(description.data)}))
+
+
+def collecting(peer):
+    """Begins state 0 before a camera that travels; publishes its pose and parameters with every image."""
+    transform = peer.make(
+        "geometry_msgs/msg/Transform", peer.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
+        peer.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0))
+    time_type = peer.store.types["builtin_interfaces/msg/Time"]
+    info_type, region = peer.store.types["sensor_msgs/msg/CameraInfo"], peer.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    k = numpy.array([500.0, 0, 320, 0, 500, 240, 0, 0, 1])
+    p = numpy.array([500.0, 0, 320, 0, 0, 500, 240, 0, 0, 0, 1, 0])
+    tf = peer.publisher("/tf", "tf2_msgs/msg/TFMessage", depth=100)
+    info = peer.publisher("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo")
+    start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
+    for part in (tf, info, start):
+        part.wait()
+    expect(start.call(0).success, "state 0 begins")
+
+    def place(i, stamp):
+        header = peer.make("std_msgs/msg/Header", time_type(*struct.unpack("<iI", stamp)), "world")
+        transform.translation.x = 0.003 * i
+        stamped = peer.make("geometry_msgs/msg/TransformStamped", header, "camera_color_optical_frame", transform)
+        tf.bytes(peer.pack(peer.make("tf2_msgs/msg/TFMessage", [stamped])))
+        if i % 10 == 0:
+            header = peer.make("std_msgs/msg/Header", header.stamp, "camera_color_optical_frame")
+            info.bytes(peer.pack(info_type(header, 480, 640, "plumb_bob", numpy.zeros(5), k, numpy.eye(3).ravel(), p, 0, 0, region)))
+
+    return place
+
+
+def rate(args):
+    """Color and depth of 640x480 at 30 Hz; the node must get every one."""
+    peer = Peer()
+    diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    header = peer.make("std_msgs/msg/Header", peer.make("builtin_interfaces/msg/Time", 1, 0), "camera_color_optical_frame")
+
+    def image(encoding, step):
+        data = numpy.zeros(step * 480, dtype=numpy.uint8)
+        return bytearray(peer.pack(peer.make("sensor_msgs/msg/Image", header, 480, 640, encoding, 0, step, data)))
+
+    color, depth = image("rgb8", 1920), image("16UC1", 1280)
+    writers = [
+        peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
+        peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
+    ]
+    for writer in writers:
+        writer.wait()
+    place = collecting(peer) if args.collect else lambda i, stamp: None
+    time.sleep(0.5)
+    resident, asked = [], time.time()
+    start, late = time.time(), 0.0
+    for i in range(args.frames):
+        wait = start + i / args.hz - time.time()
+        late = max(late, -wait)
+        time.sleep(max(0.0, wait))
+        stamp = struct.pack("<iI", 10 + int(i // args.hz), int(1e9 * (i % args.hz) / args.hz))
+        place(i, stamp)
+        for writer, payload in zip(writers, (color, depth)):
+            payload[4:12] = stamp
+            writer.bytes(payload)
+        if time.time() > asked + 20:
+            asked = time.time()
+            resident += [int(peer.unpack(p, "diagnostic_msgs/msg/DiagnosticArray").status[-1].values[0].value) for p in diagnostics.take()][-1:]
+    seconds = time.time() - start
+    found = {part: settled(peer, diagnostics, part, "received", args.frames, 10) for part in ("color", "depth")}
+    collection = values(peer, diagnostics, "collection")
+    machine = values(peer, diagnostics, "machine")
+    print(json.dumps({"sent": args.frames, "seconds": seconds, "latest_secs": late,
+                      **{p: {k: int(v[k]) for k in ("received", "lost", "malformed", "dropped_busy")} for p, v in found.items()},
+                      "matched": int(collection["matched_sets"]), "resident_bytes": int(machine["resident_bytes"]),
+                      "resident_every_20_s": resident, "kept": int(collection["keyframes_state0"])}))
+
+
+def hostile(args):
+    """Mutated messages on every input; the node must count each and live."""
+    peer = Peer()
+    random = numpy.random.default_rng(args.seed)
+    diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    replay = Replay(peer, args.bags[:1])
+    replay.wait([t for t in replay.writers if t != "/object_mask"])
+    sent = dict.fromkeys(replay.writers, 0)
+    bag = [m for m in replay.bags[0] if m[0] != "/object_mask"]
+    start = time.time()
+    for i in range(args.count):
+        topic, _, _, data = bag[random.integers(len(bag))]
+        data = bytearray(data[: 2000 if args.short else None])
+        match random.integers(4):
+            case 0:
+                data = data[: random.integers(4, len(data))]
+            case 1:
+                for at in random.integers(4, len(data), 8):
+                    data[at] = random.integers(256)
+            case 2:
+                at = 4 * random.integers(1, max(2, len(data) // 4 - 1))
+                data[at : at + 4] = b"\xff\xff\xff" + bytes([random.integers(256)])
+            case _:
+                data = data[:4] + bytes(random.integers(0, 256, random.integers(0, 200), dtype=numpy.uint8))
+        try:
+            replay.writers[topic].bytes(data)
+            sent[topic] += 1
+        except OSError:
+            pass  # Too short even for the writer.
+        if i % 20 == 0:
+            time.sleep(max(0.0, start + i / args.hz - time.time()))
+    time.sleep(2)
+    roles = {"/tf": "tf", "/tf_static": "tf_static"}
+    for topic in sent:
+        if "camera_info" in topic:
+            roles[topic] = "depth_info" if "depth" in topic else "camera_info"
+        elif "image" in topic:
+            roles[topic] = "depth" if "depth" in topic else "color"
+    found = report(peer, diagnostics)
+    keys = ("received", "lost", "malformed", "dropped_busy")
+    seen = {topic: {k: int(found[role][k]) for k in keys} | {"sent": sent[topic]} for topic, role in roles.items()}
+    collection, machine = found["collection"], found["machine"]
+    print(json.dumps({"inputs": seen, "refused": sum(int(collection[f"refused_{k}"]) for k in ("header", "size", "value")),
+                      "resident_bytes": int(machine["resident_bytes"]), "seconds": time.time() - start}))
+
+
+def clock(args):
+    """Simulated time that runs, and jumps back."""
+    peer = Peer()
+    writer = peer.publisher("/clock", "rosgraph_msgs/msg/Clock", reliable=False, depth=1)
+    writer.wait()
+    diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    stamps = []
+    for begin in (1000, 500):
+        for i in range(40):
+            time_now = peer.make("builtin_interfaces/msg/Time", begin + i // 10, (i % 10) * 100_000_000)
+            writer.bytes(peer.pack(peer.make("rosgraph_msgs/msg/Clock", time_now)))
+            time.sleep(0.05)
+        found = peer.receive(diagnostics, "diagnostic_msgs/msg/DiagnosticArray", 5, lambda m: abs(m.header.stamp.sec - begin) <= 4)
+        stamps.append(found.header.stamp.sec)
+    jumps = int(values(peer, diagnostics, "collection")["time_jumps"])
+    expect(jumps >= 1, "the jump is counted", jumps)
+    print(json.dumps({"stamps": stamps, "jumps": jumps}))
+
+
+def discovery(args):
+    """The node as the tools of ROS 2 see it."""
+    peer = Peer()
+    reader = Reader(peer, "ros_discovery_info", "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_", profile(latched=True, depth=1))
+    kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+    found = peer.receive(reader, kind, 15, lambda m: any(n.node_name == args.name and len(n.reader_gid_seq) > 8 for n in m.node_entities_info_seq))
+    node = next(n for n in found.node_entities_info_seq if n.node_name == args.name)
+    print(json.dumps({"name": node.node_name, "namespace": node.node_namespace, "readers": len(node.reader_gid_seq), "writers": len(node.writer_gid_seq)}))
+
+
+def play(args):
+    """Publishes bags to whoever subscribes; with a state, collects it but does not end it."""
+    peer = Peer()
+    replay = Replay(peer, args.bags)
+    if args.begin is not None:
+        start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
+        start.wait()
+        expect(start.call(args.begin).success, "the state begins")
+    replay.wait([t for t in replay.writers if t != "/object_mask" or args.masks])
+    count = sum(replay.play(number) for number in range(len(args.bags)))
+    time.sleep(args.linger)
+    print(json.dumps({"sent": count}))
+
+
+def automatic(args):
+    """Both bags one after the other, with no service called; the states must be found."""
+    peer = Peer()
+    replay = Replay(peer, args.bags)
+    status = peer.subscriber(f"{NODE}/status", "artitwin_msgs/msg/CollectionStatus", latched=True, depth=1)
+    replay.wait([t for t in replay.writers if t != "/object_mask"])
+    phases = []
+    for state in range(2):
+        replay.play(state)
+        end = time.time() + 3
+        while time.time() < end:
+            phases += [int(peer.unpack(p, "artitwin_msgs/msg/CollectionStatus").phase) for p in status.take()]
+            time.sleep(0.05)
+    print(json.dumps({"phases": phases}))
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    commands = parser.add_subparsers(required=True)
+    for function in (session, rate, hostile, clock, discovery, automatic, play):
+        command = commands.add_parser(function.__name__)
+        command.set_defaults(function=function)
+        if function in (session, hostile, automatic, play):
+            command.add_argument("bags", nargs="+")
+        if function is session:
+            command.add_argument("--raw", action="store_true")
+            command.add_argument("--cancel", action="store_true")
+        if function is rate:
+            command.add_argument("--frames", type=int, default=300)
+            command.add_argument("--hz", type=float, default=30.0)
+            command.add_argument("--reliable", action="store_true")
+            command.add_argument("--collect", action="store_true")
+        if function is hostile:
+            command.add_argument("--count", type=int, default=2000)
+            command.add_argument("--hz", type=float, default=1000.0)
+            command.add_argument("--seed", type=int, default=0)
+            command.add_argument("--short", action="store_true")
+        if function is play:
+            command.add_argument("--begin", type=int)
+            command.add_argument("--masks", action="store_true")
+            command.add_argument("--linger", type=float, default=1.0)
+        if function is discovery:
+            command.add_argument("--name", default="artitwin")
+    args = parser.parse_args()
+    args.function(args)
+
+
+if __name__ == "__main__":
+    main()
