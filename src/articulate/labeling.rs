@@ -10,11 +10,11 @@ use crate::geometry::Pose;
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 
 /// Cost of a warp that lands where nothing was seen: weaker than any agreement, hardly evidence against.
-const HIDDEN: f32 = 0.9;
+pub(crate) const HIDDEN: f32 = 0.9;
 /// Additional cost of a warp that lands on a surface which follows another motion.
 const TAKEN: f32 = 0.4;
 /// Cost of a warp that lands in space seen to be empty.
-const FREE: f32 = 1.6;
+pub(crate) const FREE: f32 = 1.6;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached.
 const HALF_COST: f64 = 6.0;
 /// Deviation of the normals (length of their difference) that counts as one standard deviation.
@@ -53,6 +53,11 @@ impl<'a> Evidence<'a> {
         let mut evidence = Self { samples, indices, free, graphs, scales, reach_m };
         evidence.scales = evidence.static_scales();
         evidence
+    }
+
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, state: usize, sample: usize) -> u32 {
+        self.graphs[state].patch(sample)
     }
 
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.

@@ -74,6 +74,11 @@ impl SurfaceGraph {
         Self { neighbors, patches }
     }
 
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, sample: usize) -> u32 {
+        self.patches[sample]
+    }
+
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let n = self.neighbors.len();

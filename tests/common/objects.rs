@@ -65,8 +65,12 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         inliers: 900,
         tried: 1000,
         residual_rms_m: 0.001,
+        pitch_std_m_per_rad: 0.0,
+        dispersion: 1.0,
         type_scores: BTreeMap::new(),
+        parents: BTreeMap::new(),
         cautions: vec![],
+        not_observable: Vec::new(),
     };
     let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
     Joint {
