@@ -57,7 +57,10 @@ fn states_that_drifted_apart_are_aligned() {
         assert_eq!(a.kind, b.kind);
         let degrees = a.axis.angle(&b.axis).to_degrees();
         let motion = |t: &Twin| t.model.states[1][0];
-        eprintln!("{name}: the axis is {degrees:.3} deg, the motion {:.5} off that of the undrifted recording", motion(&found) - motion(&expected));
+        eprintln!(
+            "{name}: the axis is {degrees:.3} deg, the motion {:.5} off that of the undrifted recording",
+            motion(&found) - motion(&expected)
+        );
         assert!(degrees < 0.5 && (motion(&found) - motion(&expected)).abs() < 0.004, "{name}: {degrees} deg");
     }
 }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, SMatrix, Unit, Vector3};
 
 use super::{
-    joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
+    joint_motion::{Carried, ParallelMotion, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
     motion_fit::{FreeMotion, MotionEvidence, MotionModel, RefineConfig, Refined, refine},
 };
 use crate::{
@@ -175,6 +175,34 @@ fn fit_free(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> (
     (free, dispersion)
 }
 
+/// A revolute joint with the direction of another axis, whose covariance is given, where the evidence prefers the fewer
+/// parameters; else `None`.
+#[must_use]
+pub fn estimate_parallel(
+    found: &JointEstimate,
+    (direction, covariance): (&Unit<Vector3<f64>>, &Matrix3<f64>),
+    parent: &ParentMotion,
+    evidence: &MotionEvidence,
+    (near, _): (&Point3<f64>, f64),
+    config: &RefineConfig,
+) -> Option<JointEstimate> {
+    if found.kind != JointKind::Revolute {
+        return None;
+    }
+    let candidates = Candidates::fit(&found.evidence.state1_from_state0, parent, evidence, near, config);
+    let direction = if direction.dot(&found.axis) < 0.0 { -*direction } else { *direction };
+    let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion });
+    let sigma_m = candidates.revolute.as_ref()?.sigma_m;
+    let fit = refine(Carried { parent: parent.state1_from_state0, joint }, evidence, sigma_m, config);
+    let mut scores = candidates.scores();
+    let score = candidates.score(fit.quadratic.cost, 3.0);
+    if scores.get("revolute").is_none_or(|r| score > *r) {
+        return None;
+    }
+    scores.insert("revolute, parallel".to_owned(), score);
+    Some(Chosen::parallel(&fit, *covariance).estimate(&candidates, parent, near, scores))
+}
+
 /// A fit with what all types share.
 struct Chosen {
     kind: JointKind,
@@ -189,6 +217,8 @@ struct Chosen {
     covariance: Option<DMatrix<f64>>,
     /// Maps the parameters to (direction 3, point 3, motion 1, pitch 1).
     spread: DMatrix<f64>,
+    /// Covariance of the direction that is not fitted.
+    direction_covariance: Matrix3<f64>,
     agreement: [usize; 2],
     residual_rms_m: f64,
 }
@@ -206,6 +236,7 @@ impl Chosen {
             information: q.information,
             covariance: fit.covariance.clone(),
             spread,
+            direction_covariance: Matrix3::zeros(),
             agreement: [q.inliers, q.tried],
             residual_rms_m: q.rms_m(),
         }
@@ -224,6 +255,17 @@ impl Chosen {
             spread[(7, 5)] = 1.0 / turn.angle_rad;
         }
         Self { kind, direction: turn.direction, point: turn.point, motion: turn.angle_rad, ..Self::new(fit, spread) }
+    }
+
+    fn parallel(fit: &Refined<Carried<ParallelMotion>>, direction_covariance: Matrix3<f64>) -> Self {
+        let turn = &fit.model.joint.0;
+        let (a, b) = frame_across(&turn.direction);
+        let mut spread = DMatrix::zeros(8, 3);
+        spread.fixed_view_mut::<3, 1>(3, 0).copy_from(&a);
+        spread.fixed_view_mut::<3, 1>(3, 1).copy_from(&b);
+        spread[(6, 2)] = 1.0;
+        let RevoluteMotion { direction, point, angle_rad: motion } = *turn;
+        Self { kind: JointKind::Revolute, direction, point, motion, direction_covariance, ..Self::new(fit, spread) }
     }
 
     fn sliding(fit: &Refined<Carried<PrismaticMotion>>, near: &Point3<f64>) -> Self {
@@ -247,13 +289,15 @@ impl Chosen {
 
     fn estimate(self, found: &Candidates, parent: &ParentMotion, near: &Point3<f64>, scores: BTreeMap<String, f64>) -> JointEstimate {
         let covariance = self.parameter_covariance(found.dispersion, parent);
-        let full: SMatrix<f64, 8, 8> = match &covariance {
+        let mut full: SMatrix<f64, 8, 8> = match &covariance {
             Some(c) => {
                 let full = &self.spread * c * self.spread.transpose();
                 SMatrix::from_fn(|r, c| full[(r, c)])
             }
             None => SMatrix::from_element(f64::INFINITY),
         };
+        let of_direction = full.fixed_view::<3, 3>(0, 0) + self.direction_covariance;
+        full.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_direction);
         let own = self.covariance.as_ref().map(|c| &self.tangent * c * self.tangent.transpose() * found.dispersion);
         let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
         let forward = self.motion >= 0.0;
@@ -288,13 +332,7 @@ impl Chosen {
 }
 
 /// What speaks against trusting a joint, in words. `covariance` is that of (direction 3, point 3, motion 1, pitch 1).
-fn cautions(
-    kind: JointKind,
-    motion: f64,
-    covariance: &SMatrix<f64, 8, 8>,
-    finite: bool,
-    scores: &BTreeMap<String, f64>,
-) -> Vec<String> {
+fn cautions(kind: JointKind, motion: f64, covariance: &SMatrix<f64, 8, 8>, finite: bool, scores: &BTreeMap<String, f64>) -> Vec<String> {
     let mut cautions = Vec::new();
     let amount = if kind.turns() { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
     if !finite {

@@ -49,6 +49,25 @@ impl MotionModel for RevoluteMotion {
     }
 }
 
+/// Rotation about a line of known direction: point (2), angle (1).
+#[derive(Clone, Copy, Debug)]
+pub struct ParallelMotion(pub RevoluteMotion);
+
+impl MotionModel for ParallelMotion {
+    fn dimension(&self) -> usize {
+        3
+    }
+
+    fn stepped(&self, s: &DVector<f64>) -> Self {
+        let (a, b) = frame_across(&self.0.direction);
+        Self(RevoluteMotion { point: self.0.point + a * s[0] + b * s[1], angle_rad: self.0.angle_rad + s[2], ..self.0 })
+    }
+
+    fn motion(&self) -> Pose {
+        self.0.motion()
+    }
+}
+
 /// Translation without rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct PrismaticMotion(pub Vector3<f64>);

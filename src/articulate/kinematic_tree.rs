@@ -8,14 +8,11 @@
 use super::{
     JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples, joint::DECISIVE, sample_index::SampleIndex,
 };
-use crate::{
-    geometry::Pose,
-    model::{JointKind, ParentScore, link_name},
-};
+use crate::model::{JointKind, ParentScore, link_name};
 
 /// Two parts touch where their samples come closer than this share of the object's longest side, or two grid spacings:
 /// what the surfaces of a joint are apart that hides between them.
-const CONTACT_SHARE: f64 = 0.03;
+const CONTACT_SHARE: f64 = 0.06;
 
 /// A joint and what it hangs on.
 #[derive(Clone, Debug)]
@@ -30,6 +27,7 @@ pub struct TreeJointEstimate {
 #[derive(Clone, Debug)]
 struct Candidate {
     parent: usize,
+    joint: JointEstimate,
     /// Lowest score of a joint with one freedom, against that of the free motion.
     excess: f64,
     /// Distance of both parts, the larger of both states, metres.
@@ -62,15 +60,24 @@ pub fn kinematic_tree(
     while let Some(k) = (0..parts.len()).find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some())) {
         let parent = match parents[k].checked_sub(1).and_then(|p| found[p].as_ref()) {
             None => root.clone(),
-            Some(p) => {
-                ParentMotion { state1_from_state0: p.joint.state1_from_state0, covariance: p.joint.motion_covariance }
-            }
+            Some(p) => ParentMotion { state1_from_state0: p.joint.state1_from_state0, covariance: p.joint.motion_covariance },
         };
         let mut joint = parts[k].joint(&parent, states, config);
+        if let Some(plane) = turning_child(&candidates, &parents, k) {
+            joint = parts[k].parallel_joint(&joint, plane, &parent, states, config).unwrap_or(joint);
+        }
         explain(&mut joint, k, parents[k], &candidates[k], contact_m);
         found[k] = Some(TreeJointEstimate { parent: parents[k], joint });
     }
     found.into_iter().flatten().collect()
+}
+
+/// The turn, in the world, of a part that hangs on part `k` (counted from 0) and whose own motion is a plain rotation. Two
+/// turns make one only where their axes are parallel or meet; that of the child is often known better, as it turns more.
+fn turning_child<'a>(candidates: &'a [Vec<Candidate>], parents: &[usize], k: usize) -> Option<&'a JointEstimate> {
+    let children = (0..parents.len()).filter(|&c| parents[c] == k + 1);
+    let in_world = children.filter_map(|c| candidates[c].iter().find(|x| x.parent == 0));
+    in_world.filter(|c| c.excess < DECISIVE && c.joint.kind == JointKind::Revolute).map(|c| &c.joint).next()
 }
 
 /// All parents that every part could have.
@@ -89,7 +96,7 @@ fn candidates(
     let candidate = |k: usize, parent: usize| {
         let carried = ParentMotion { state1_from_state0: motion(parent), ..ParentMotion::still() };
         let joint = parts[k].joint(&carried, states, config);
-        Candidate { parent, excess: excess(&joint), gap_m: gap_m(&parts[k], &indices[parent]) }
+        Candidate { parent, excess: excess(&joint), gap_m: gap_m(&parts[k], &indices[parent]), joint }
     };
     let of = |k: usize| (0..=parts.len()).filter(|&p| p != k + 1).map(|p| candidate(k, p)).collect();
     (0..parts.len()).map(of).collect()

@@ -6,7 +6,7 @@ use super::*;
 use crate::{
     articulate::synthetic::{Scene, camera_ring},
     capture::NoiseConfig,
-    geometry::{Grid3, SceneBox, Screw, line_distance_m},
+    geometry::{Grid3, Pose, SceneBox, Screw, line_distance_m},
 };
 
 const NODES: usize = 121;
@@ -49,7 +49,7 @@ fn a_lamp_is_a_chain_although_its_axes_are_parallel() {
     assert_eq!(found.iter().map(|t| t.parent).collect::<Vec<_>>(), [0, 1]);
     for (t, at) in found.iter().zip([[0.0, 0.0, 0.05], [0.0, 0.0, 0.33]]) {
         assert_eq!(t.joint.kind, JointKind::Revolute, "{:?}", t.joint.evidence.type_scores);
-        assert!(t.joint.axis.cross(&Vector3::y()).norm() < 0.01, "{}", t.joint.axis);
+        assert!(t.joint.axis.cross(&Vector3::y()).norm() < 0.01, "{:?}", t.joint.axis);
         assert!(line_error_m(&t.joint, at, Vector3::y()) < 0.002, "{}", line_error_m(&t.joint, at, Vector3::y()));
     }
     assert!((found[0].joint.motion - 0.5).abs() < 0.01 && (found[1].joint.motion - 0.6).abs() < 0.01);

@@ -15,7 +15,7 @@ mod texture;
 
 pub use assemble::{LabelledState, NO_LABEL, part_tsdf};
 pub use evidence::{ColorField, ColorSample, LiftedMatch, SurfaceSamples};
-pub use joint::{JointEstimate, ParentMotion, estimate_joint, free_motion};
+pub use joint::{JointEstimate, ParentMotion, estimate_joint, estimate_parallel, free_motion};
 pub use joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion};
 pub use kinematic_tree::{TreeJointEstimate, kinematic_tree};
 pub use labels::label_grid;
@@ -71,8 +71,8 @@ mod uniform_batch;
 pub use articulation_config::{ArticulationConfig, ColorSpace, Compatibility, LossWeights, Reading, SdfResidual};
 pub use objective::ArticulationLosses;
 pub use optimise::{ArticulationCheckpoint, ArticulationProblem, ArticulationStart, ArticulationTrainer};
-pub use state_alignment::{AlignedBy, AlignmentError, StateAlignment, align_states};
 pub use segmentation::{Dense, SegmentationField};
+pub use state_alignment::{AlignedBy, AlignmentError, StateAlignment, align_states};
 pub use state_model::{StateModel, SurfaceRay};
 pub use trainer_input::{LabelledPoints, MAX_PARTS, TrainerError};
 

@@ -3,23 +3,22 @@
 //! The motion with the least evidence of its own is dropped, and the others take over what they can, until all that are
 //! left have enough. Two motions of one part share their evidence, so that one of them goes first.
 
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Point3;
 use serde::Serialize;
 
 use super::{
-    LiftedMatch, RegisterError,
+    RegisterError,
     labeling::{FREE, HIDDEN},
-    ransac::CellCounter,
     register::{Run, occupied_cells},
     residual::unexplained,
 };
 use crate::geometry::Pose;
 
-/// Log likelihood that a landing at the edge of the reach loses against a perfect one.
-const NATS: f64 = 3.0;
-/// Minus the log of the share of a surface that the other state does not show: a quarter.
-const UNSEEN: f64 = 1.4;
-/// Minus the log of the share of a surface that lies, by errors of depth and pose, in space seen empty: one in fifty.
-const CONTRADICTED: f64 = 3.9;
+/// Cost of a sample in space that was seen empty, in lost landings: one in fifty true points is there by errors of depth
+/// and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach loses.
+const CONTRADICTED: f64 = 1.3;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
 const SURFACE_WEIGHT: f64 = 0.16;
@@ -31,10 +30,10 @@ const CHANCE: f64 = 5.0;
 const SURFACE_ALONE: f64 = 10.0;
 /// Motions with less evidence than this many times the least are said to rest on little.
 const LITTLE: f64 = 1.5;
-/// Motions that were dropped with more than this share of the least evidence are told.
-const NEARLY: f64 = 0.7;
-/// A motion that is left out because the number of parts was given, and has this many times the least evidence, is told.
-const SPARE: f64 = 3.0;
+/// Motions of which the one that the others miss least is dropped.
+const COMPARED: usize = 3;
+/// A motion with fewer cells is dropped without a look at the others.
+const NOTHING: f64 = 2.0;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -43,7 +42,7 @@ const UNEXPLAINED_SHARE: f64 = 0.02;
 pub struct EvidencePoint {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// What the motions explain together: cells of matches, and a sixth of the cells of surface.
+    /// What the motions explain, each alone: cells of matches, and a sixth of the cells of surface.
     pub evidence: f64,
     /// The same less the evidence that every moving part must bring.
     pub penalised: f64,
@@ -59,70 +58,104 @@ pub(super) struct PartCount {
     pub warnings: Vec<String>,
 }
 
+/// Motions on the way from many to none.
+struct Step {
+    motions: Vec<Pose>,
+    point: EvidencePoint,
+    /// Share of the surface that each motion explains and no other.
+    shares: Vec<f64>,
+}
+
 impl Run<'_> {
-    /// Drops the motion that least speaks for until enough speaks for all, and, where their number is given, no more than
-    /// `parts` are left. The others are refitted to what they take over.
-    pub fn choose(&self, mut motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
-        let (mut curve, mut notes, mut warnings) = (Vec::<EvidencePoint>::new(), Vec::new(), Vec::new());
+    /// The motions with the most evidence after each has brought the least that a part needs; as many as asked for, where
+    /// `parts` is given.
+    pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
+        let least = self.config.least_score;
+        let steps = self.steps(motions);
+        let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+        let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least);
+        let fits = |s: &&Step| enough(s) && parts.is_none_or(|p| s.motions.len() <= p);
+        // With a number given, that number or the nearest below it, for the error; else the most evidence.
+        let given = steps.iter().filter(fits).max_by_key(|s| s.motions.len());
+        let best = steps.iter().filter(enough).max_by(|a, b| a.point.penalised.total_cmp(&b.point.penalised));
+        let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+        let Some(chosen) = parts.map_or(best, |_| given) else { return Err(RegisterError::NoOverlap { static_percent: 0.0 }) };
+        self.check(&chosen.motions, parts, &chosen.shares, &mut notes)?;
+        let found = chosen.motions.len();
+        if let (Some(parts), Some(best)) = (parts, best)
+            && best.motions.len() > parts
+        {
+            let [most, asked] = [best, chosen].map(|s| s.point.penalised);
+            let more = best.motions.len();
+            warnings.push(format!("the evidence is for {more} parts rather than {parts}: {most:.0} cells against {asked:.0}"));
+        }
+        if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
+            warnings.push(format!("one of the {found} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}"));
+        }
+        for other in curve.iter().filter(|p| parts.is_none() && p.parts != found && p.penalised > chosen.point.penalised - 0.5 * least) {
+            let (count, own, others) = (other.parts, chosen.point.penalised, other.penalised);
+            notes.push(format!("{count} parts have nearly the evidence of {found}: {others:.0} cells against {own:.0}"));
+        }
+        Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
+    }
+
+    /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
+    /// static part alone.
+    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+        let mut steps = Vec::new();
         loop {
-            let before = motions.len();
-            self.thin(&mut motions, parts, &mut curve, &mut warnings);
-            if motions.len() < before {
+            while self.thin(&mut motions) {
                 self.round(&mut motions);
-                continue;
             }
-            // Once more where a surface belongs to one part only.
-            let (labels, costs) = self.labels(&motions);
-            let shares = self.shares(&costs, &labels, motions.len());
-            let scores = self.scores(&motions, &shares);
-            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-            let chosen = self.point(&motions, &costs, weakest.map(|k| scores[k]));
-            let least = self.config.least_score;
-            let Some(k) = weakest.filter(|&k| scores[k] < least) else {
-                self.check(&motions, parts, &shares, &mut notes)?;
-                if let Some(k) = weakest.filter(|&k| parts.is_none() && scores[k] < LITTLE * least) {
-                    warnings.push(format!("part {k} rests on little evidence: {:.0} cells of the {least} that a part needs", scores[k]));
-                }
-                self.thin(&mut motions.clone(), Some(1), &mut curve, &mut Vec::new());
-                curve.iter_mut().filter(|p| p.parts == chosen.parts).for_each(|p| *p = chosen.clone());
-                return Ok(PartCount { motions, curve, notes, warnings });
-            };
-            if parts.is_none() && scores[k] > NEARLY * least {
-                notes.push(format!("a further motion has {:.1} of the {least} cells of evidence that a part needs", scores[k]));
-            }
+            let (scores, shares) = self.weighed(&motions);
+            steps.push(Step { motions: motions.clone(), point: point(&scores, self.config.least_score), shares });
+            let Some(k) = self.least_missed(&motions, &scores) else { return steps };
             motions.remove(k);
             self.round(&mut motions);
         }
     }
 
-    /// Drops motions without refitting the others, the weakest first, while they are too many or too weak, and adds the
-    /// evidence at every number of parts to the curve.
-    fn thin(&self, motions: &mut Vec<Pose>, parts: Option<usize>, curve: &mut Vec<EvidencePoint>, warnings: &mut Vec<String>) {
-        let least = self.config.least_score;
-        let mut costs = [0, 1].map(|s| self.evidence.costs(s, motions, None));
+    /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
+    fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+        let (labels, _) = self.labels(motions);
+        let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
+        let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
+        (scores, shares(&costs, motions.len()))
+    }
+
+    /// The motion without which the others have most evidence, among the weakest: a wrong motion may hold surface of a right
+    /// one and look the stronger of both.
+    fn least_missed(&self, motions: &[Pose], scores: &[f64]) -> Option<usize> {
+        let mut order: Vec<usize> = (1..motions.len()).collect();
+        order.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+        let weakest = *order.first()?;
+        if scores[weakest] < NOTHING || motions.len() == 2 {
+            return Some(weakest);
+        }
+        let without = |k: usize| {
+            let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
+            (self.weighed(&others).0.iter().skip(1).sum::<f64>(), k)
+        };
+        let tried = order.into_iter().take(COMPARED).map(without);
+        tried.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|b| b.1)
+    }
+
+    /// Drops motions that have less than the least evidence even where a surface that the other state hid counts as one
+    /// that is missing there, the weakest first; false where there are none.
+    fn thin(&self, motions: &mut Vec<Pose>) -> bool {
+        let before = motions.len();
+        let mut costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, None));
         while motions.len() > 1 {
-            let shares = self.shares(&costs, &cheapest(&costs, motions.len()), motions.len());
-            let scores = self.scores(motions, &shares);
-            let Some(k) = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { return };
-            curve.retain(|p| p.parts > motions.len());
-            curve.push(self.point(motions, &costs, Some(scores[k])));
-            let many = parts.is_some_and(|p| motions.len() > p);
-            if scores[k] >= least && !many {
-                return;
-            }
-            if let Some(parts) = parts.filter(|p| *p > 1 && scores[k] > SPARE * least) {
-                let percent = 100.0 * shares[k];
-                warnings.push(format!(
-                    "a further motion explains {percent:.1} % of the surface that no other explains; there may be more than {parts} parts"
-                ));
-            }
+            let scores = self.scores(motions, &shares(&costs, motions.len()));
+            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+            let Some(k) = weakest.filter(|&k| scores[k] < self.config.least_score) else { break };
             let count = motions.len();
             motions.remove(k);
             for c in &mut costs {
                 *c = c.chunks_exact(count).flat_map(|row| row.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, c)| *c)).collect();
             }
         }
-        curve.push(self.point(motions, &costs, None));
+        motions.len() < before
     }
 
     /// Refuses what the motions that are left do not explain.
@@ -156,35 +189,49 @@ impl Run<'_> {
         }
     }
 
-    /// Share of the surface that each motion explains and no other.
-    pub fn shares(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
-        let patch = |s: usize| move |i: usize| self.evidence.patch(s, i);
-        shares(costs, labels, [&patch(0), &patch(1)], motions)
+    /// Share of the surface whose place speaks for each motion: what speaks against it if, patch by patch, it followed the
+    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks against no motion.
+    fn contradicted(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
+        let mut gains = vec![0.0; motions];
+        for s in 0..2 {
+            let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
+            of.sort_unstable();
+            for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+                let own = usize::from(group[0].0);
+                let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
+                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
+                let total = |k: usize| group.iter().map(|g| against(costs[s][g.2 * motions + k])).sum::<f64>();
+                let worst = CONTRADICTED * group.len() as f64;
+                gains[own] += (others.into_iter().map(total).fold(worst, f64::min) - total(own)).max(0.0);
+            }
+        }
+        let count = labels.iter().map(Vec::len).sum::<usize>();
+        gains.into_iter().map(|g| g / count.max(1) as f64).collect()
     }
 
-    fn point(&self, motions: &[Pose], costs: &[Vec<f32>; 2], weakest: Option<f64>) -> EvidencePoint {
-        let cell_m = self.config.ransac.cell * self.extent_m;
-        let explained = |s: usize| {
-            let cells = occupied_cells(&self.evidence.samples[s].points, cell_m) as f64;
-            let gain: f64 = costs[s].chunks_exact(motions.len()).map(|row| row.iter().map(|c| f64::from(landing(*c))).fold(1.0, f64::min)).sum();
-            cells * (1.0 - gain / self.evidence.samples[s].points.len().max(1) as f64)
-        };
-        let matches: f64 = self.match_cells(motions).iter().skip(1).sum();
-        let evidence = matches + SURFACE_WEIGHT * (explained(0) + explained(1));
-        let penalised = evidence - self.config.least_score * (motions.len() - 1) as f64;
-        EvidencePoint { parts: motions.len(), evidence, penalised, weakest }
-    }
-
-    /// Cells of the matches that follow each motion.
+    /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all other motions; the
+    /// state with fewer decides.
     fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
-        let labels = self.match_labels(motions);
         let cell_m = self.config.ransac.cell * self.extent_m;
-        let cells = |k: usize| {
-            let follows = |(m, l): (&LiftedMatch, &Option<u8>)| (*l == Some(k as u8) && self.gate.has_moved(m)).then_some(*m);
-            let followers: Vec<LiftedMatch> = self.matches.iter().zip(&labels).filter_map(follows).collect();
-            CellCounter::new(&followers, self.gate, cell_m).support(&followers, &motions[k])
-        };
-        (0..motions.len()).map(cells).collect()
+        let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
+        let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
+        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
+            let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
+            for (k, motion) in motions.iter().enumerate() {
+                let support = self.gate.support(m, motion);
+                if support > first {
+                    (second, first, follows) = (first, support, k);
+                } else {
+                    second = f64::max(second, support);
+                }
+            }
+            for (cells, point) in best[follows].iter_mut().zip([&m.point0, &m.point1]) {
+                let value = cells.entry(cell(point)).or_default();
+                *value = value.max(first - second);
+            }
+        }
+        let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
+        best.iter().map(|[a, b]| sum(a).min(sum(b))).collect()
     }
 
     /// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance, and the cells of surface
@@ -200,47 +247,44 @@ impl Run<'_> {
     }
 }
 
-/// Cost of a sample where only landing on a surface counts as an explanation.
-fn landing(cost: f32) -> f32 {
-    if cost >= 0.9 { 1.0 } else { cost }
+/// The evidence of motions, the first of which is the static part's.
+fn point(scores: &[f64], least: f64) -> EvidencePoint {
+    let moving = &scores[1..];
+    let evidence: f64 = moving.iter().sum();
+    let penalised = evidence - least * moving.len() as f64;
+    EvidencePoint { parts: scores.len(), evidence, penalised, weakest: moving.iter().copied().reduce(f64::min) }
 }
 
-/// Minus the log likelihood of a sample by its cost under a motion, in units of a landing at the edge of the reach. A
-/// landing's cost is `z^2 / 6` for a small deviation of `z` standard deviations, whose log likelihood is `-z^2 / 2`.
-fn surprise(cost: f32) -> f64 {
+/// What the cost of a sample says against a motion: a landing's own cost, which is `z^2 / 6` for a small deviation of `z`
+/// standard deviations; nothing where the other state did not see; a contradiction's where it saw empty space.
+fn against(cost: f32) -> f64 {
     if cost >= FREE {
-        CONTRADICTED / NATS
+        CONTRADICTED
     } else if cost >= HIDDEN {
-        UNSEEN / NATS
+        0.0
     } else {
         f64::from(cost)
     }
 }
 
-/// Share of the samples that each motion explains and no other: the rise of their surprise, patch by patch, if each patch
-/// that follows the motion followed the best of the others, as a share of the surprise of as many lost landings. That a
-/// patch was hidden in the other state explains it too, if not well.
-fn shares(costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], patches: [&dyn Fn(usize) -> u32; 2], motions: usize) -> Vec<f64> {
+/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it, where only
+/// landing on a surface counts as an explanation.
+pub(super) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
-    for s in 0..2 {
-        let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, patches[s](i), i)).collect();
-        of.sort_unstable();
-        for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            let own = usize::from(group[0].0);
-            let total = |k: usize| group.iter().map(|g| surprise(costs[s][g.2 * motions + k])).sum::<f64>();
-            let alone = group.len() as f64 * CONTRADICTED / NATS;
-            let other = (0..motions).filter(|k| *k != own).map(total).fold(alone, f64::min);
-            gains[own] += (other - total(own)).max(0.0);
+    for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
+        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
+        for (k, &c) in sample.iter().enumerate() {
+            let c = if c >= HIDDEN { 1.0 } else { c };
+            if c < best {
+                (second, best, winner) = (best, c, k);
+            } else {
+                second = second.min(c);
+            }
         }
+        gains[winner] += f64::from(second - best);
     }
-    let count = labels.iter().map(Vec::len).sum::<usize>();
+    let count = costs.iter().map(Vec::len).sum::<usize>() / motions.max(1);
     gains.into_iter().map(|g| g / count.max(1) as f64).collect()
-}
-
-/// The cheapest motion of every sample.
-fn cheapest(costs: &[Vec<f32>; 2], motions: usize) -> [Vec<u8>; 2] {
-    let best = |row: &[f32]| (1..motions).fold(0, |best, k| if row[k] < row[best] { k } else { best }) as u8;
-    [0, 1].map(|s| costs[s].chunks_exact(motions).map(best).collect())
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    JointEstimate, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig, estimate_joint, free_motion,
-    match_evidence, texture_matches,
+    JointEstimate, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig, estimate_joint,
+    estimate_parallel, free_motion, match_evidence, texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
@@ -113,6 +113,20 @@ impl PartEvidence {
     #[must_use]
     pub fn joint(&self, parent: &ParentMotion, states: &[ObservedState; 2], config: &JointConfig) -> JointEstimate {
         estimate_joint(&self.motion, parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
+    }
+
+    /// The joint as revolute with the direction of another axis, where the evidence prefers that.
+    #[must_use]
+    pub fn parallel_joint(
+        &self,
+        found: &JointEstimate,
+        other: &JointEstimate,
+        parent: &ParentMotion,
+        states: &[ObservedState; 2],
+        config: &JointConfig,
+    ) -> Option<JointEstimate> {
+        let covariance = other.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
+        estimate_parallel(found, (&other.axis, &covariance), parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
     }
 
     /// The motion of this part by itself, with its covariance.

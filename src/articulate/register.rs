@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     LiftedMatch, SurfaceSamples,
     labeling::{Evidence, FreeSpace},
-    part_count::{EvidencePoint, PartCount},
+    part_count::{EvidencePoint, PartCount, shares},
     ransac::{Gate, Proposal, RansacConfig, propose},
     refine::refine,
     residual::propose_from_residual,
@@ -178,7 +178,7 @@ pub fn register(
     }
     let (labels, costs) = run.labels(&motions);
     let match_labels = run.match_labels(&motions);
-    let shares = run.shares(&costs, &labels, motions.len());
+    let shares = shares(&costs, motions.len());
     let support = (0..motions.len()).map(|k| run.support(&motions[k], k as u8, &labels, &match_labels, shares[k])).collect();
     Ok(Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings })
 }

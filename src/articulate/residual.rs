@@ -80,11 +80,8 @@ fn patches(evidence: &Evidence<'_>, state: usize, moved: &[bool]) -> Vec<Patch> 
     let mut of: Vec<(u32, usize)> = (0..moved.len()).filter(|&i| moved[i]).map(|i| (evidence.patch(state, i), i)).collect();
     of.sort_unstable();
     let least = (LEAST_SHARE * moved.len() as f64).max(12.0) as usize;
-    let mut groups: Vec<Vec<usize>> = of
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|g| g.len() >= least)
-        .map(|g| g.iter().map(|x| x.1).collect())
-        .collect();
+    let mut groups: Vec<Vec<usize>> =
+        of.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() >= least).map(|g| g.iter().map(|x| x.1).collect()).collect();
     groups.sort_by(|a, b| b.len().cmp(&a.len()).then(a[0].cmp(&b[0])));
     groups.truncate(PATCHES);
     groups.into_iter().filter_map(|g| patch(samples, g)).collect()
@@ -109,7 +106,13 @@ fn patch(samples: &super::SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
 }
 
 /// The direction in the plane along which the box around the patch is smallest: principal directions of a square are any.
-fn square(samples: &super::SurfaceSamples, group: &[usize], center: &Point3<f64>, normal: &Vector3<f64>, start: Vector3<f64>) -> Vector3<f64> {
+fn square(
+    samples: &super::SurfaceSamples,
+    group: &[usize],
+    center: &Point3<f64>,
+    normal: &Vector3<f64>,
+    start: Vector3<f64>,
+) -> Vector3<f64> {
     const STEPS: usize = 30;
     let turned = |k: usize| {
         let angle = std::f64::consts::FRAC_PI_2 * k as f64 / STEPS as f64;
@@ -131,11 +134,14 @@ fn trials(patch: &Patch, step_m: f64, extent_m: f64) -> Vec<Pose> {
     let steps = (extent_m / step_m) as i64;
     let slides = patch.axes.iter().flat_map(|axis| {
         let axis = *axis;
-        (-steps..=steps).filter(|k| *k != 0).map(move |k| Pose::from_parts((axis * (k as f64 * step_m)).into(), nalgebra::UnitQuaternion::identity()))
+        (-steps..=steps)
+            .filter(|k| *k != 0)
+            .map(move |k| Pose::from_parts((axis * (k as f64 * step_m)).into(), nalgebra::UnitQuaternion::identity()))
     });
     let [a, b, n] = patch.axes;
     let [ha, hb] = patch.half_m;
-    let lines = [(b, a * ha), (b, -a * ha), (a, b * hb), (a, -b * hb), (n, Vector3::zeros()), (n, a * ha), (n, -a * ha), (n, b * hb), (n, -b * hb)];
+    let lines =
+        [(b, a * ha), (b, -a * ha), (a, b * hb), (a, -b * hb), (n, Vector3::zeros()), (n, a * ha), (n, -a * ha), (n, b * hb), (n, -b * hb)];
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
     let turns = (LARGEST_TURN / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
@@ -158,7 +164,11 @@ fn motions_of(evidence: &Evidence<'_>, state: usize, patch: &Patch, moved: &[Vec
     let mut tried: Vec<&Pose> = Vec::new();
     let mut found = Vec::new();
     for &(score, i) in scored.iter().take_while(|s| s.0 > 0.5 * LANDED) {
-        let near = |t: &&Pose| some.iter().all(|&j| (*t * evidence.samples[state].points[j] - trials[i] * evidence.samples[state].points[j]).norm() < 2.0 * evidence.reach_m);
+        let near = |t: &&Pose| {
+            some.iter().all(|&j| {
+                (*t * evidence.samples[state].points[j] - trials[i] * evidence.samples[state].points[j]).norm() < 2.0 * evidence.reach_m
+            })
+        };
         if tried.len() >= REFINED || score <= 0.0 {
             break;
         }

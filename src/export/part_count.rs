@@ -28,7 +28,7 @@ pub struct PartCountReport {
 pub struct EvidencePointReport {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// What the motions explain together.
+    /// What the motions explain, each alone.
     pub evidence: f64,
     /// The same less the least evidence of every moving part.
     pub penalised: f64,

@@ -108,7 +108,9 @@ fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f
     let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
     let lever_m = match joint.kind {
         JointKind::Prismatic => 1.0,
-        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max),
+        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+            model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max)
+        }
     };
     let count = (((end - start).abs() * lever_m / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()

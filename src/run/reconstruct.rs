@@ -18,8 +18,8 @@ use crate::{
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init},
     export::{
-        CheckFinding, ExportFile, InputFacts, Level, PartCountReport, Report, ReportPictures, RunFacts, StageTime, check_folder, compare_starts, looks,
-        nearest_starts, package, report_html,
+        CheckFinding, ExportFile, InputFacts, Level, PartCountReport, Report, ReportPictures, RunFacts, StageTime, check_folder,
+        compare_starts, looks, nearest_starts, package, report_html,
     },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
@@ -112,7 +112,8 @@ fn reconstruct_files(
         capture.states[1] = moved_back(&capture.states[1], drift);
     }
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
-    let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export)))?;
+    let files = stages
+        .run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export)))?;
     let found = stages
         .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &stages));
@@ -193,7 +194,8 @@ pub fn reconstruct_twin(
     registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
     registration.notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
     let articulation = search.articulate(&registration, config, checkpoint, stages)?;
-    let joints = stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, drift.is_some(), config)))?;
+    let joints = stages
+        .run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, drift.is_some(), config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);
     if !findings.is_empty() {

@@ -9,8 +9,8 @@ use super::{
 };
 use crate::{
     articulate::{
-        JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree, label_grid,
-        part_tsdf, select,
+        JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
+        label_grid, part_tsdf, select,
     },
     capture::RgbdFrame,
     config::Config,
