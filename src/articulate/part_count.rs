@@ -27,13 +27,11 @@ const SURFACE_WEIGHT: f64 = 0.16;
 /// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 const CHANCE: f64 = 5.0;
 /// Most that surface counts for a motion without matches, cells.
-const SURFACE_ALONE: f64 = 10.0;
-/// Motions with less evidence than this many times the least are said to rest on little.
+const SURFACE_ALONE: f64 = 30.0;
+/// Motions with less evidence than this many times the least are said to rest on little of it.
 const LITTLE: f64 = 1.5;
-/// Motions of which the one that the others miss least is dropped.
-const COMPARED: usize = 3;
-/// A motion with fewer cells is dropped without a look at the others.
-const NOTHING: f64 = 2.0;
+/// A further motion with more than this share of the least evidence is told.
+const NEARLY: f64 = 0.7;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -44,8 +42,6 @@ pub struct EvidencePoint {
     pub parts: usize,
     /// What the motions explain, each alone: cells of matches, and a sixth of the cells of surface.
     pub evidence: f64,
-    /// The same less the evidence that every moving part must bring.
-    pub penalised: f64,
     /// Evidence of the weakest motion and no other; none where nothing moves.
     pub weakest: Option<f64>,
 }
@@ -67,34 +63,31 @@ struct Step {
 }
 
 impl Run<'_> {
-    /// The motions with the most evidence after each has brought the least that a part needs; as many as asked for, where
-    /// `parts` is given.
+    /// The most motions of which each has the evidence that a part needs; not more than make `parts` parts, where that is
+    /// given.
     pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
         let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
         let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least);
-        let fits = |s: &&Step| enough(s) && parts.is_none_or(|p| s.motions.len() <= p);
-        // With a number given, that number or the nearest below it, for the error; else the most evidence.
-        let given = steps.iter().filter(fits).max_by_key(|s| s.motions.len());
-        let best = steps.iter().filter(enough).max_by(|a, b| a.point.penalised.total_cmp(&b.point.penalised));
+        let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
+        let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
+        let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
+            return Err(RegisterError::NoOverlap { static_percent: 0.0 });
+        };
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
-        let Some(chosen) = parts.map_or(best, |_| given) else { return Err(RegisterError::NoOverlap { static_percent: 0.0 }) };
         self.check(&chosen.motions, parts, &chosen.shares, &mut notes)?;
         let found = chosen.motions.len();
-        if let (Some(parts), Some(best)) = (parts, best)
-            && best.motions.len() > parts
-        {
-            let [most, asked] = [best, chosen].map(|s| s.point.penalised);
-            let more = best.motions.len();
-            warnings.push(format!("the evidence is for {more} parts rather than {parts}: {most:.0} cells against {asked:.0}"));
+        let evident = most.map_or(found, |s| s.motions.len());
+        if evident > found {
+            warnings.push(format!("the evidence is for {evident} parts, {found} were asked for"));
         }
         if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
             warnings.push(format!("one of the {found} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}"));
         }
-        for other in curve.iter().filter(|p| parts.is_none() && p.parts != found && p.penalised > chosen.point.penalised - 0.5 * least) {
-            let (count, own, others) = (other.parts, chosen.point.penalised, other.penalised);
-            notes.push(format!("{count} parts have nearly the evidence of {found}: {others:.0} cells against {own:.0}"));
+        let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
+        if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
+            notes.push(format!("a further motion has {weakest:.1} of the {least} cells of evidence that a part needs"));
         }
         Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
     }
@@ -108,8 +101,9 @@ impl Run<'_> {
                 self.round(&mut motions);
             }
             let (scores, shares) = self.weighed(&motions);
-            steps.push(Step { motions: motions.clone(), point: point(&scores, self.config.least_score), shares });
-            let Some(k) = self.least_missed(&motions, &scores) else { return steps };
+            steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
+            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+            let Some(k) = weakest else { return steps };
             motions.remove(k);
             self.round(&mut motions);
         }
@@ -121,23 +115,6 @@ impl Run<'_> {
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
         let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
         (scores, shares(&costs, motions.len()))
-    }
-
-    /// The motion without which the others have most evidence, among the weakest: a wrong motion may hold surface of a right
-    /// one and look the stronger of both.
-    fn least_missed(&self, motions: &[Pose], scores: &[f64]) -> Option<usize> {
-        let mut order: Vec<usize> = (1..motions.len()).collect();
-        order.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-        let weakest = *order.first()?;
-        if scores[weakest] < NOTHING || motions.len() == 2 {
-            return Some(weakest);
-        }
-        let without = |k: usize| {
-            let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
-            (self.weighed(&others).0.iter().skip(1).sum::<f64>(), k)
-        };
-        let tried = order.into_iter().take(COMPARED).map(without);
-        tried.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|b| b.1)
     }
 
     /// Drops motions that have less than the least evidence even where a surface that the other state hid counts as one
@@ -248,11 +225,9 @@ impl Run<'_> {
 }
 
 /// The evidence of motions, the first of which is the static part's.
-fn point(scores: &[f64], least: f64) -> EvidencePoint {
+fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
-    let evidence: f64 = moving.iter().sum();
-    let penalised = evidence - least * moving.len() as f64;
-    EvidencePoint { parts: scores.len(), evidence, penalised, weakest: moving.iter().copied().reduce(f64::min) }
+    EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
 }
 
 /// What the cost of a sample says against a motion: a landing's own cost, which is `z^2 / 6` for a small deviation of `z`

@@ -27,8 +27,9 @@ pub struct RegisterConfig {
     pub last_reach: f64,
     /// Rounds of labels and motions in turn.
     pub rounds: usize,
-    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches, and a sixth of
-    /// those of the surface that it explains.
+    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches beyond chance, and
+    /// a sixth of those of the surface whose place contradicts the other motions. Two to three times what wrong motions
+    /// reach between like parts of one object.
     pub least_score: f64,
     /// The static part must explain this share of the surface.
     pub least_static_share: f64,
@@ -41,7 +42,7 @@ impl Default for RegisterConfig {
             first_reach: 0.03,
             last_reach: 0.015,
             rounds: 8,
-            least_score: 8.0,
+            least_score: 14.0,
             least_static_share: 0.02,
         }
     }

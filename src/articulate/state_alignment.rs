@@ -12,7 +12,7 @@ use super::{
 };
 use crate::geometry::Pose;
 
-/// Cells of matches that a motion needs to count: those of a part (`RegisterConfig::least_score`).
+/// Cells of matches that a motion needs to count: more than wrong matches give by chance.
 const LEAST_CELLS: f64 = 8.0;
 /// The motion of the world must be supported by this many times the cells of the next one.
 const CLEAR: f64 = 2.0;
@@ -69,7 +69,11 @@ pub fn align_states(
 ) -> Result<Option<StateAlignment>, AlignmentError> {
     let on_object = Support::new(object, extent_m, config);
     let motions = common_motions(object, MOTIONS, extent_m, config, rng);
-    if motions.is_empty() || on_object.of_its_own(&Pose::identity(), &motions) >= LEAST_CELLS {
+    let still = Pose::identity();
+    // A motion whose followers stand still is none.
+    let real = |m: &&Pose| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]);
+    let moving: Vec<Pose> = motions.iter().filter(real).copied().collect();
+    if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
         return Ok(None);
     }
     let around = surroundings();

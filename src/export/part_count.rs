@@ -30,8 +30,6 @@ pub struct EvidencePointReport {
     pub parts: usize,
     /// What the motions explain, each alone.
     pub evidence: f64,
-    /// The same less the least evidence of every moving part.
-    pub penalised: f64,
     /// What the weakest motion alone explains.
     pub weakest: Option<f64>,
 }
@@ -43,14 +41,13 @@ impl PartCountReport {
         let point = |p: &EvidencePoint| EvidencePointReport {
             parts: p.parts,
             evidence: round_significant(p.evidence, DIGITS),
-            penalised: round_significant(p.penalised, DIGITS),
             weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
         };
         let curve = registration.curve.iter().rev().map(point).collect();
         Self { given, found: registration.motions.len(), least_evidence, curve }
     }
 
-    /// Rows of a table: number of parts, evidence, penalised, weakest motion; the chosen one marked.
+    /// Rows of a table: number of parts, evidence, weakest motion; the chosen one marked.
     pub(super) fn rows(&self) -> String {
         let mut rows = String::new();
         for p in &self.curve {
@@ -59,10 +56,9 @@ impl PartCountReport {
             // Writing to a string cannot fail.
             writeln!(
                 rows,
-                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td></tr>",
+                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td></tr>",
                 p.parts,
                 decimal(p.evidence, 1),
-                decimal(p.penalised, 1),
             )
             .ok();
         }
