@@ -159,8 +159,6 @@ fn a_number_of_parts_that_no_run_can_have() {
         let ended = refused(&folder, &[&bag], &["--parts", parts], 2, &[&reason]);
         assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     }
-    let ended = refused(&folder, &[&bag], &[], 2, &["run.parts", "add --parts N"]);
-    assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     let ended = end(&mut reconstruct(&[&bag], &folder.join("runs"), &["--parts", "two"]));
     assert_eq!(ended.code, 2);
     says(&ended, &["'two'", "--parts <N>"]);

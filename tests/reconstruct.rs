@@ -55,12 +55,3 @@ fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
     assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");
 }
-
-#[test]
-fn a_run_without_the_number_of_parts_is_refused_and_leaves_nothing() {
-    let out = folder("reconstruct-none");
-    let (code, told) = reconstruct(&out, &[]);
-    assert_eq!(code, 2, "{told}");
-    assert!(told.contains("--parts N"), "{told}");
-    assert!(!out.join("drawer").exists());
-}

@@ -1,73 +1,41 @@
 //! Joint type, axis and amount of motion, chosen by evidence.
 //!
-//! Each joint type is a family of motions. Every family is fitted to the same evidence; the type with the lowest
-//! Bayesian information criterion `cost + parameters * ln(independent residuals)` wins. The released evaluation of the
-//! published method takes the type from the ground truth; nothing here does.
+//! Each joint type is a family of motions relative to the parent. Every family is fitted to the same evidence; the type
+//! with the lowest Bayesian information criterion `cost + parameters * ln(independent residuals)` wins, a screw only
+//! decisively. The released evaluation of the published method takes the type from the ground truth; nothing here does.
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Point3, SMatrix, Unit, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, SMatrix, Unit, Vector3};
 
-use super::motion_fit::{FreeMotion, MotionEvidence, MotionModel, RefineConfig, Refined, refine};
+use super::{
+    joint_motion::{Carried, ParallelMotion, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
+    motion_fit::{FreeMotion, MotionEvidence, MotionModel, RefineConfig, Refined, refine},
+};
 use crate::{
-    geometry::{Pose, Screw},
+    geometry::Pose,
     model::{JointEvidence, JointKind},
 };
 
-/// Rotation about a fixed line: axis direction (2), point (2), angle (1).
-#[derive(Clone, Copy, Debug)]
-pub struct RevoluteMotion {
-    /// Unit direction of the axis.
-    pub direction: Unit<Vector3<f64>>,
-    /// A point of the axis, near the part.
-    pub point: Point3<f64>,
-    /// Rotation, radians.
-    pub angle_rad: f64,
+/// What a joint's parent did between the states.
+#[derive(Clone, Debug)]
+pub struct ParentMotion {
+    /// Its `state1_from_state0` in the world; the identity for the static part.
+    pub state1_from_state0: Pose,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of that motion, square metres and radians; zero for
+    /// the static part.
+    pub covariance: Matrix6<f64>,
 }
 
-impl MotionModel for RevoluteMotion {
-    fn dimension(&self) -> usize {
-        5
-    }
-
-    fn stepped(&self, s: &DVector<f64>) -> Self {
-        let (a, b) = frame_across(&self.direction);
-        let direction = Unit::new_normalize(self.direction.into_inner() + a * s[0] + b * s[1]);
-        Self { direction, point: self.point + a * s[2] + b * s[3], angle_rad: self.angle_rad + s[4] }
-    }
-
-    fn motion(&self) -> Pose {
-        Screw { direction: self.direction, point: self.point, angle_rad: self.angle_rad, advance_m: 0.0 }.motion()
+impl ParentMotion {
+    /// The static part.
+    #[must_use]
+    pub fn still() -> Self {
+        Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros() }
     }
 }
 
-/// Translation without rotation.
-#[derive(Clone, Copy, Debug)]
-pub struct PrismaticMotion(pub Vector3<f64>);
-
-impl MotionModel for PrismaticMotion {
-    fn dimension(&self) -> usize {
-        3
-    }
-
-    fn stepped(&self, s: &DVector<f64>) -> Self {
-        Self(self.0 + Vector3::new(s[0], s[1], s[2]))
-    }
-
-    fn motion(&self) -> Pose {
-        Pose::from_parts(self.0.into(), nalgebra::UnitQuaternion::identity())
-    }
-}
-
-/// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
-fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
-    let d = direction.into_inner();
-    let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
-    let a = d.cross(&helper).normalize();
-    (a, d.cross(&a))
-}
-
-/// A joint between the static part and a moving part, in the world frame as it stands in state 0.
+/// A joint between a parent and a moving part, in the world frame as it stands in state 0.
 #[derive(Clone, Debug)]
 pub struct JointEstimate {
     /// Type with the best evidence.
@@ -78,8 +46,10 @@ pub struct JointEstimate {
     pub point: Point3<f64>,
     /// Motion from state 0 to state 1, radians or metres, positive.
     pub motion: f64,
-    /// Rigid motion that the joint makes, state 0 to state 1.
+    /// Rigid motion of the part in the world, state 0 to state 1: that of the parent and of the joint.
     pub state1_from_state0: Pose,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of that motion.
+    pub motion_covariance: Matrix6<f64>,
     /// What it rests on.
     pub evidence: JointEvidence,
 }
@@ -87,164 +57,331 @@ pub struct JointEstimate {
 /// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error of
 /// poses and surfaces that more points do not average out.
 const SIGMA_FLOOR: f64 = 0.02;
-/// A rotation below this angle can't be told from a translation by the surfaces alone (method.md 5: 10 degrees), so
-/// that a revolute joint then needs decisive evidence.
-const DECISIVE: f64 = 10.0;
+/// Difference of two scores from which one type is decisively better: very strong evidence in the sense of Kass and
+/// Raftery (1995), on their scale of twice the log likelihood. Less of it is said, and a screw needs as much.
+pub(super) const DECISIVE: f64 = 10.0;
+/// Number of parameters of a prismatic, a revolute and a screw or free motion.
+const PARAMETERS: [f64; 3] = [3.0, 5.0, 6.0];
+/// Standard deviation of an axis direction, radians, and of an axis position, metres, from which it is said.
+const COARSE_DIRECTION_RAD: f64 = 0.02;
+const COARSE_POSITION_M: f64 = 0.01;
 
-/// Fits all joint types to the evidence of one part, starting at a motion, and chooses.
+/// All joint types fitted to the evidence of one part.
+struct Candidates {
+    /// The motion without a joint.
+    free: Pose,
+    fixed_cost: f64,
+    prismatic: Refined<Carried<PrismaticMotion>>,
+    revolute: Option<Refined<Carried<RevoluteMotion>>>,
+    screw: Option<Refined<Carried<ScrewMotion>>>,
+    free_cost: f64,
+    /// Squared error of a parameter against what independent residuals give.
+    dispersion: f64,
+    /// Independent residuals after that.
+    count: f64,
+}
+
+impl Candidates {
+    fn fit(start: &Pose, parent: &ParentMotion, evidence: &MotionEvidence, near: &Point3<f64>, config: &RefineConfig) -> Self {
+        let (free, dispersion) = fit_free(start, evidence, config);
+        let (motion, sigma_m) = (free.model.motion(), free.sigma_m);
+        let parent = parent.state1_from_state0;
+        let relative = parent.inverse() * motion;
+        let turn = RevoluteMotion::of(&relative, near);
+        let advance_m = crate::geometry::Screw::of(&relative).map_or(0.0, |s| s.advance_m);
+        let slide = PrismaticMotion(relative * near - near);
+        let independent = free.quadratic.independent.max(2.0);
+        Self {
+            free: motion,
+            fixed_cost: evidence.linearise(&parent, sigma_m, config).cost,
+            prismatic: refine(Carried { parent, joint: slide }, evidence, sigma_m, config),
+            revolute: turn.map(|joint| refine(Carried { parent, joint }, evidence, sigma_m, config)),
+            screw: turn.map(|turn| refine(Carried { parent, joint: ScrewMotion { turn, advance_m } }, evidence, sigma_m, config)),
+            free_cost: free.quadratic.cost,
+            dispersion,
+            count: (independent / dispersion).max(2.0),
+        }
+    }
+
+    /// Bayesian information criterion in units of the errors that were seen.
+    fn score(&self, cost: f64, parameters: f64) -> f64 {
+        cost / self.dispersion + parameters * self.count.ln()
+    }
+
+    fn scores(&self) -> BTreeMap<String, f64> {
+        let [slides, turns, any] = PARAMETERS;
+        let mut scores = BTreeMap::from([
+            ("fixed".to_owned(), self.score(self.fixed_cost, 0.0)),
+            ("prismatic".to_owned(), self.score(self.prismatic.quadratic.cost, slides)),
+            ("free".to_owned(), self.score(self.free_cost, any)),
+        ]);
+        if let Some(r) = &self.revolute {
+            scores.insert("revolute".to_owned(), self.score(r.quadratic.cost, turns));
+        }
+        if let Some(s) = &self.screw {
+            scores.insert("screw".to_owned(), self.score(s.quadratic.cost, any));
+        }
+        scores
+    }
+}
+
+/// Fits all joint types to the evidence of one part, starting at a motion, and chooses. `near` is the middle of the part
+/// in state 0 and `radius_m` the distance of its farthest point from there.
 #[must_use]
-pub fn estimate_joint(start: &Pose, evidence: &MotionEvidence, near: &Point3<f64>, config: &RefineConfig) -> JointEstimate {
-    let floor_m = evidence.reach_m * SIGMA_FLOOR;
-    let mut free = refine(FreeMotion(*start), evidence, evidence.surface_sigma_m(start, floor_m), config);
-    let sigma_m = evidence.surface_sigma_m(&free.model.motion(), floor_m);
-    free = refine(free.model, evidence, sigma_m, config);
-    let motion = free.model.motion();
-    let prismatic = refine(PrismaticMotion(translation_at(&motion, near)), evidence, sigma_m, config);
-    let revolute = revolute_start(&motion, near).map(|s| refine(s, evidence, sigma_m, config));
-
-    let count = free.quadratic.independent.max(2.0);
-    // Scale costs so that the free fit has one unit per residual at most: misfit that no motion explains must not
-    // decide between types.
-    let unit = (free.quadratic.cost / count).max(1.0);
-    let score = |cost: f64, parameters: f64| cost / unit + parameters * count.ln();
-    let mut type_scores = BTreeMap::new();
-    type_scores.insert("free".to_owned(), score(free.quadratic.cost, 6.0));
-    type_scores.insert("prismatic".to_owned(), score(prismatic.quadratic.cost, 3.0));
-    if let Some(r) = &revolute {
-        type_scores.insert("revolute".to_owned(), score(r.quadratic.cost, 5.0));
-    }
-    let turning = revolute.filter(|r| score(r.quadratic.cost, 5.0) < score(prismatic.quadratic.cost, 3.0));
-    match turning {
-        Some(r) => revolute_estimate(&r, &motion, near, unit, type_scores),
-        None => prismatic_estimate(&prismatic, &motion, near, unit, type_scores),
-    }
-}
-
-/// Displacement that a motion gives to a point.
-fn translation_at(motion: &Pose, point: &Point3<f64>) -> Vector3<f64> {
-    motion * point - point
-}
-
-/// The closest pure rotation, its point moved along the axis to be nearest to `near`.
-fn revolute_start(motion: &Pose, near: &Point3<f64>) -> Option<RevoluteMotion> {
-    let screw = Screw::of(motion)?;
-    (screw.angle_rad > 1e-3).then(|| RevoluteMotion {
-        direction: screw.direction,
-        point: foot(&screw.point, &screw.direction, near),
-        angle_rad: screw.angle_rad,
-    })
-}
-
-/// The point of a line nearest to another point.
-fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
-    point + direction.into_inner() * direction.dot(&(near - point))
-}
-
-fn revolute_estimate(
-    fit: &Refined<RevoluteMotion>,
-    free: &Pose,
-    near: &Point3<f64>,
-    unit: f64,
-    type_scores: BTreeMap<String, f64>,
+pub fn estimate_joint(
+    start: &Pose,
+    parent: &ParentMotion,
+    evidence: &MotionEvidence,
+    (near, radius_m): (&Point3<f64>, f64),
+    config: &RefineConfig,
 ) -> JointEstimate {
-    let mut m = fit.model;
-    if m.angle_rad < 0.0 {
-        m = RevoluteMotion { direction: -m.direction, angle_rad: -m.angle_rad, ..m };
-    }
-    let (a, b) = frame_across(&fit.model.direction);
-    let mut spread = DMatrix::zeros(7, 5);
-    for (column, v, row) in [(0, a, 0), (1, b, 0), (2, a, 3), (3, b, 3)] {
-        spread.fixed_view_mut::<3, 1>(row, column).copy_from(&v);
-    }
-    spread[(6, 4)] = 1.0;
-    let evidence = joint_evidence(fit, &spread, free, unit, type_scores, 1.0);
-    JointEstimate {
-        kind: JointKind::Revolute,
-        axis: m.direction,
-        point: foot(&m.point, &m.direction, near),
-        motion: m.angle_rad,
-        state1_from_state0: m.motion(),
-        evidence,
-    }
-}
-
-fn prismatic_estimate(
-    fit: &Refined<PrismaticMotion>,
-    free: &Pose,
-    near: &Point3<f64>,
-    unit: f64,
-    type_scores: BTreeMap<String, f64>,
-) -> JointEstimate {
-    let t = fit.model.0;
-    let motion = t.norm();
-    let axis = Unit::try_new(t, 1e-9).unwrap_or_else(Vector3::x_axis);
-    let mut spread = DMatrix::zeros(7, 3);
-    let across = nalgebra::Matrix3::identity() - axis.into_inner() * axis.transpose();
-    spread.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across / motion.max(1e-9)));
-    spread.fixed_view_mut::<1, 3>(6, 0).copy_from(&axis.transpose());
-    let evidence = joint_evidence(fit, &spread, free, unit, type_scores, motion);
-    JointEstimate { kind: JointKind::Prismatic, axis, point: *near, motion, state1_from_state0: fit.model.motion(), evidence }
-}
-
-/// Evidence of a fit; `spread` maps its parameters to (direction 3, point 3, motion 1).
-fn joint_evidence<M>(
-    fit: &Refined<M>,
-    spread: &DMatrix<f64>,
-    free: &Pose,
-    unit: f64,
-    type_scores: BTreeMap<String, f64>,
-    motion: f64,
-) -> JointEvidence {
-    let q = &fit.quadratic;
-    let mut cautions = Vec::new();
-    let covariance = match &fit.covariance {
-        Some(c) => {
-            let full = spread * c * spread.transpose() * unit;
-            SMatrix::from_fn(|r, c| full[(r, c)])
+    let found = Candidates::fit(start, parent, evidence, near, config);
+    let scores = found.scores();
+    let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
+    let simple = of("prismatic").min(of("revolute"));
+    let chosen = match (&found.screw, &found.revolute) {
+        (Some(screw), _) if of("screw") + DECISIVE < simple => {
+            let turn = &screw.model.joint.turn;
+            let off_m = (foot(&turn.point, &turn.direction, near) - near).norm();
+            let pitch_m_per_rad = screw.model.joint.advance_m / turn.angle_rad;
+            // The thread is on the part: a screw line beside it is that of a free motion.
+            let kind = if off_m < radius_m { JointKind::Screw { pitch_m_per_rad } } else { JointKind::Free { pitch_m_per_rad } };
+            Chosen::turning(screw, turn, kind, screw.model.joint.advance_m)
         }
-        None => {
-            cautions.push("some direction of the joint is not observed; its covariance is not finite".to_owned());
-            SMatrix::from_element(f64::INFINITY)
+        (_, Some(revolute)) if of("revolute") < of("prismatic") => {
+            Chosen::turning(revolute, &revolute.model.joint, JointKind::Revolute, 0.0)
         }
+        _ => Chosen::sliding(&found.prismatic, near),
     };
+    chosen.estimate(&found, parent, near, scores)
+}
+
+/// The motion of a part without a joint, with its covariance; zero in directions that nothing observes.
+#[must_use]
+pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
+    let (free, dispersion) = fit_free(start, evidence, config);
+    let covariance = free.covariance.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| dispersion * c[(r, k)]));
+    ParentMotion { state1_from_state0: free.model.motion(), covariance }
+}
+
+/// The free motion and the squared error of its parameters against what independent residuals give.
+fn fit_free(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> (Refined<FreeMotion>, f64) {
+    let floor_m = evidence.reach_m * SIGMA_FLOOR;
+    let free = refine(FreeMotion(*start), evidence, evidence.surface_sigma_m(start, floor_m), config);
+    let sigma_m = evidence.surface_sigma_m(&free.model.motion(), floor_m);
+    let free = refine(free.model, evidence, sigma_m, config);
+    let scale = free.quadratic.cost / free.quadratic.independent.max(2.0);
+    let dispersion = scale.max(free.quadratic.dispersion(&DMatrix::identity(6, 6)));
+    (free, dispersion)
+}
+
+/// A revolute joint with the direction of another axis, whose covariance is given, where the evidence prefers the fewer
+/// parameters; else `None`.
+#[must_use]
+pub fn estimate_parallel(
+    found: &JointEstimate,
+    (direction, covariance): (&Unit<Vector3<f64>>, &Matrix3<f64>),
+    parent: &ParentMotion,
+    evidence: &MotionEvidence,
+    (near, _): (&Point3<f64>, f64),
+    config: &RefineConfig,
+) -> Option<JointEstimate> {
+    if found.kind != JointKind::Revolute {
+        return None;
+    }
+    let candidates = Candidates::fit(&found.evidence.state1_from_state0, parent, evidence, near, config);
+    let direction = if direction.dot(&found.axis) < 0.0 { -*direction } else { *direction };
+    let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion });
+    let sigma_m = candidates.revolute.as_ref()?.sigma_m;
+    let fit = refine(Carried { parent: parent.state1_from_state0, joint }, evidence, sigma_m, config);
+    let mut scores = candidates.scores();
+    let score = candidates.score(fit.quadratic.cost, 3.0);
+    if scores.get("revolute").is_none_or(|r| score > *r) {
+        return None;
+    }
+    scores.insert("revolute, parallel".to_owned(), score);
+    Some(Chosen::parallel(&fit, *covariance).estimate(&candidates, parent, near, scores))
+}
+
+/// A fit with what all types share.
+struct Chosen {
+    kind: JointKind,
+    direction: Unit<Vector3<f64>>,
+    point: Point3<f64>,
+    /// Positive or negative.
+    motion: f64,
+    state1_from_state0: Pose,
+    /// Left perturbations of the motion per parameter, 6 x n.
+    tangent: DMatrix<f64>,
+    information: Matrix6<f64>,
+    covariance: Option<DMatrix<f64>>,
+    /// Maps the parameters to (direction 3, point 3, motion 1, pitch 1).
+    spread: DMatrix<f64>,
+    /// Covariance of the direction that is not fitted.
+    direction_covariance: Matrix3<f64>,
+    agreement: [usize; 2],
+    residual_rms_m: f64,
+}
+
+impl Chosen {
+    fn new<M: MotionModel>(fit: &Refined<M>, spread: DMatrix<f64>) -> Self {
+        let q = &fit.quadratic;
+        Self {
+            kind: JointKind::Prismatic,
+            direction: Vector3::x_axis(),
+            point: Point3::origin(),
+            motion: 0.0,
+            state1_from_state0: fit.model.motion(),
+            tangent: fit.model.tangent(),
+            information: q.information,
+            covariance: fit.covariance.clone(),
+            spread,
+            direction_covariance: Matrix3::zeros(),
+            agreement: [q.inliers, q.tried],
+            residual_rms_m: q.rms_m(),
+        }
+    }
+
+    fn turning<M: MotionModel>(fit: &Refined<M>, turn: &RevoluteMotion, kind: JointKind, advance_m: f64) -> Self {
+        let (a, b) = frame_across(&turn.direction);
+        let n = fit.model.dimension();
+        let mut spread = DMatrix::zeros(8, n);
+        for (column, v, row) in [(0, a, 0), (1, b, 0), (2, a, 3), (3, b, 3)] {
+            spread.fixed_view_mut::<3, 1>(row, column).copy_from(&v);
+        }
+        spread[(6, 4)] = 1.0;
+        if n > 5 {
+            spread[(7, 4)] = -advance_m / turn.angle_rad.powi(2);
+            spread[(7, 5)] = 1.0 / turn.angle_rad;
+        }
+        Self { kind, direction: turn.direction, point: turn.point, motion: turn.angle_rad, ..Self::new(fit, spread) }
+    }
+
+    fn parallel(fit: &Refined<Carried<ParallelMotion>>, direction_covariance: Matrix3<f64>) -> Self {
+        let turn = &fit.model.joint.0;
+        let (a, b) = frame_across(&turn.direction);
+        let mut spread = DMatrix::zeros(8, 3);
+        spread.fixed_view_mut::<3, 1>(3, 0).copy_from(&a);
+        spread.fixed_view_mut::<3, 1>(3, 1).copy_from(&b);
+        spread[(6, 2)] = 1.0;
+        let RevoluteMotion { direction, point, angle_rad: motion } = *turn;
+        Self { kind: JointKind::Revolute, direction, point, motion, direction_covariance, ..Self::new(fit, spread) }
+    }
+
+    fn sliding(fit: &Refined<Carried<PrismaticMotion>>, near: &Point3<f64>) -> Self {
+        let t = fit.model.joint.0;
+        let motion = t.norm();
+        let direction = Unit::try_new(t, 1e-9).unwrap_or_else(Vector3::x_axis);
+        let mut spread = DMatrix::zeros(8, 3);
+        let across = Matrix3::identity() - direction.into_inner() * direction.transpose();
+        spread.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across / motion.max(1e-9)));
+        spread.fixed_view_mut::<1, 3>(6, 0).copy_from(&direction.transpose());
+        Self { kind: JointKind::Prismatic, direction, point: *near, motion, ..Self::new(fit, spread) }
+    }
+
+    /// Covariance of the parameters: that of the fit, and that of the parent's motion, which shifts the joint by what the
+    /// fit makes of it.
+    fn parameter_covariance(&self, dispersion: f64, parent: &ParentMotion) -> Option<DMatrix<f64>> {
+        let own = self.covariance.as_ref()? * dispersion;
+        let carried = self.covariance.as_ref()? * self.tangent.transpose() * self.information;
+        Some(own + &carried * parent.covariance * carried.transpose())
+    }
+
+    fn estimate(self, found: &Candidates, parent: &ParentMotion, near: &Point3<f64>, scores: BTreeMap<String, f64>) -> JointEstimate {
+        let covariance = self.parameter_covariance(found.dispersion, parent);
+        let mut full: SMatrix<f64, 8, 8> = match &covariance {
+            Some(c) => {
+                let full = &self.spread * c * self.spread.transpose();
+                SMatrix::from_fn(|r, c| full[(r, c)])
+            }
+            None => SMatrix::from_element(f64::INFINITY),
+        };
+        let of_direction = full.fixed_view::<3, 3>(0, 0) + self.direction_covariance;
+        full.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_direction);
+        let own = self.covariance.as_ref().map(|c| &self.tangent * c * self.tangent.transpose() * found.dispersion);
+        let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
+        let forward = self.motion >= 0.0;
+        let (axis, motion) = if forward { (self.direction, self.motion) } else { (-self.direction, -self.motion) };
+        let mut cautions = cautions(self.kind, motion, &full, covariance.is_some(), &scores);
+        if self.agreement[0] * 2 < self.agreement[1] {
+            cautions.push(format!("only {} of {} observations agree with the motion", self.agreement[0], self.agreement[1]));
+        }
+        let evidence = JointEvidence {
+            covariance: full.fixed_view::<7, 7>(0, 0).into(),
+            pitch_std_m_per_rad: if self.kind.pitch_m_per_rad().is_some() { full[(7, 7)].max(0.0).sqrt() } else { 0.0 },
+            state1_from_state0: found.free,
+            inliers: self.agreement[0],
+            tried: self.agreement[1],
+            residual_rms_m: self.residual_rms_m,
+            dispersion: found.dispersion,
+            type_scores: scores,
+            parents: BTreeMap::new(),
+            cautions,
+            not_observable: not_observable(self.kind),
+        };
+        JointEstimate {
+            kind: self.kind,
+            axis,
+            point: foot(&self.point, &axis, near),
+            motion,
+            state1_from_state0: self.state1_from_state0,
+            motion_covariance: own + parent.covariance,
+            evidence,
+        }
+    }
+}
+
+/// What speaks against trusting a joint, in words. `covariance` is that of (direction 3, point 3, motion 1, pitch 1).
+fn cautions(kind: JointKind, motion: f64, covariance: &SMatrix<f64, 8, 8>, finite: bool, scores: &BTreeMap<String, f64>) -> Vec<String> {
+    let mut cautions = Vec::new();
+    let amount = if kind.turns() { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
+    if !finite {
+        cautions.push("some direction of the joint is not observed; its covariance is not finite".to_owned());
+    }
     let spread_of = |from: usize| (0..3).map(|k| covariance[(from + k, from + k)]).sum::<f64>().sqrt();
-    if spread_of(0) > 0.02 {
-        cautions.push(format!("the axis direction is known to +-{:.1} deg only", spread_of(0).to_degrees()));
+    if finite && spread_of(0) > COARSE_DIRECTION_RAD {
+        let degrees = spread_of(0).to_degrees();
+        cautions.push(format!("a motion of {amount} tells the axis direction to +-{degrees:.1} deg only"));
     }
-    if spread_of(3) > 0.01 {
-        cautions.push(format!("the axis position is known to +-{:.0} mm only", 1e3 * spread_of(3)));
+    if finite && kind.turns() && spread_of(3) > COARSE_POSITION_M {
+        cautions.push(format!("a motion of {amount} tells the axis position to +-{:.0} mm only", 1e3 * spread_of(3)));
     }
-    let (p, r) = (type_scores.get("prismatic"), type_scores.get("revolute"));
-    if let (Some(p), Some(r)) = (p, r)
+    if let (Some(p), Some(r)) = (scores.get("prismatic"), scores.get("revolute"))
         && (p - r).abs() < DECISIVE
     {
         cautions.push(format!("prismatic and revolute explain the motion about equally well (scores {p:.1} and {r:.1})"));
     }
-    if q.inliers * 2 < q.tried {
-        cautions.push(format!("only {} of {} observations agree with the motion", q.inliers, q.tried));
+    if matches!(kind, JointKind::Free { .. }) {
+        cautions.push("no joint type explains the motion; the twin moves the part along the screw of it".to_owned());
     }
     if motion <= 0.0 {
         cautions.push("no motion".to_owned());
     }
-    JointEvidence {
-        covariance,
-        state1_from_state0: *free,
-        inliers: q.inliers,
-        tried: q.tried,
-        residual_rms_m: q.rms_m(),
-        type_scores,
-        cautions,
+    cautions
+}
+
+/// What two states of a part cannot tell.
+fn not_observable(kind: JointKind) -> Vec<String> {
+    let mut said = vec!["the joint's limits: it reaches at least the two observed positions".to_owned()];
+    if kind.turns() {
+        said.push("whole turns: the smallest rotation between the states is taken".to_owned());
     }
+    if kind.pitch_m_per_rad().is_some() {
+        said.push(
+            "a screw against a rotation and a translation of their own along one axis; the pitch rests on the smallest rotation".to_owned(),
+        );
+    }
+    said
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix3, Translation3};
+    use nalgebra::Translation3;
 
     use super::*;
     use crate::{
         articulate::{MatchEvidence, SurfaceSamples},
-        geometry::{Grid3, SceneBox, line_distance_m},
+        geometry::{Grid3, SceneBox, Screw, line_distance_m},
     };
 
     /// Signed distance of a box with half sides `h` at the origin.
@@ -307,9 +444,11 @@ mod tests {
             independent_area_m2: 1e-3,
             areas_m2: [0.3, 0.3],
             reach_m: 0.05,
+            block_m: 0.08,
         };
         let off = Pose::from_parts(Translation3::new(0.008, -0.006, 0.01), nalgebra::UnitQuaternion::from_euler_angles(0.02, 0.03, -0.02));
-        let e = estimate_joint(&(off * motion), &evidence, &Point3::new(0.1, 0.05, 0.0), &RefineConfig::default());
+        let place = (&Point3::new(0.1, 0.05, 0.0), 0.25);
+        let e = estimate_joint(&(off * motion), &ParentMotion::still(), &evidence, place, &RefineConfig::default());
         assert_eq!(e.kind, kind, "{:?}", e.evidence.type_scores);
         let difference = e.state1_from_state0 * motion.inverse();
         assert!(difference.rotation.angle() < 2e-3, "{}", difference.rotation.angle());

@@ -10,11 +10,11 @@ use crate::geometry::Pose;
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 
 /// Cost of a warp that lands where nothing was seen: weaker than any agreement, hardly evidence against.
-const HIDDEN: f32 = 0.9;
+pub(crate) const HIDDEN: f32 = 0.9;
 /// Additional cost of a warp that lands on a surface which follows another motion.
 const TAKEN: f32 = 0.4;
 /// Cost of a warp that lands in space seen to be empty.
-const FREE: f32 = 1.6;
+pub(crate) const FREE: f32 = 1.6;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached.
 const HALF_COST: f64 = 6.0;
 /// Deviation of the normals (length of their difference) that counts as one standard deviation.
@@ -26,6 +26,17 @@ pub(crate) struct Scales {
     pub plane_m: f64,
     /// Length of the color difference.
     pub color: f64,
+}
+
+/// What is asked of a landing.
+#[derive(Clone, Copy)]
+struct Look<'a> {
+    /// The motion's label.
+    label: u8,
+    /// Labels of the other state's samples, where known.
+    other_labels: Option<&'a [u8]>,
+    /// Whether colors count.
+    colored: bool,
 }
 
 /// Both states' samples, prepared for search.
@@ -55,6 +66,16 @@ impl<'a> Evidence<'a> {
         evidence
     }
 
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, state: usize, sample: usize) -> u32 {
+        self.graphs[state].patch(sample)
+    }
+
+    /// Samples beside a sample on its surface.
+    pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
+        self.graphs[state].beside(sample)
+    }
+
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
     fn static_scales(&self) -> Scales {
         let [a, b] = self.samples;
@@ -80,7 +101,8 @@ impl<'a> Evidence<'a> {
     /// none; [`HIDDEN`] or [`FREE`] where there is no surface and empty space is known.
     ///
     /// A partner that follows another motion by `other_labels` hides the sample at best.
-    fn cost(&self, state: usize, sample: usize, other_from_this: &Pose, label: u8, other_labels: Option<&[u8]>) -> f32 {
+    fn cost(&self, state: usize, sample: usize, other_from_this: &Pose, look: Look<'_>) -> f32 {
+        let Look { label, other_labels, colored } = look;
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
@@ -88,7 +110,7 @@ impl<'a> Evidence<'a> {
             let offset = point - others.points[j];
             let plane = others.normals[j].dot(&offset) / self.scales.plane_m;
             let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
-            let color = color_distance(these.colors[sample], others.colors[j]) / self.scales.color;
+            let color = if colored { color_distance(these.colors[sample], others.colors[j]) / self.scales.color } else { 0.0 };
             let side = offset.norm() / self.reach_m;
             let squared = plane * plane + bend * bend + color * color + side * side;
             let cost = (squared / (squared + HALF_COST)) as f32;
@@ -107,10 +129,22 @@ impl<'a> Evidence<'a> {
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of the other
     /// state's samples, where known.
     pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+        self.costs_of(state, motions, other_labels, true)
+    }
+
+    /// The same by shape alone: light stands still where a part turns, so that colors err together over a surface.
+    pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+        self.costs_of(state, motions, other_labels, false)
+    }
+
+    fn costs_of(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>, colored: bool) -> Vec<f32> {
         let from_this: Vec<Pose> = motions.iter().map(|m| if state == 0 { *m } else { m.inverse() }).collect();
         (0..self.samples[state].points.len())
             .into_par_iter()
-            .flat_map_iter(|i| from_this.iter().enumerate().map(move |(k, m)| self.cost(state, i, m, k as u8, other_labels)))
+            .flat_map_iter(|i| {
+                let cost = move |(k, m)| self.cost(state, i, m, Look { label: k as u8, other_labels, colored });
+                from_this.iter().enumerate().map(cost)
+            })
             .collect()
     }
 

@@ -8,6 +8,8 @@
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals are thinned
 //! to the number of independent ones, so that the information matrix can be read as an inverse covariance.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -70,6 +72,8 @@ pub struct MotionEvidence<'a> {
     pub areas_m2: [f64; 2],
     /// Largest distance that counts, metres.
     pub reach_m: f64,
+    /// Side of the blocks of the surface over which errors may run together, metres.
+    pub block_m: f64,
 }
 
 /// Quadratic model of the cost around a motion: `cost + 2 g.x + x.H x` for a left perturbation `x = (v, w)`.
@@ -91,6 +95,8 @@ pub struct Quadratic {
     pub surface_inliers: usize,
     /// Independent residuals.
     pub independent: f64,
+    /// Sums of the rows times residuals over blocks of the surface, by block; matches are blocks of their own.
+    pub block_gradients: BTreeMap<[i64; 4], Vector6<f64>>,
 }
 
 impl Default for Quadratic {
@@ -104,18 +110,20 @@ impl Default for Quadratic {
             squared_m2: 0.0,
             surface_inliers: 0,
             independent: 0.0,
+            block_gradients: BTreeMap::new(),
         }
     }
 }
 
 impl Quadratic {
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation.
-    fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64) {
+    fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: [i64; 4]) {
         let k = scale * scale;
         let u = k / (k + r * r);
         let w = share * u * u;
         self.information += row * row.transpose() * w;
         self.gradient += row * (r * w);
+        *self.block_gradients.entry(block).or_default() += row * (r * w);
         self.cost += share * r * r * u;
         self.independent += share;
     }
@@ -129,7 +137,31 @@ impl Quadratic {
         self.squared_m2 += o.squared_m2;
         self.surface_inliers += o.surface_inliers;
         self.independent += o.independent;
+        for (block, gradient) in o.block_gradients {
+            *self.block_gradients.entry(block).or_default() += gradient;
+        }
         self
+    }
+
+    /// Factor by which the squared errors of a model's parameters exceed what independent residuals would give: the
+    /// cluster-robust covariance (Liang and Zeger 1986) over blocks of the surface against the inverse information,
+    /// averaged over the parameters; at least 1. Errors of a reconstructed surface that run together over a block do not
+    /// average out within it. `tangent` is 6 x parameters.
+    #[must_use]
+    pub fn dispersion(&self, tangent: &DMatrix<f64>) -> f64 {
+        let parameters = tangent.ncols();
+        let blocks = self.block_gradients.len();
+        let Some(covariance) = (tangent.transpose() * self.information * tangent).cholesky().map(|c| c.inverse()) else { return 1.0 };
+        if blocks <= parameters {
+            return 1.0;
+        }
+        let mut spread = DMatrix::zeros(parameters, parameters);
+        for gradient in self.block_gradients.values() {
+            let g = tangent.transpose() * gradient;
+            spread += &g * g.transpose();
+        }
+        let small_sample = blocks as f64 / (blocks - parameters) as f64;
+        (small_sample * (covariance * spread).trace() / parameters as f64).max(1.0)
     }
 
     /// Root mean square distance of the inlier surface points, metres.
@@ -138,6 +170,9 @@ impl Quadratic {
         (self.squared_m2 / self.surface_inliers.max(1) as f64).sqrt()
     }
 }
+
+/// Kind of a block of matches; those of surfaces are numbered by state.
+const MATCHES: i64 = 2;
 
 /// Points per parallel task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
@@ -203,9 +238,15 @@ impl MotionEvidence<'_> {
                 q.surface_inliers += 1;
                 q.squared_m2 += d * d;
             }
-            q.add(r, &row, share, config.robust_sigmas);
+            q.add(r, &row, share, config.robust_sigmas, self.block(x, state as i64));
         }
         q
+    }
+
+    /// The block of a point: states, and surfaces against matches, are kept apart by `kind`.
+    fn block(&self, x: &Point3<f64>, kind: i64) -> [i64; 4] {
+        let [a, b, c] = [x.x, x.y, x.z].map(|x| (x / self.block_m).floor() as i64);
+        [a, b, c, kind]
     }
 
     fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose, config: &RefineConfig) {
@@ -224,11 +265,13 @@ impl MotionEvidence<'_> {
             let weight = m.share * u * u;
             let move_by = whiten;
             let turn_by = -whiten * y.coords.cross_matrix();
+            let block = q.block_gradients.entry(self.block(&m.point0, MATCHES)).or_default();
             for i in 0..3 {
                 let (a, b) = (move_by.row(i), turn_by.row(i));
                 let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
                 q.information += row * row.transpose() * weight;
                 q.gradient += row * (residual[i] * weight);
+                *block += row * (residual[i] * weight);
             }
             q.cost += m.share * distance * distance * u;
             q.independent += 3.0 * m.share;

@@ -1,11 +1,11 @@
-//! From labelled surfaces and starting motions to joints: refinement, dense texture, joint type, part by part.
+//! From labelled surfaces and starting motions to what is known of every part: refinement, dense texture.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    JointEstimate, LiftedMatch, MatchEvidence, MotionEvidence, RefineConfig, SurfaceSamples, TextureConfig, estimate_joint, match_evidence,
-    texture_matches,
+    JointEstimate, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig, estimate_joint,
+    estimate_parallel, free_motion, match_evidence, texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
@@ -38,63 +38,115 @@ pub struct ObservedState<'a> {
     pub area_m2: f64,
 }
 
-/// Rounds of texture matching and joint estimation: each starts from a better motion.
+/// Rounds of texture matching and motion refinement: each starts from a better motion.
 const ROUNDS: usize = 2;
+/// Blocks along the side of a square with the area of a part, over which surface errors may run together: enough of them
+/// to measure a spread, few enough for a block to be wider than what fusion smooths.
+const BLOCKS_ALONG: f64 = 6.0;
 
-/// Joint of part `part`, from a starting motion `state1_from_state0`. `matches` are the lifted matches on the part.
-/// `extent_m` is the longest side of the object.
-#[must_use]
-pub fn part_joint(
-    part: u8,
-    start: &Pose,
-    states: &[ObservedState; 2],
-    matches: &[LiftedMatch],
-    noise: &NoiseConfig,
-    extent_m: f64,
-    config: &JointConfig,
-) -> JointEstimate {
-    let surfaces = [0, 1].map(|s| select(states[s].samples, states[s].labels, part));
-    let share = |s: usize| surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
-    let near = centroid(&surfaces[0]);
-    let frames = [states[0].frames, states[1].frames];
-    let sdf = [states[0].sdf, states[1].sdf];
-    let spacing_m = states[0].sdf.spacing_m;
-    let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
-    let correlation_m = (config.refine.correlation_spacings * spacing_m).max(smoothing_m);
-    let mut lifted = match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
-    let sparse = lifted.len();
-    let mut estimate = None;
-    for _ in 0..ROUNDS {
-        let evidence = evidence(&surfaces, states, &lifted, correlation_m, extent_m, config, [share(0), share(1)]);
-        let from = estimate.as_ref().map_or(*start, |e: &JointEstimate| e.evidence.state1_from_state0);
-        let found = estimate_joint(&from, &evidence, &near, &config.refine);
-        let dense = texture_matches([&surfaces[0], &surfaces[1]], frames, sdf, &found.state1_from_state0, noise, &config.texture);
-        lifted.truncate(sparse);
-        lifted.extend(dense);
-        estimate = Some(found);
-    }
-    let evidence = evidence(&surfaces, states, &lifted, correlation_m, extent_m, config, [share(0), share(1)]);
-    let from = estimate.map_or(*start, |e| e.evidence.state1_from_state0);
-    estimate_joint(&from, &evidence, &near, &config.refine)
+/// All that both states show of one part.
+pub struct PartEvidence {
+    /// Surface points in each state.
+    pub surfaces: [SurfaceSamples; 2],
+    /// Lifted and dense matches on it.
+    pub matches: Vec<MatchEvidence>,
+    /// Its motion from state 0 to state 1 in the world, refined without a joint.
+    pub motion: Pose,
+    /// Middle of its surface in state 0.
+    pub center: Point3<f64>,
+    /// Distance of its farthest point from there, metres.
+    pub radius_m: f64,
+    /// Length over which surface errors are correlated, metres.
+    correlation_m: f64,
+    /// Area of its surface in each state, square metres.
+    areas_m2: [f64; 2],
+    /// Largest distance that counts, metres.
+    reach_m: f64,
 }
 
-fn evidence<'a>(
-    surfaces: &'a [SurfaceSamples; 2],
-    states: &'a [ObservedState; 2],
-    matches: &'a [MatchEvidence],
-    correlation_m: f64,
-    extent_m: f64,
-    config: &JointConfig,
-    shares: [f64; 2],
-) -> MotionEvidence<'a> {
-    MotionEvidence {
-        surfaces: [&surfaces[0], &surfaces[1]],
-        sdf: [states[0].sdf, states[1].sdf],
-        visible: [states[0].visible, states[1].visible],
-        matches,
-        independent_area_m2: correlation_m * correlation_m,
-        areas_m2: [0, 1].map(|s| states[s].area_m2 * shares[s]),
-        reach_m: config.refine.reach * extent_m,
+impl PartEvidence {
+    /// Evidence of part `part`, from a starting motion `state1_from_state0`. `matches` are the lifted matches on the
+    /// part, `extent_m` is the longest side of the object.
+    #[must_use]
+    pub fn gather(
+        part: u8,
+        start: &Pose,
+        states: &[ObservedState; 2],
+        matches: &[LiftedMatch],
+        noise: &NoiseConfig,
+        extent_m: f64,
+        config: &JointConfig,
+    ) -> Self {
+        let surfaces = [0, 1].map(|s| select(states[s].samples, states[s].labels, part));
+        let share = |s: usize| surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
+        let areas_m2 = [0, 1].map(|s| states[s].area_m2 * share(s));
+        let center = centroid(&surfaces[0]);
+        let radius_m = surfaces[0].points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+        let frames = [states[0].frames, states[1].frames];
+        let spacing_m = states[0].sdf.spacing_m;
+        let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
+        let matches = match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
+        let sparse = matches.len();
+        let mut part = Self {
+            surfaces,
+            matches,
+            motion: *start,
+            center,
+            radius_m,
+            correlation_m: (config.refine.correlation_spacings * spacing_m).max(smoothing_m),
+            areas_m2,
+            reach_m: config.refine.reach * extent_m,
+        };
+        for _ in 0..ROUNDS {
+            let found = part.joint(&ParentMotion::still(), states, config);
+            let sdf = [states[0].sdf, states[1].sdf];
+            let surfaces = [&part.surfaces[0], &part.surfaces[1]];
+            let dense = texture_matches(surfaces, frames, sdf, &found.state1_from_state0, noise, &config.texture);
+            part.matches.truncate(sparse);
+            part.matches.extend(dense);
+            part.motion = found.evidence.state1_from_state0;
+        }
+        part
+    }
+
+    /// The joint between a parent and this part.
+    #[must_use]
+    pub fn joint(&self, parent: &ParentMotion, states: &[ObservedState; 2], config: &JointConfig) -> JointEstimate {
+        estimate_joint(&self.motion, parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
+    }
+
+    /// The joint as revolute with the direction of another axis, where the evidence prefers that.
+    #[must_use]
+    pub fn parallel_joint(
+        &self,
+        found: &JointEstimate,
+        other: &JointEstimate,
+        parent: &ParentMotion,
+        states: &[ObservedState; 2],
+        config: &JointConfig,
+    ) -> Option<JointEstimate> {
+        let covariance = other.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
+        estimate_parallel(found, (&other.axis, &covariance), parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
+    }
+
+    /// The motion of this part by itself, with its covariance.
+    #[must_use]
+    pub fn free_motion(&self, states: &[ObservedState; 2], config: &JointConfig) -> ParentMotion {
+        free_motion(&self.motion, &self.evidence(states), &config.refine)
+    }
+
+    fn evidence<'a>(&'a self, states: &'a [ObservedState; 2]) -> MotionEvidence<'a> {
+        let side_m = (0.5 * (self.areas_m2[0] + self.areas_m2[1])).sqrt();
+        MotionEvidence {
+            surfaces: [&self.surfaces[0], &self.surfaces[1]],
+            sdf: [states[0].sdf, states[1].sdf],
+            visible: [states[0].visible, states[1].visible],
+            matches: &self.matches,
+            independent_area_m2: self.correlation_m * self.correlation_m,
+            areas_m2: self.areas_m2,
+            reach_m: self.reach_m,
+            block_m: (side_m / BLOCKS_ALONG).max(self.correlation_m),
+        }
     }
 }
 

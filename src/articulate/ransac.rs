@@ -122,6 +122,22 @@ pub fn propose(matches: &[LiftedMatch], motions: usize, extent_m: f64, config: &
     proposals
 }
 
+/// Up to `count` motions that all matches together follow, those that stand still too, each with the matches that the
+/// earlier ones leave.
+pub(crate) fn common_motions(matches: &[LiftedMatch], count: usize, extent_m: f64, config: &RansacConfig, rng: &mut impl Rng) -> Vec<Pose> {
+    let gate = Gate::new(config, extent_m);
+    let mut pool = matches.to_vec();
+    let mut found: Vec<Pose> = Vec::new();
+    for _ in 0..2 * count {
+        let Some(proposal) = strongest(&pool, extent_m, config, rng).filter(|_| found.len() < count) else { break };
+        pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
+        if !found.iter().any(|f| is_twin(&proposal.state1_from_state0, f, matches, &gate, extent_m)) {
+            found.push(proposal.state1_from_state0);
+        }
+    }
+    found
+}
+
 /// Whether the weaker of two motions is the stronger found again with badly placed matches: it differs by less than
 /// [`TWIN_GATES`] gates where it acts, and acts in the midst of the stronger's matches. (Two parts that moved alike stand
 /// side by side.)

@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     LiftedMatch, SurfaceSamples,
     labeling::{Evidence, FreeSpace},
-    ransac::{CellCounter, Gate, Proposal, RansacConfig, propose},
+    part_count::{EvidencePoint, PartCount, shares},
+    ransac::{Gate, Proposal, RansacConfig, propose},
     refine::refine,
+    residual::propose_from_residual,
 };
 use crate::geometry::Pose;
 
@@ -25,8 +27,9 @@ pub struct RegisterConfig {
     pub last_reach: f64,
     /// Rounds of labels and motions in turn.
     pub rounds: usize,
-    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches, and a sixth of
-    /// those of the surface that it explains.
+    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches beyond chance, and
+    /// a sixth of those of the surface whose place contradicts the other motions. Two to three times what wrong motions
+    /// reach between like parts of one object.
     pub least_score: f64,
     /// The static part must explain this share of the surface.
     pub least_static_share: f64,
@@ -39,7 +42,7 @@ impl Default for RegisterConfig {
             first_reach: 0.03,
             last_reach: 0.015,
             rounds: 8,
-            least_score: 8.0,
+            least_score: 14.0,
             least_static_share: 0.02,
         }
     }
@@ -71,6 +74,10 @@ pub struct Registration {
     pub support: Vec<MotionSupport>,
     /// Motions proposed by the matches, strongest first.
     pub proposals: Vec<Proposal>,
+    /// Evidence by number of parts, most parts first.
+    pub curve: Vec<EvidencePoint>,
+    /// Sentences about what was chosen.
+    pub notes: Vec<String>,
     /// Sentences about evidence that the result leaves unexplained.
     pub warnings: Vec<String>,
 }
@@ -102,6 +109,14 @@ pub enum RegisterError {
         /// Share of the surface that stands still, percent.
         static_percent: f64,
     },
+    /// Something moved, and no rigid motion tells how.
+    #[error(
+        "{moved_percent:.1} % of the surface moved between the two states, but no rigid motion explains it; record more views that overlap in both states, or a smaller motion"
+    )]
+    Unexplained {
+        /// Share of the surface that moved unexplained, percent.
+        moved_percent: f64,
+    },
     /// Fewer motions are supported than were asked for.
     #[error(
         "{asked} parts were asked for, but {found} are supported (the static part and {moving} that move: {support}); ask for {found} parts or record more views of the others"
@@ -118,31 +133,46 @@ pub enum RegisterError {
     },
 }
 
-/// Finds `parts - 1` rigid motions and the part of every surface sample.
+/// Motions that matches propose where the number of parts is to be found, beside the spare ones.
+const PROPOSED: usize = 8;
+/// Rounds in which the surface that is left over proposes motions.
+const RESIDUAL_ROUNDS: usize = 2;
+
+/// Finds the rigid motions of all parts and the part of every surface sample: of `parts` parts, the static one included,
+/// or of as many as the evidence supports.
 ///
 /// `free` tells for each state whether a world point was seen empty, where known. The result depends on the order of
 /// the inputs and on the random numbers only; swapping the states inverts the motions up to noise.
 ///
 /// # Errors
-/// [`RegisterError`]: no motion, no overlap, or fewer motions than asked for.
+/// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or movement that no motion explains.
 pub fn register(
     matches: &[LiftedMatch],
     surfaces: [&SurfaceSamples; 2],
     free: [Option<FreeSpace<'_>>; 2],
-    parts: usize,
+    parts: Option<usize>,
     config: &RegisterConfig,
     rng: &mut impl Rng,
 ) -> Result<Registration, RegisterError> {
     let extent_m = checked_extent_m(surfaces, parts)?;
-    let proposals = propose(matches, parts - 1, extent_m, &config.ransac, rng);
+    let wanted = parts.map_or(PROPOSED, |p| p - 1);
+    let proposals = propose(matches, wanted, extent_m, &config.ransac, rng);
     let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
     let coarse = Evidence::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
     let mut run = Run { matches, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence: coarse };
     for _ in 0..2 {
         run.round(&mut motions);
     }
-    let mut warnings = Vec::new();
-    run.eliminate(&mut motions, parts, &mut warnings)?;
+    for _ in 0..RESIDUAL_ROUNDS {
+        let more = propose_from_residual(&run.evidence, &motions, extent_m);
+        let none = more.is_empty();
+        motions.extend(more);
+        if none {
+            break;
+        }
+        run.round(&mut motions);
+    }
+    let PartCount { mut motions, curve, notes, warnings } = run.choose(motions, parts)?;
     run.evidence = Evidence::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
     for _ in 0..config.rounds {
         run.round(&mut motions);
@@ -151,13 +181,13 @@ pub fn register(
     let match_labels = run.match_labels(&motions);
     let shares = shares(&costs, motions.len());
     let support = (0..motions.len()).map(|k| run.support(&motions[k], k as u8, &labels, &match_labels, shares[k])).collect();
-    Ok(Registration { motions, labels, match_labels, support, proposals, warnings })
+    Ok(Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings })
 }
 
 /// Longest side of the box around both surfaces.
-fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: usize) -> Result<f64, RegisterError> {
+fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: Option<usize>) -> Result<f64, RegisterError> {
     let input = |what: String, remedy| Err(RegisterError::Input { what, remedy });
-    if !(2..=32).contains(&parts) {
+    if let Some(parts) = parts.filter(|p| !(2..=32).contains(p)) {
         return input(format!("{parts} parts were asked for"), "ask for 2 to 32, the static part included");
     }
     for (state, s) in surfaces.iter().enumerate() {
@@ -185,35 +215,8 @@ fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
     wished_m.max(1.5 * spacing_m[0].max(spacing_m[1]))
 }
 
-/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it. Only landing
-/// on a surface counts as an explanation.
-fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
-    let mut gains = vec![0.0; motions];
-    for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
-        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
-        for (k, &c) in sample.iter().enumerate() {
-            let c = if c >= 0.9 { 1.0 } else { c };
-            if c < best {
-                (second, best, winner) = (best, c, k);
-            } else {
-                second = second.min(c);
-            }
-        }
-        gains[winner] += f64::from(second - best);
-    }
-    let count = costs.iter().map(Vec::len).sum::<usize>() / motions.max(1);
-    gains.into_iter().map(|g| g / count.max(1) as f64).collect()
-}
-
-/// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
-/// three dimensions and its look, a wrong surface by its distance in one.
-const SURFACE_WEIGHT: f64 = 0.16;
-
-/// Most that surface counts for a motion without matches, cells.
-const SURFACE_ALONE: f64 = 10.0;
-
 /// Number of cells that hold a point.
-fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
+pub(super) fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
     let mut cells: Vec<[i64; 3]> = points.iter().map(|p| [0, 1, 2].map(|k| (p[k] / cell_m).floor() as i64)).collect();
     cells.sort_unstable();
     cells.dedup();
@@ -221,17 +224,17 @@ fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
 }
 
 /// What the rounds share.
-struct Run<'a> {
-    matches: &'a [LiftedMatch],
-    extent_m: f64,
-    gate: Gate,
-    config: &'a RegisterConfig,
-    evidence: Evidence<'a>,
+pub(super) struct Run<'a> {
+    pub matches: &'a [LiftedMatch],
+    pub extent_m: f64,
+    pub gate: Gate,
+    pub config: &'a RegisterConfig,
+    pub evidence: Evidence<'a>,
 }
 
 impl Run<'_> {
     /// Labels and costs of both states.
-    fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
+    pub fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
         let costs = [0, 1].map(|s| self.evidence.costs(s, motions, None));
         let label = |costs: &[Vec<f32>; 2]| {
             let one = |s: usize| self.evidence.labels(s, &costs[s], motions.len());
@@ -244,7 +247,7 @@ impl Run<'_> {
     }
 
     /// The motion that every match follows.
-    fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
+    pub fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
         let one = |m: &LiftedMatch| {
             let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
             let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
@@ -254,7 +257,7 @@ impl Run<'_> {
     }
 
     /// One round: labels, then every moving part's motion.
-    fn round(&self, motions: &mut [Pose]) {
+    pub fn round(&self, motions: &mut [Pose]) {
         let (labels, _) = self.labels(motions);
         let match_labels = self.match_labels(motions);
         for (k, motion) in motions.iter_mut().enumerate().skip(1) {
@@ -267,62 +270,6 @@ impl Run<'_> {
                 .collect();
             *motion = refine(&self.evidence, [&labels[0], &labels[1]], &followers, motion, k as u8);
         }
-    }
-
-    /// What speaks for each motion and no other, in cells: those of the matches that follow it, and the cells of surface
-    /// that it explains, which weigh less because a plane explains any other.
-    fn scores(&self, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
-        let labels = self.match_labels(motions);
-        let cell_m = self.config.ransac.cell * self.extent_m;
-        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
-        let score = |k: usize| {
-            let follows = |(m, l): (&LiftedMatch, &Option<u8>)| (*l == Some(k as u8) && self.gate.has_moved(m)).then_some(*m);
-            let followers: Vec<LiftedMatch> = self.matches.iter().zip(&labels).filter_map(follows).collect();
-            let cells = CellCounter::new(&followers, self.gate, cell_m).support(&followers, &motions[k]);
-            cells + (SURFACE_WEIGHT * shares[k] * surface as f64).min(2.0 * cells + SURFACE_ALONE)
-        };
-        (0..motions.len()).map(score).collect()
-    }
-
-    /// Drops the motion that least speaks for until `parts` are left and enough speaks for all.
-    fn eliminate(&self, motions: &mut Vec<Pose>, parts: usize, warnings: &mut Vec<String>) -> Result<(), RegisterError> {
-        loop {
-            let shares = shares(&self.labels(motions).1, motions.len());
-            let scores = self.scores(motions, &shares);
-            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-            let short = weakest.is_none_or(|k| scores[k] < self.config.least_score);
-            if motions.len() <= parts && !short {
-                return if motions.len() == parts { self.check_static(&shares) } else { self.fewer(motions, parts, &shares) };
-            }
-            let Some(k) = weakest else { return self.fewer(motions, parts, &shares) };
-            if !short && scores[k] > 3.0 * self.config.least_score {
-                let percent = 100.0 * shares[k];
-                warnings.push(format!(
-                    "a further motion explains {percent:.1} % of the surface that no other explains; there may be more than {parts} parts"
-                ));
-            }
-            motions.remove(k);
-            self.round(motions);
-        }
-    }
-
-    /// Refuses states of which nothing coincides.
-    fn check_static(&self, shares: &[f64]) -> Result<(), RegisterError> {
-        if shares[0] < self.config.least_static_share {
-            return Err(RegisterError::NoOverlap { static_percent: 100.0 * shares[0] });
-        }
-        Ok(())
-    }
-
-    /// The error for too few motions.
-    fn fewer(&self, motions: &[Pose], parts: usize, shares: &[f64]) -> Result<(), RegisterError> {
-        self.check_static(shares)?;
-        if motions.len() == 1 {
-            return Err(RegisterError::NoMotion { static_percent: 100.0 * shares[0] });
-        }
-        let support: Vec<String> = shares.iter().skip(1).map(|s| format!("{:.1} % of the surface", 100.0 * s)).collect();
-        let (found, moving) = (motions.len(), motions.len() - 1);
-        Err(RegisterError::FewerParts { asked: parts, found, moving, support: support.join(", ") })
     }
 
     fn support(&self, motion: &Pose, label: u8, labels: &[Vec<u8>; 2], match_labels: &[Option<u8>], share: f64) -> MotionSupport {

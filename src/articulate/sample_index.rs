@@ -81,6 +81,13 @@ impl<'a> SampleIndex<'a> {
         }
     }
 
+    /// Distance to the nearest sample, metres; the reach where none is nearer.
+    pub fn distance_m(&self, point: &Point3<f64>) -> f64 {
+        let mut squared = self.reach_m * self.reach_m;
+        self.around(point, |i| squared = squared.min((self.samples.points[i] - point).norm_squared()));
+        squared.sqrt()
+    }
+
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides of a thin
     /// sheet never meet.
     pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {

@@ -75,6 +75,16 @@ impl SurfaceGraph {
         Self { neighbors, patches }
     }
 
+    /// Neighbors of a sample.
+    pub fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
+        self.neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
+    }
+
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, sample: usize) -> u32 {
+        self.patches[sample]
+    }
+
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let n = self.neighbors.len();

@@ -50,6 +50,41 @@ impl Scene {
         scene
     }
 
+    /// A lamp: a foot, an arm that turns about the foot's top and a head that turns about the arm's end, both about y, so
+    /// that the head's motion in the world is a plain rotation too.
+    pub fn lamp() -> Self {
+        let foot = Part { boxes: vec![cuboid([0.0, 0.0, 0.02], [0.12, 0.1, 0.02])], motion: Pose::identity() };
+        let bend = turn(Vector3::y(), [0.0, 0.0, 0.05], 0.5);
+        let arm = Part { boxes: vec![cuboid([0.0, 0.0, 0.18], [0.015, 0.025, 0.14])], motion: bend };
+        let nod = turn(Vector3::y(), [0.0, 0.0, 0.33], 0.6);
+        let head = Part { boxes: vec![cuboid([0.06, 0.0, 0.34], [0.08, 0.045, 0.02])], motion: bend * nod };
+        Self { parts: vec![foot, arm, head], world: Pose::identity(), texture: 1.0 }
+    }
+
+    /// A jar whose lid unscrews by 2 rad and 16 mm.
+    pub fn jar() -> Self {
+        let jar = Part { boxes: vec![cuboid([0.0, 0.0, 0.06], [0.05, 0.05, 0.06])], motion: Pose::identity() };
+        let screw = Screw { direction: Vector3::z_axis(), point: Point3::origin(), angle_rad: 2.0, advance_m: 0.016 };
+        let lid = Part {
+            boxes: vec![cuboid([0.0, 0.0, 0.135], [0.055, 0.045, 0.014]), cuboid([0.03, 0.0, 0.155], [0.012, 0.02, 0.008])],
+            motion: screw.motion(),
+        };
+        Self { parts: vec![jar, lid], world: Pose::identity(), texture: 1.0 }
+    }
+
+    /// Signed distance of a world point to the boxes, metres; exact outside.
+    pub fn distance_m(&self, state: usize, point: &Point3<f64>) -> f64 {
+        let of = |(i, part): (usize, &Part)| {
+            let p = self.world_from_part(state, i).inverse_transform_point(point);
+            let to_box = |(center, half): &(Point3<f64>, Vector3<f64>)| {
+                let q = (p - center).abs() - half;
+                q.map(|x| x.max(0.0)).norm() + q.max().min(0.0)
+            };
+            part.boxes.iter().map(to_box).fold(f64::INFINITY, f64::min)
+        };
+        self.parts.iter().enumerate().map(of).fold(f64::INFINITY, f64::min)
+    }
+
     /// Motion of a part from state 0 to state 1 in the moved world.
     pub fn truth(&self, part: usize) -> Pose {
         self.world * self.parts[part].motion * self.world.inverse()

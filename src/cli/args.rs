@@ -237,7 +237,7 @@ pub struct ReconstructArgs {
     /// Name of the twin and of its folder; a letter, then letters, digits and _
     #[arg(long, value_parser = name)]
     pub name: Option<String>,
-    /// Number of rigid parts, the static one included
+    /// Number of rigid parts, the static one included; default: found by evidence
     #[arg(long, value_name = "N")]
     pub parts: Option<usize>,
     /// Seed of every random choice

@@ -22,11 +22,13 @@ fn joint(joint: &JointSummary) -> String {
     let triple = |v: [f64; 3], digits: usize| v.map(|x| format!("{:.digits$}", x + 0.0)).join(", ");
     let axis = triple(joint.axis_in_world, 4);
     match joint.kind {
-        JointKind::Revolute => {
-            let point = triple(joint.point_in_world_m, 4);
-            format!("{}: revolute, {:.2} deg about ({axis}) through ({point}) m", joint.name, joint.motion.to_degrees())
-        }
         JointKind::Prismatic => format!("{}: prismatic, {:.1} mm along ({axis})", joint.name, joint.motion * 1000.0),
+        kind => {
+            let point = triple(joint.point_in_world_m, 4);
+            let turn = format!("{}: {}, {:.2} deg about ({axis}) through ({point}) m", joint.name, kind.name(), joint.motion.to_degrees());
+            let pitch = kind.pitch_m_per_rad().map(|p| format!(", advancing {:.2} mm a radian", 1e3 * p));
+            turn + &pitch.unwrap_or_default()
+        }
     }
 }
 

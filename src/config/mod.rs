@@ -25,7 +25,7 @@ pub use run::{Engine, Init, MAX_PARTS, RunConfig};
 use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
     capture::CaptureConfig,
-    export::LookConfig,
+    export::{ExportConfig, LookConfig},
     field::TrainConfig,
     model::ModelConfig,
     surface::{SurfaceConfig, SurfaceSource},
@@ -55,6 +55,8 @@ pub struct Config {
     pub model: ModelConfig,
     /// Visual meshes and textures.
     pub look: LookConfig,
+    /// How the files tell it.
+    pub export: ExportConfig,
 }
 
 impl Config {

@@ -15,7 +15,7 @@ pub struct RunConfig {
     pub preset: String,
     /// Seed of every random choice.
     pub seed: u64,
-    /// Number of rigid parts, the static one included; null: not given.
+    /// Number of rigid parts, the static one included; null: found by evidence.
     pub parts: Option<usize>,
     /// What trains the fields.
     pub engine: Engine,
@@ -62,17 +62,6 @@ impl RunConfig {
             }),
             _ => Ok(()),
         }
-    }
-
-    /// The number of parts, which a run cannot do without.
-    ///
-    /// # Errors
-    /// [`ConfigError::Unusable`] where it is not given.
-    pub fn needed_parts(&self) -> Result<usize, ConfigError> {
-        self.parts.ok_or_else(|| ConfigError::Unusable {
-            key: "run.parts".to_owned(),
-            reason: "the number of rigid parts is not given; add --parts N (static part included)".to_owned(),
-        })
     }
 }
 

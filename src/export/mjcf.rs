@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, JointKind, Link},
+    model::{ArticulatedModel, Joint, Link},
 };
 
 /// Settings that every body shares. Collision geoms carry no mass: the bodies state theirs.
@@ -32,6 +32,9 @@ const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." auto
 /// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that friction holds.
 const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
 
+/// Ending of the name of the slide that carries a screw's hinge.
+const ADVANCE: &str = "_advance";
+
 /// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world.
 #[must_use]
 pub fn mjcf(model: &ArticulatedModel) -> String {
@@ -47,10 +50,16 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
         // Writing to a string cannot fail, here and below.
         writeln!(text, "    <exclude body1=\"{parent}\" body2=\"{child}\"/>").ok();
     }
-    text.push_str("  </contact>\n  <keyframe>\n");
+    text.push_str("  </contact>\n");
+    push_threads(&mut text, model);
+    text.push_str("  <keyframe>\n");
     let order = joint_order(model, 0);
     for (k, state) in model.states.iter().enumerate() {
-        let positions: Vec<String> = order.iter().map(|&j| short(state[j])).collect();
+        let of = |&j: &usize| {
+            let advance = model.joints[j].kind.pitch_m_per_rad().map(|pitch| short(pitch * state[j]));
+            advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
+        };
+        let positions: Vec<String> = order.iter().flat_map(of).collect();
         writeln!(text, "    <key name=\"state{k}\" qpos=\"{}\"/>", positions.join(" ")).ok();
     }
     text.push_str("  </keyframe>\n</mujoco>\n");
@@ -61,6 +70,18 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
 fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
     let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
     children.flat_map(|j| std::iter::once(j).chain(joint_order(model, model.joints[j].child)).collect::<Vec<_>>()).collect()
+}
+
+/// Ties the slide of every screw to its hinge.
+fn push_threads(text: &mut String, model: &ArticulatedModel) {
+    let thread = |joint: &Joint| {
+        let (name, pitch) = (escape(&joint.name), short(joint.kind.pitch_m_per_rad()?));
+        Some(format!("    <joint name=\"{name}_thread\" joint1=\"{name}{ADVANCE}\" joint2=\"{name}\" polycoef=\"0 {pitch} 0 0 0\"/>\n"))
+    };
+    let threads: String = model.joints.iter().filter_map(thread).collect();
+    if !threads.is_empty() {
+        write!(text, "  <equality>\n{threads}  </equality>\n").ok();
+    }
 }
 
 fn push_assets(text: &mut String, link: &Link) {
@@ -102,10 +123,11 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    let kind = match joint.kind {
-        JointKind::Revolute => "hinge",
-        JointKind::Prismatic => "slide",
-    };
+    if joint.kind.pitch_m_per_rad().is_some() {
+        let (name, axis) = (escape(&joint.name), triple(joint.axis.as_ref().as_ref()));
+        writeln!(text, "{pad}  <joint name=\"{name}{ADVANCE}\" type=\"slide\" axis=\"{axis}\"/>").ok();
+    }
+    let kind = if joint.kind.turns() { "hinge" } else { "slide" };
     let (l, d) = (&joint.limit, &joint.dynamics);
     writeln!(
         text,
@@ -142,7 +164,7 @@ pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::model::{JointKind, example::cabinet};
 
     #[test]
     fn every_link_joint_pair_and_state_is_there() {
@@ -153,6 +175,19 @@ mod tests {
         assert_eq!([count("<body "), count("<joint "), count("<exclude "), count("<key "), count("<texture ")], [3, 2, 2, 2, 3]);
         assert_eq!([count("class=\"visual\" name"), count("class=\"collision\" name"), count("<inertial ")], [3, 3, 3]);
         assert!(text.contains("qpos=\"1.25 0\"") && text.contains("frictionloss=\"0.3\"") && text.contains("range=\"0 0.18\""), "{text}");
+        assert!(roxmltree::Document::parse(&text).is_ok());
+    }
+
+    #[test]
+    fn a_screw_is_a_slide_tied_to_a_hinge() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
+        let text = mjcf(&model);
+        assert!(text.contains("<joint name=\"drawer_slide_advance\" type=\"slide\""), "{text}");
+        assert!(text.contains("<joint name=\"drawer_slide\" type=\"hinge\""));
+        assert!(text.contains("joint1=\"drawer_slide_advance\" joint2=\"drawer_slide\" polycoef=\"0 0.5 0 0 0\""));
+        // Both positions of the screw stand in every keyframe.
+        assert!(text.contains("qpos=\"0 0.09 0.18\""), "{text}");
         assert!(roxmltree::Document::parse(&text).is_ok());
     }
 

@@ -6,6 +6,7 @@ mod mjcf;
 pub mod number;
 mod obj;
 mod package;
+mod part_count;
 mod picture;
 mod preview;
 mod report_html;
@@ -21,15 +22,16 @@ pub use check::{CheckFinding, Folder, Level, check_folder};
 pub use look::{Corner, Look, LookConfig, look, looks};
 pub use mjcf::mjcf;
 pub use obj::{mtl, solid_obj, textured_obj};
-pub use package::{ExportFile, package, urdf_package};
+pub use package::{ExportConfig, ExportFile, package, urdf_package};
+pub use part_count::{EvidencePointReport, PartCountReport};
 pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
-    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, Quantity, REPORT_FORMAT, Rendering, Report, RunFacts, StageTime,
-    StateReport,
+    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, ParentReport, Quantity, REPORT_FORMAT, Rendering, Report, RunFacts,
+    StageTime, StateReport,
 };
 pub use sdf::sdf;
 pub use start::{InitialMotion, compare_starts, nearest_starts};
-pub use urdf::{escape, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
+pub use urdf::{UrdfScrew, escape, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
 pub use usda::usda;
 pub use viewer::viewer_html;

@@ -1,5 +1,7 @@
 //! The files of a model that simulators load, in one folder.
 
+use serde::{Deserialize, Serialize};
+
 use super::{
     look::{Look, LookConfig, look},
     mjcf::mjcf,
@@ -7,11 +9,19 @@ use super::{
     preview::{thumbnail, turntable},
     ros_package::{cmake_lists, package_xml},
     sdf::{model_config, sdf},
-    urdf::{ros_urdf, solid_name, solid_path, urdf, visual_path},
+    urdf::{UrdfScrew, ros_urdf, solid_name, solid_path, urdf, visual_path},
     usda::usda,
     viewer::viewer_html,
 };
 use crate::model::ArticulatedModel;
+
+/// Choices among ways to tell a simulator the same.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExportConfig {
+    /// How URDF tells of a screw joint.
+    pub urdf_screw: UrdfScrew,
+}
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,12 +36,12 @@ pub struct ExportFile {
 /// previews, viewer. `looks` in the order of the links. The model must be without findings
 /// ([`crate::model::validate`]).
 #[must_use]
-pub fn package(model: &ArticulatedModel, looks: &[Look]) -> Vec<ExportFile> {
+pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let name = &model.name;
     let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
     let texts = [
-        (format!("{name}.urdf"), urdf(model)),
-        (format!("{name}.ros.urdf"), ros_urdf(model)),
+        (format!("{name}.urdf"), urdf(model, config.urdf_screw)),
+        (format!("{name}.ros.urdf"), ros_urdf(model, config.urdf_screw)),
         (format!("{name}.xml"), mjcf(model)),
         ("model.sdf".to_owned(), sdf(model)),
         ("model.config".to_owned(), model_config(model)),
@@ -60,5 +70,5 @@ pub fn package(model: &ArticulatedModel, looks: &[Look]) -> Vec<ExportFile> {
 #[must_use]
 pub fn urdf_package(model: &ArticulatedModel) -> Vec<ExportFile> {
     let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-    package(model, &looks)
+    package(model, &looks, &ExportConfig::default())
 }

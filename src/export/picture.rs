@@ -236,7 +236,7 @@ pub fn axis_arrows(model: &ArticulatedModel, state: usize, intrinsics: &Intrinsi
         let half = AXIS_SHARE * f64::from((upper - lower).max());
         let axis = joint.axis.into_inner();
         let (from, to) = match joint.kind {
-            JointKind::Revolute => {
+            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
                 let on_axis = axis * middle.coords.dot(&axis);
                 (on_axis - axis * half, on_axis + axis * half)
             }

@@ -58,6 +58,7 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
     out.push_str("<div class=\"side\">\n");
     push_pictures(&mut out, "Parts and axes", &parts, 2)?;
     push_pictures(&mut out, "Kept as the object", &kept, 2)?;
+    push_unknown(&mut out, report);
     push_links(&mut out, report);
     push_times(&mut out, report);
     push_start(&mut out, report);
@@ -169,6 +170,16 @@ fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
     }
     let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
     writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>").ok();
+}
+
+/// What the states cannot tell of each joint, and how the parts were counted.
+fn push_unknown(out: &mut String, report: &Report) {
+    let said = |j: &JointReport| j.not_observable.iter().map(|n| format!("{}: {n}", j.name)).collect::<Vec<_>>();
+    push_list(out, "unknown", "Not observable in these states", &report.joints.iter().flat_map(said).collect::<Vec<_>>());
+    if let Some(count) = &report.run.part_count {
+        let title = if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
+        push_table(out, title, &["Parts", "Evidence of all motions", "Weakest motion"], &count.rows());
+    }
 }
 
 fn push_links(out: &mut String, report: &Report) {

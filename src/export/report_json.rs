@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{number::round_significant, start::InitialMotion};
-use crate::model::{ArticulatedModel, Joint, JointKind, LimitSource};
+use super::{number::round_significant, part_count::PartCountReport, start::InitialMotion};
+use crate::model::{ArticulatedModel, Joint, JointKind, LimitSource, ParentScore};
 
 /// Version of the layout of `report.json`.
 pub const REPORT_FORMAT: &str = "artitwin-report/1";
@@ -43,9 +43,15 @@ pub struct StateReport {
 pub struct JointReport {
     /// Name.
     pub name: String,
-    /// `revolute` or `prismatic`.
+    /// `revolute`, `prismatic`, `screw`, or `free` where no type explains the motion.
     #[serde(rename = "type")]
     pub kind: String,
+    /// Advance along the axis per radian of a screw or free motion; none for other joints.
+    #[serde(default)]
+    pub pitch_m_per_rad: Option<f64>,
+    /// Standard deviation of the pitch.
+    #[serde(default)]
+    pub pitch_std_m_per_rad: Option<f64>,
     /// Link that carries it.
     pub parent: String,
     /// Link that it moves.
@@ -78,8 +84,26 @@ pub struct JointReport {
     pub residual_rms_mm: f64,
     /// Cost of every joint type (Bayesian information criterion); lower is better.
     pub type_scores: BTreeMap<String, f64>,
+    /// Squared error of the parameters against what independent observations would give; the covariance holds it.
+    #[serde(default)]
+    pub dispersion: f64,
+    /// How well each link would carry the child, by name.
+    #[serde(default)]
+    pub parents: BTreeMap<String, ParentReport>,
     /// What speaks against trusting this joint.
     pub cautions: Vec<String>,
+    /// What the observed states cannot tell of it.
+    #[serde(default)]
+    pub not_observable: Vec<String>,
+}
+
+/// How well a link would carry a part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParentReport {
+    /// Score of the best joint of one freedom against that of the free motion; lower is simpler.
+    pub excess: f64,
+    /// Distance of both, the larger of both states, millimetres.
+    pub gap_mm: f64,
 }
 
 /// A number with its unit.
@@ -156,6 +180,9 @@ pub struct RunFacts {
     pub initialization: Vec<InitialMotion>,
     /// How close the twin looks to photos.
     pub renderings: Vec<Rendering>,
+    /// How the number of parts was found.
+    #[serde(default)]
+    pub part_count: Option<PartCountReport>,
     /// Stages in order with their wall times.
     pub stages: Vec<StageTime>,
     /// Versions of the program and what it was built with, by name.
@@ -257,10 +284,9 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let l = &joint.limit;
     JointReport {
         name: joint.name.clone(),
-        kind: match joint.kind {
-            JointKind::Revolute => "revolute".into(),
-            JointKind::Prismatic => "prismatic".into(),
-        },
+        kind: joint.kind.name().into(),
+        pitch_m_per_rad: joint.kind.pitch_m_per_rad().map(|p| round_significant(p, DIGITS)),
+        pitch_std_m_per_rad: joint.kind.pitch_m_per_rad().map(|_| round_significant(e.pitch_std_m_per_rad, 4)),
         parent: model.links[joint.parent].name.clone(),
         child: model.links[joint.child].name.clone(),
         axis: round3(axis.into()),
@@ -291,8 +317,15 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         tried: e.tried,
         residual_rms_mm: round_significant(1000.0 * e.residual_rms_m, 4),
         type_scores: e.type_scores.iter().map(|(k, v)| (k.clone(), round_significant(*v, DIGITS))).collect(),
+        dispersion: round_significant(e.dispersion, 4),
+        parents: e.parents.iter().map(|(name, p)| (name.clone(), parent_report(p))).collect(),
         cautions: e.cautions.clone(),
+        not_observable: e.not_observable.clone(),
     }
+}
+
+fn parent_report(score: &ParentScore) -> ParentReport {
+    ParentReport { excess: round_significant(score.excess, 4), gap_mm: round_significant(1e3 * score.gap_m, 4) }
 }
 
 /// Root mean square deviations of a joint by its covariance.
@@ -314,10 +347,7 @@ fn deviations(joint: &Joint, axis: &Vector3<f64>) -> Deviations {
 
 /// Unit of a joint's positions.
 fn unit(kind: JointKind) -> &'static str {
-    match kind {
-        JointKind::Revolute => "rad",
-        JointKind::Prismatic => "m",
-    }
+    if kind.turns() { "rad" } else { "m" }
 }
 
 fn round3(v: [f64; 3]) -> [f64; 3] {

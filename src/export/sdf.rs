@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::urdf::{escape, origin, short, solid_name, solid_path, triple, visual_path};
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, JointKind, Link},
+    model::{ArticulatedModel, Joint, Link},
 };
 
 /// SDF text of a model; mesh paths are relative to its folder. Link 0 is fixed to the world.
@@ -65,13 +65,14 @@ fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
 }
 
 fn push_joint(text: &mut String, joint: &Joint, model: &ArticulatedModel) {
-    let kind = match joint.kind {
-        JointKind::Revolute => "revolute",
-        JointKind::Prismatic => "prismatic",
-    };
+    let kind = if joint.kind.pitch_m_per_rad().is_some() { "screw" } else { joint.kind.name() };
     let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
     let (l, d) = (&joint.limit, &joint.dynamics);
     writeln!(text, "    <joint name=\"{}\" type=\"{kind}\">\n      <parent>{parent}</parent>", escape(&joint.name)).ok();
+    if let Some(pitch) = joint.kind.pitch_m_per_rad() {
+        // Metres a revolution; positive for a right-handed thread.
+        writeln!(text, "      <screw_thread_pitch>{}</screw_thread_pitch>", short(std::f64::consts::TAU * pitch)).ok();
+    }
     writeln!(
         text,
         "      <child>{child}</child>\n      <axis>\n        <xyz>{}</xyz>\n        <limit>",

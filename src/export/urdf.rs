@@ -6,11 +6,12 @@
 use std::fmt::Write as _;
 
 use nalgebra::UnitQuaternion;
+use serde::{Deserialize, Serialize};
 
 use super::number::{decimal, significant};
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, JointKind, Link},
+    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link},
 };
 
 /// Digits after the point of lengths, angles and axes.
@@ -25,26 +26,49 @@ const MUJOCO: &str = r#"  <mujoco>
   </mujoco>
 "#;
 
+/// Names elements that are no URDF; readers leave them out.
+const NAMESPACE: &str = "urn:artitwin:urdf";
+/// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh nothing.
+const CARRIER_KG: f64 = 1e-3;
+const CARRIER_KG_M2: f64 = 1e-6;
+
+/// How URDF, which has no screw joint, tells of one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UrdfScrew {
+    /// As the nearest joint, its pitch in an element `artitwin:thread`.
+    #[default]
+    Nearest,
+    /// As a slide that mimics the turn that it carries, for simulators that honor `mimic`.
+    Pair,
+}
+
 /// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
 /// ([`crate::model::validate`]).
 #[must_use]
-pub fn urdf(model: &ArticulatedModel) -> String {
-    urdf_with_paths(model, "")
+pub fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+    urdf_with_paths(model, "", screws)
 }
 
 /// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
 #[must_use]
-pub fn ros_urdf(model: &ArticulatedModel) -> String {
-    urdf_with_paths(model, &format!("package://{}/", model.name))
+pub fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+    urdf_with_paths(model, &format!("package://{}/", model.name), screws)
 }
 
-fn urdf_with_paths(model: &ArticulatedModel, prefix: &str) -> String {
-    let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\">\n", escape(&model.name));
+fn urdf_with_paths(model: &ArticulatedModel, prefix: &str, screws: UrdfScrew) -> String {
+    let threaded = model.joints.iter().any(|j| j.kind.pitch_m_per_rad().is_some());
+    // Only where it is used: the namespace of what URDF has no word for.
+    let space = if threaded { format!(" xmlns:artitwin=\"{NAMESPACE}\"") } else { String::new() };
+    let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\"{space}>\n", escape(&model.name));
     for link in &model.links {
         push_link(&mut text, link, prefix);
     }
     for joint in &model.joints {
-        push_joint(&mut text, joint, &model.links);
+        match joint.kind.pitch_m_per_rad() {
+            Some(pitch) if screws == UrdfScrew::Pair => push_pair(&mut text, joint, pitch, &model.links),
+            _ => push_joint(&mut text, joint, &model.links),
+        }
     }
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
@@ -123,16 +147,45 @@ fn push_mesh(text: &mut String, path: &str) {
 }
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
-    let kind = match joint.kind {
-        JointKind::Revolute => "revolute",
-        JointKind::Prismatic => "prismatic",
-    };
-    let (xyz, rpy) = origin(&joint.parent_from_joint);
-    writeln!(text, "  <joint name=\"{}\" type=\"{kind}\">", escape(&joint.name)).ok();
+    let [parent, child] = [joint.parent, joint.child].map(|l| links[l].name.as_str());
+    open_joint(text, (&joint.name, joint.kind.nearest().name()), &joint.parent_from_joint, [parent, child], joint);
+    if let Some(pitch) = joint.kind.pitch_m_per_rad() {
+        let kind = joint.kind.name();
+        writeln!(text, "    <artitwin:thread type=\"{kind}\" pitch_m_per_rad=\"{}\"/>", decimal(pitch, PLACES)).ok();
+    }
+    push_limit(text, joint);
+}
+
+/// A screw as a slide that follows the turn it carries, over a link that is a point of little mass.
+fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link]) {
+    let name = escape(&joint.name);
+    let (carrier, advance) = (format!("{name}_carrier"), format!("{name}_advance"));
+    writeln!(text, "  <link name=\"{carrier}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>").ok();
+    let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
+    writeln!(text, "      <mass value=\"{mass}\"/>").ok();
+    writeln!(text, "      <inertia ixx=\"{inertia}\" ixy=\"0\" ixz=\"0\" iyy=\"{inertia}\" iyz=\"0\" izz=\"{inertia}\"/>").ok();
+    text.push_str("    </inertial>\n  </link>\n");
+    open_joint(text, (&advance, "prismatic"), &joint.parent_from_joint, [&links[joint.parent].name, &carrier], joint);
+    let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
+    ends.sort_by(f64::total_cmp);
+    let limit = Limit { lower: ends[0], upper: ends[1], ..joint.limit };
+    writeln!(text, "    <mimic joint=\"{name}\" multiplier=\"{}\" offset=\"0\"/>", decimal(pitch_m_per_rad, PLACES)).ok();
+    push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
+    open_joint(text, (&joint.name, "revolute"), &Pose::identity(), [&carrier, &links[joint.child].name], joint);
+    push_limit(text, joint);
+}
+
+fn open_joint(text: &mut String, (name, kind): (&str, &str), parent_from_joint: &Pose, [parent, child]: [&str; 2], joint: &Joint) {
+    let (xyz, rpy) = origin(parent_from_joint);
+    writeln!(text, "  <joint name=\"{}\" type=\"{kind}\">", escape(name)).ok();
     writeln!(text, "    <origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>").ok();
-    writeln!(text, "    <parent link=\"{}\"/>", escape(&links[joint.parent].name)).ok();
-    writeln!(text, "    <child link=\"{}\"/>", escape(&links[joint.child].name)).ok();
+    writeln!(text, "    <parent link=\"{}\"/>", escape(parent)).ok();
+    writeln!(text, "    <child link=\"{}\"/>", escape(child)).ok();
     writeln!(text, "    <axis xyz=\"{}\"/>", triple(joint.axis.as_ref().as_ref())).ok();
+}
+
+/// Limits and dynamics, and the end of the joint.
+fn push_limit(text: &mut String, joint: &Joint) {
     let l = &joint.limit;
     writeln!(
         text,
@@ -169,7 +222,7 @@ pub fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::model::{JointKind, example::cabinet};
     use nalgebra::{Translation3, Unit, Vector3};
     use proptest::prelude::*;
 
@@ -200,15 +253,15 @@ mod tests {
 
     #[test]
     fn text_is_the_golden_one() {
-        let text = urdf(&cabinet());
-        assert_eq!(text, urdf(&cabinet()));
+        let text = urdf(&cabinet(), UrdfScrew::Nearest);
+        assert_eq!(text, urdf(&cabinet(), UrdfScrew::Nearest));
         assert_eq!(text, include_str!("../../tests/golden/cabinet.urdf"), "{text}");
     }
 
     #[test]
     fn reads_back_as_the_model() {
         let model = cabinet();
-        let robot = urdf_rs::read_from_string(&urdf(&model)).unwrap();
+        let robot = urdf_rs::read_from_string(&urdf(&model, UrdfScrew::Nearest)).unwrap();
         assert_eq!((robot.name.as_str(), robot.links.len(), robot.joints.len()), ("cabinet", 3, 2));
         assert_eq!((robot.links[0].collision.len(), robot.links[1].collision.len()), (1, 1));
         for (read, link) in robot.links.iter().zip(&model.links) {
@@ -229,10 +282,27 @@ mod tests {
     }
 
     #[test]
+    fn a_screw_is_the_nearest_joint_with_its_pitch_or_a_pair_that_mimics() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: -0.5 };
+        let nearest = urdf(&model, UrdfScrew::Nearest);
+        let robot = urdf_rs::read_from_string(&nearest).unwrap();
+        assert_eq!((robot.joints.len(), &robot.joints[1].joint_type), (2, &urdf_rs::JointType::Revolute));
+        assert!(nearest.contains("<artitwin:thread type=\"screw\" pitch_m_per_rad=\"-0.5\"/>"), "{nearest}");
+        let pair = urdf_rs::read_from_string(&urdf(&model, UrdfScrew::Pair)).unwrap();
+        let [slide, turn] = [&pair.joints[1], &pair.joints[2]];
+        assert_eq!((&slide.joint_type, &turn.joint_type), (&urdf_rs::JointType::Prismatic, &urdf_rs::JointType::Revolute));
+        let mimic = slide.mimic.as_ref().unwrap();
+        assert_eq!((mimic.joint.as_str(), mimic.multiplier), (turn.name.as_str(), Some(-0.5)));
+        assert_eq!((slide.limit.lower, slide.limit.upper), (-0.5 * model.joints[1].limit.upper, -0.5 * model.joints[1].limit.lower));
+        assert_eq!((&slide.child.link, &turn.child.link), (&turn.parent.link, &model.links[2].name));
+    }
+
+    #[test]
     fn markup_in_a_name_is_escaped() {
         let mut model = cabinet();
         model.links[1].name = "a<b&\"c\"'>".into();
-        let robot = urdf_rs::read_from_string(&urdf(&model)).unwrap();
+        let robot = urdf_rs::read_from_string(&urdf(&model, UrdfScrew::Nearest)).unwrap();
         assert_eq!(robot.links[1].name, model.links[1].name);
     }
 }

@@ -14,7 +14,7 @@ use super::{
     urdf::{solid_name, visual_path},
 };
 use crate::{
-    model::{ArticulatedModel, Inertial, Joint, JointKind, Link},
+    model::{ArticulatedModel, Inertial, Joint, Link},
     surface::TriangleMesh,
 };
 
@@ -178,12 +178,12 @@ fn push_list(text: &mut String, name: &str, items: impl Iterator<Item = String>,
 
 fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     let name = &model.name;
-    let (kind, drive) = match joint.kind {
-        JointKind::Revolute => ("Revolute", "angular"),
-        JointKind::Prismatic => ("Prismatic", "linear"),
-    };
+    // USD has no screw: the nearest joint, with its pitch beside it.
+    let (kind, drive) = if joint.kind.turns() { ("Revolute", "angular") } else { ("Prismatic", "linear") };
+    let pitch = joint.kind.pitch_m_per_rad().map(|p| format!("\n            custom double artitwin:pitchPerRadian = {}", short(p)));
+    let pitch = pitch.unwrap_or_default();
     // Per degree where USD counts degrees; efforts are the same.
-    let per_rad = if joint.kind == JointKind::Revolute { 1f64.to_radians() } else { 1.0 };
+    let per_rad = if joint.kind.turns() { 1f64.to_radians() } else { 1.0 };
     let axis = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
     let (l, d) = (&joint.limit, &joint.dynamics);
@@ -194,7 +194,7 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
             prepend apiSchemas = ["PhysicsDriveAPI:{drive}", "PhysxJointAxisAPI:{drive}", "NewtonJointAPI"]
         )
         {{
-            uniform token physics:axis = "X"
+            uniform token physics:axis = "X"{pitch}
             rel physics:body0 = </{name}/{body0}>
             rel physics:body1 = </{name}/{body1}>
             point3f physics:localPos0 = {place}

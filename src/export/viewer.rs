@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::{look::Look, urdf::escape};
-use crate::model::{ArticulatedModel, JointKind};
+use crate::model::ArticulatedModel;
 
 const PAGE: &str = include_str!("viewer.html");
 
@@ -28,6 +28,8 @@ struct LinkData {
 struct JointData {
     name: String,
     kind: &'static str,
+    /// Advance along the axis per radian, metres.
+    pitch: f64,
     parent: usize,
     child: usize,
     /// Column by column.
@@ -45,10 +47,8 @@ pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>
     let first = model.states.first();
     let joint = |(j, joint): (usize, &crate::model::Joint)| JointData {
         name: joint.name.clone(),
-        kind: match joint.kind {
-            JointKind::Revolute => "revolute",
-            JointKind::Prismatic => "prismatic",
-        },
+        kind: joint.kind.nearest().name(),
+        pitch: joint.kind.pitch_m_per_rad().unwrap_or(0.0),
         parent: joint.parent,
         child: joint.child,
         parent_from_joint: joint.parent_from_joint.to_homogeneous().as_slice().to_vec(),

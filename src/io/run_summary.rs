@@ -69,7 +69,11 @@ impl SummaryJoint {
     #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {
         let step = match self.kind {
-            JointKind::Revolute => Pose::rotation(self.axis.into_inner() * position),
+            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+                let advance_m = self.kind.pitch_m_per_rad().unwrap_or(0.0) * position;
+                let axis = self.axis.into_inner();
+                Pose::from_parts((axis * advance_m).into(), UnitQuaternion::from_scaled_axis(axis * position))
+            }
             JointKind::Prismatic => Pose::from_parts((self.axis.into_inner() * position).into(), UnitQuaternion::identity()),
         };
         self.parent_from_joint * step

@@ -10,12 +10,57 @@ use crate::{
 };
 
 /// What a joint lets its child do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
     /// Turns about the axis; positions in radians.
     Revolute,
     /// Slides along the axis; positions in metres.
     Prismatic,
+    /// Turns about the axis and advances along it; positions in radians.
+    Screw {
+        /// Advance per turn of one radian, metres; negative for a left-handed thread.
+        pitch_m_per_rad: f64,
+    },
+    /// No joint of one freedom explains the motion. The model moves the part along the screw of the observed motion,
+    /// which is the shortest of its kind; positions in radians.
+    Free {
+        /// Advance of that screw per radian, metres.
+        pitch_m_per_rad: f64,
+    },
+}
+
+impl JointKind {
+    /// Whether positions are radians.
+    #[must_use]
+    pub fn turns(self) -> bool {
+        self != Self::Prismatic
+    }
+
+    /// Advance per radian, metres, of a joint that turns and advances.
+    #[must_use]
+    pub fn pitch_m_per_rad(self) -> Option<f64> {
+        match self {
+            Self::Revolute | Self::Prismatic => None,
+            Self::Screw { pitch_m_per_rad } | Self::Free { pitch_m_per_rad } => Some(pitch_m_per_rad),
+        }
+    }
+
+    /// One word: `revolute`, `prismatic`, `screw`, `free`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::Screw { .. } => "screw",
+            Self::Free { .. } => "free",
+        }
+    }
+
+    /// The nearest type that every format knows: a joint that turns is revolute.
+    #[must_use]
+    pub fn nearest(self) -> Self {
+        if self.turns() { Self::Revolute } else { Self::Prismatic }
+    }
 }
 
 /// Where a limit comes from.
@@ -89,6 +134,16 @@ pub struct Link {
     pub inertial: Inertial,
 }
 
+/// How well a link would carry a part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParentScore {
+    /// Score of the best joint of one freedom against that of the free motion: the lower, the simpler the part moves
+    /// against the link.
+    pub excess: f64,
+    /// Distance of link and part, the larger of both states, metres.
+    pub gap_m: f64,
+}
+
 /// What a joint's estimate rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointEvidence {
@@ -102,10 +157,18 @@ pub struct JointEvidence {
     pub tried: usize,
     /// Root mean square distance of the inliers after the motion, metres.
     pub residual_rms_m: f64,
+    /// Standard deviation of the pitch, metres per radian; 0 for a joint without one.
+    pub pitch_std_m_per_rad: f64,
+    /// Squared error of the parameters against what independent observations would give; the covariance holds it.
+    pub dispersion: f64,
     /// Cost of each joint type (Bayesian information criterion; lower is better), by name.
     pub type_scores: BTreeMap<String, f64>,
+    /// Links that could carry the part, by name.
+    pub parents: BTreeMap<String, ParentScore>,
     /// Sentences about low information or disagreement; empty where all is well.
     pub cautions: Vec<String>,
+    /// Sentences about what the observed states cannot tell.
+    pub not_observable: Vec<String>,
 }
 
 /// A joint; its frame is the child link's frame.
@@ -148,10 +211,13 @@ impl Joint {
     /// Motion of the child at a joint position: child frame in the parent frame.
     #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {
-        let step = match self.kind {
-            JointKind::Revolute => Pose::rotation(self.axis.into_inner() * position),
-            JointKind::Prismatic => Pose::from_parts((self.axis.into_inner() * position).into(), nalgebra::UnitQuaternion::identity()),
+        let axis = self.axis.into_inner();
+        let (angle_rad, advance_m) = match self.kind.pitch_m_per_rad() {
+            Some(pitch) => (position, pitch * position),
+            None if self.kind.turns() => (position, 0.0),
+            None => (0.0, position),
         };
+        let step = Pose::from_parts((axis * advance_m).into(), nalgebra::UnitQuaternion::from_scaled_axis(axis * angle_rad));
         self.parent_from_joint * step
     }
 }
@@ -164,5 +230,22 @@ impl ArticulatedModel {
             None => Pose::identity(),
             Some(j) => self.world_from_link(self.joints[j].parent, positions) * self.joints[j].parent_from_child(positions[j]),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::cabinet;
+
+    #[test]
+    fn a_screw_turns_and_advances() {
+        let mut joint = cabinet().joints.remove(0);
+        joint.parent_from_joint = Pose::identity();
+        joint.axis = Vector3::z_axis();
+        joint.kind = JointKind::Screw { pitch_m_per_rad: -0.02 };
+        let moved = joint.parent_from_child(std::f64::consts::FRAC_PI_2) * Point3::new(1.0, 0.0, 0.0);
+        assert!((moved - Point3::new(0.0, 1.0, -0.02 * std::f64::consts::FRAC_PI_2)).norm() < 1e-12, "{moved}");
+        assert_eq!((joint.kind.nearest(), joint.kind.name()), (JointKind::Revolute, "screw"));
     }
 }

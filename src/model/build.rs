@@ -71,8 +71,16 @@ impl ModelConfig {
     }
 }
 
+/// Name of the link of a part; 0 is the static one.
+#[must_use]
+pub fn link_name(part: usize) -> String {
+    if part == 0 { "base".to_owned() } else { format!("part_{part}") }
+}
+
 /// One moving part: its joint as it stands in state 0 (world frame) and its surface there.
 pub struct MovingPart {
+    /// Part that carries it: 0 is the static one, k the k-th moving part. Parents form a tree.
+    pub parent: usize,
     /// What the joint does.
     pub kind: JointKind,
     /// Unit axis, world.
@@ -87,7 +95,7 @@ pub struct MovingPart {
     pub surface: TriangleMesh,
 }
 
-/// Builds the model: a star of moving parts around the static one. Position 0 is state 0. Collision solids follow the
+/// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids follow the
 /// surfaces and leave the observed paths free; masses come from the solids; the limits are the observed interval or the
 /// one that the solids allow.
 #[must_use]
@@ -115,16 +123,19 @@ pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &Mo
 
 /// Links and joints, without solids and masses.
 fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
-    let mut links = vec![link("base".to_owned(), base)];
+    let mut links = vec![link(link_name(0), base)];
+    // In state 0 all frames stand as the world's, each in the point of its joint.
+    let origins: Vec<_> = std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
     let mut joints = Vec::new();
     let positions: Vec<f64> = parts.iter().map(|p| p.motion).collect();
     for (i, part) in parts.into_iter().enumerate() {
-        let parent_from_joint = Pose::from_parts(Translation3::from(part.point.coords), nalgebra::UnitQuaternion::identity());
-        links.push(link(format!("part_{}", i + 1), part.surface.transformed(&parent_from_joint.inverse())));
+        let shift = |v: nalgebra::Vector3<f64>| Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity());
+        let parent_from_joint = shift(part.point.coords - origins[part.parent]);
+        links.push(link(link_name(i + 1), part.surface.transformed(&shift(-part.point.coords))));
         joints.push(Joint {
             name: format!("joint_{}", i + 1),
             kind: part.kind,
-            parent: 0,
+            parent: part.parent,
             child: i + 1,
             parent_from_joint,
             axis: part.axis,

@@ -53,7 +53,7 @@ fn pull_on(model: &ArticulatedModel, link: usize, state: &[f64], frame: &Pose, a
     let weight = Vector3::new(0.0, 0.0, -GRAVITY_M_S2 * inertial.mass_kg);
     match kind {
         JointKind::Prismatic => (axis.dot(&weight), inertial.mass_kg, 1.0),
-        JointKind::Revolute => {
+        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
             let across = arm.cross(axis).norm();
             let turned = world_from_link.rotation.inverse() * axis;
             (axis.dot(&arm.cross(&weight)), turned.dot(&(inertial.inertia * turned)) + inertial.mass_kg * across * across, across)

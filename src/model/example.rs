@@ -69,8 +69,12 @@ fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axi
         inliers: 900,
         tried: 1000,
         residual_rms_m: 0.0012,
+        pitch_std_m_per_rad: 0.0,
+        dispersion: 1.0,
         type_scores: BTreeMap::from([("prismatic".into(), 120.0), ("revolute".into(), 10.0)]),
+        parents: BTreeMap::new(),
         cautions: vec![],
+        not_observable: Vec::new(),
     };
     Joint { name: name.into(), kind, parent: 0, child, parent_from_joint, axis, limit, dynamics: JointDynamics::default(), evidence }
 }

@@ -11,8 +11,8 @@ mod sweep;
 mod tree;
 mod validate;
 
-pub use articulated::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link};
-pub use build::{LimitPolicy, ModelConfig, MovingPart, build};
+pub use articulated::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ParentScore};
+pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use dynamics::assumed_dynamics;
 pub use mass::solids_inertial;
 pub use material::Material;

@@ -61,7 +61,7 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let joint = &model.joints[j];
     let [lower, upper] = model.observed_interval(j);
     let reach = match joint.kind {
-        JointKind::Revolute => MAX_TURN_RAD,
+        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => MAX_TURN_RAD,
         JointKind::Prismatic => length_along(model, joint),
     };
     let free = |q: &f64| {
@@ -108,7 +108,9 @@ fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f
     let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
     let lever_m = match joint.kind {
         JointKind::Prismatic => 1.0,
-        JointKind::Revolute => model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max),
+        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+            model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max)
+        }
     };
     let count = (((end - start).abs() * lever_m / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()

@@ -131,10 +131,12 @@ impl Drawn<'_> {
         let axis = self.joint.axis.into_inner();
         match self.joint.kind {
             JointKind::Prismatic => vec![axis * low, axis * high],
-            JointKind::Revolute => {
+            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+                let pitch_m_per_rad = self.joint.kind.pitch_m_per_rad().unwrap_or(0.0);
                 let radius = 0.4 * AXIS_LENGTH_M * across(&axis);
                 let turn = |k: usize| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64;
-                (0..ARC_POINTS).map(|k| UnitQuaternion::from_scaled_axis(axis * turn(k)) * radius).collect()
+                let at = |turn: f64| UnitQuaternion::from_scaled_axis(axis * turn) * radius + axis * (pitch_m_per_rad * turn);
+                (0..ARC_POINTS).map(|k| at(turn(k))).collect()
             }
         }
     }
@@ -153,7 +155,7 @@ impl Drawn<'_> {
         let j = self.joint;
         let [low, high] = j.limits;
         match j.kind {
-            JointKind::Revolute => format!(
+            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => format!(
                 "{}: {:.1} deg in [{:.1}, {:.1}], axis +-{:.2} deg",
                 j.name,
                 self.position.to_degrees(),

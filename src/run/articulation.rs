@@ -21,7 +21,8 @@ pub(super) struct Search<'a> {
     pub matches: &'a [LiftedMatch],
     pub scene: SceneBox,
     pub truncation_m: f64,
-    pub parts: usize,
+    /// Number of parts, where it is given.
+    pub parts: Option<usize>,
 }
 
 /// Parts and motions.
@@ -62,9 +63,10 @@ impl Search<'_> {
         stages: &mut Stages,
     ) -> Result<Articulation, RunError> {
         match self.fields {
-            [Some(field0), Some(field1)] if config.seeks_consistency() => {
+            [Some(field0), Some(field1)] if config.seeks_consistency() && start.motions.len() > 1 => {
                 self.optimise([field0, field1], start, config, checkpoint, stages)
             }
+            // A static object has nothing to refine.
             _ => Ok(Articulation { motions: start.motions.clone(), starts: start.motions.clone(), labels: start.labels.clone() }),
         }
     }
@@ -95,7 +97,7 @@ impl Search<'_> {
             matches: self.matches,
             scene: self.scene,
             truncation_m: self.truncation_m,
-            parts: self.parts,
+            parts: start.motions.len(),
         };
         let labelled = [0, 1].map(|s| (self.surfaces[s].samples.points.clone(), start.labels[s].clone()));
         let from = match config.run.init {
@@ -110,7 +112,7 @@ impl Search<'_> {
             }
             run(&mut trainer, checkpoint, monitor)
         })?;
-        let starts = from.motions.map_or_else(|| vec![Pose::identity(); self.parts], <[Pose]>::to_vec);
+        let starts = from.motions.map_or_else(|| vec![Pose::identity(); start.motions.len()], <[Pose]>::to_vec);
         let labels = [0, 1].map(|s| trainer.labels(s, &self.surfaces[s].samples.points));
         Ok(Articulation { motions: trainer.motions(), starts, labels })
     }

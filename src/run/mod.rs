@@ -1,5 +1,6 @@
 //! The pipeline: stages in order, progress, cancellation, checkpoints.
 
+mod alignment;
 mod articulation;
 mod batch;
 mod checkpoint;

@@ -157,8 +157,12 @@ mod tests {
             inliers: 0,
             tried: 0,
             residual_rms_m: 0.0,
+            pitch_std_m_per_rad: 0.0,
+            dispersion: 1.0,
             type_scores: std::collections::BTreeMap::new(),
+            parents: std::collections::BTreeMap::new(),
             cautions: Vec::new(),
+            not_observable: Vec::new(),
         };
         let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed, swept: None };
         let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
+    alignment::{align, moved_back},
     articulation::Search,
     fields::train_field,
     matching::{pairs, pixel_matches},
@@ -17,8 +18,8 @@ use crate::{
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CheckFinding, ExportFile, InputFacts, Level, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime, check_folder,
-        compare_starts, looks, nearest_starts, package, report_html,
+        CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime,
+        check_folder, compare_starts, looks, nearest_starts, package, report_html,
     },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
@@ -35,6 +36,13 @@ pub struct Twin {
     pub starts: Vec<Pose>,
     /// The motions that registration found, in its own order.
     pub registered: Vec<Pose>,
+    /// How the number of parts was found.
+    pub part_count: PartCountReport,
+    /// Takes what stands still from state 0's world frame to state 1's, where they differed: the model stands in state
+    /// 0's.
+    pub world1_from_world0: Option<Pose>,
+    /// Sentences about what was chosen.
+    pub notes: Vec<String>,
     /// Sentences about evidence that is weak.
     pub warnings: Vec<String>,
     /// Why the CPU engine took over from the one that was asked for, by state.
@@ -71,7 +79,7 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
 
 /// Refuses what no recording could make right; the name of the twin.
 fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
-    request.config.check().and_then(|()| request.config.run.needed_parts()).map_err(|e| e.with_origin(&request.origins))?;
+    request.config.check().map_err(|e| e.with_origin(&request.origins))?;
     let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     let name = request.name.clone().unwrap_or(found);
     io::RunDir::check(&request.out, &name).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
@@ -94,14 +102,18 @@ fn reconstruct_files(
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
-    let capture = stages.run("capture", None, |_| {
+    let mut capture = stages.run("capture", None, |_| {
         io::open(&request.sources, &config.capture, config.run.seed).map_err(|e| RunError::stage("capture", e))
     })?;
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     let twin = reconstruct_twin(name, &capture, matcher, config, Some(checkpoint), &mut stages)?;
+    if let Some(drift) = &twin.world1_from_world0 {
+        capture.states[1] = moved_back(&capture.states[1], drift);
+    }
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
-    let files = stages.run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look))))?;
+    let files = stages
+        .run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export)))?;
     let found = stages
         .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &images, &stages));
@@ -126,13 +138,20 @@ pub fn reconstruct_twin(
     // The noise model scaled to what the recording shows.
     let config = &Config { capture: CaptureConfig { noise: capture.noise, ..config.capture.clone() }, ..config.clone() };
     let noise = &config.capture.noise;
-    let parts = config.run.needed_parts()?;
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
-    let band = Band::of(frames, &scene, noise, &config.surface);
     let matches =
         stages.run("match", matcher.map(|_| pairs(capture, &config.matching)), |m| pixel_matches(capture, matcher, &config.matching, m))?;
     let matches = lift(frames, &matches, noise);
+    let aligned = stages.run("align", None, |_| align(frames, &matches, &scene, config))?;
+    aligned.iter().for_each(|a| stages.monitor.warn(&a.note));
+    let drift = aligned.as_ref().map(|a| a.state1_from_state0);
+    let (frames, matches) = match &aligned {
+        Some(a) => ([frames[0], &a.frames[..]], &a.matches),
+        None => (frames, &matches),
+    };
+    let scene = scene_box(frames, noise).unwrap_or(scene);
+    let band = Band::of(frames, &scene, noise, &config.surface);
     let occupancy = occupancy(frames, &scene, &band);
     let mut fields = Vec::with_capacity(2);
     let mut surfaces = Vec::with_capacity(2);
@@ -166,15 +185,17 @@ pub fn reconstruct_twin(
         frames,
         surfaces,
         fields: [field0.as_ref(), field1.as_ref()],
-        matches: &matches,
+        matches,
         scene,
         truncation_m: band.truncation_m,
-        parts,
+        parts: config.run.parts,
     };
     let registration = stages.run("register", None, |_| search.register(config))?;
     registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
+    registration.notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
     let articulation = search.articulate(&registration, config, checkpoint, stages)?;
-    let joints = stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, &matches, &scene, config)))?;
+    let joints = stages
+        .run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, drift.is_some(), config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);
     if !findings.is_empty() {
@@ -182,7 +203,9 @@ pub fn reconstruct_twin(
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
     let (starts, registered) = (articulation.starts[1..].to_vec(), registration.motions[1..].to_vec());
-    Ok(Twin { model, starts, registered, warnings: registration.warnings, replaced_engines })
+    let part_count = PartCountReport::new(config.run.parts, &registration, config.register.least_score);
+    let warnings = aligned.into_iter().map(|a| a.note).chain(registration.warnings).collect();
+    Ok(Twin { model, starts, registered, part_count, world1_from_world0: drift, notes: registration.notes, warnings, replaced_engines })
 }
 
 /// Cells near the object in either state.
@@ -229,13 +252,14 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         },
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
+        part_count: Some(twin.part_count.clone()),
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
         device: device(request.config.run.engine, twin.replaced_engines.len()),
-        notes: capture.notes.iter().chain(&twin.replaced_engines).cloned().collect(),
+        notes: capture.notes.iter().chain(&twin.notes).chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
 }

@@ -8,7 +8,10 @@ use super::{
     state_surface::{Band, StateSurface},
 };
 use crate::{
-    articulate::{JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, label_grid, part_joint, part_tsdf},
+    articulate::{
+        JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
+        label_grid, part_tsdf, select,
+    },
     capture::RgbdFrame,
     config::Config,
     geometry::{NearestPoints, Pose, SceneBox},
@@ -16,15 +19,17 @@ use crate::{
     surface::{TriangleMesh, keep_components, marching_cubes},
 };
 
-/// Joints of all moving parts, in the order of the parts.
+/// Joints of all moving parts, in the order of the parts. Where the states were `aligned`, coarsely so far, what is left of
+/// the static part's motion is taken out of theirs.
 pub(super) fn joints(
     frames: [&[RgbdFrame]; 2],
     surfaces: [&StateSurface; 2],
     articulation: &Articulation,
     matches: &[LiftedMatch],
     scene: &SceneBox,
+    aligned: bool,
     config: &Config,
-) -> Vec<JointEstimate> {
+) -> Vec<TreeJointEstimate> {
     let states = [0, 1].map(|s| ObservedState {
         frames: frames[s],
         samples: &surfaces[s].samples,
@@ -35,12 +40,14 @@ pub(super) fn joints(
     });
     let extent_m = scene.extent_m();
     let owners = match_owners(matches, &articulation.motions, config.joint.refine.reach * extent_m);
-    (1..articulation.motions.len())
-        .map(|part| {
-            let own: Vec<LiftedMatch> = matches.iter().zip(&owners).filter(|(_, o)| **o == Some(part)).map(|(m, _)| *m).collect();
-            part_joint(part as u8, &articulation.motions[part], &states, &own, &config.capture.noise, extent_m, &config.joint)
-        })
-        .collect()
+    let gather = |part: usize| {
+        let own: Vec<LiftedMatch> = matches.iter().zip(&owners).filter(|(_, o)| **o == Some(part)).map(|(m, _)| *m).collect();
+        PartEvidence::gather(part as u8, &articulation.motions[part], &states, &own, &config.capture.noise, extent_m, &config.joint)
+    };
+    let parts: Vec<PartEvidence> = (1..articulation.motions.len()).map(gather).collect();
+    let root = if aligned { gather(0).free_motion(&states, &config.joint) } else { ParentMotion::still() };
+    let still = [0, 1].map(|s| select(states[s].samples, states[s].labels, 0));
+    kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint)
 }
 
 /// The motion that explains each match best; `None` where none comes within `reach_m`.
@@ -60,7 +67,7 @@ pub(super) fn assemble(
     name: &str,
     surfaces: [&StateSurface; 2],
     articulation: &Articulation,
-    joints: Vec<JointEstimate>,
+    joints: Vec<TreeJointEstimate>,
     band: &Band,
     config: &Config,
 ) -> Result<ArticulatedModel, RunError> {
@@ -81,10 +88,10 @@ pub(super) fn assemble(
     };
     let base = part_surface(0, &Pose::identity())?;
     let mut parts = Vec::with_capacity(joints.len());
-    for (i, joint) in joints.into_iter().enumerate() {
+    for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {
         let surface = part_surface(i + 1, &joint.state1_from_state0)?;
         let JointEstimate { kind, axis, point, motion, evidence, .. } = joint;
-        parts.push(MovingPart { kind, axis, point, motion, evidence, surface });
+        parts.push(MovingPart { parent, kind, axis, point, motion, evidence, surface });
     }
     Ok(build(name, base, parts, &config.model))
 }

@@ -1,0 +1,267 @@
+//! Which of the proposed motions are parts: each must explain what no other does, measured on what it was not fitted to.
+//!
+//! The motion with the least evidence of its own is dropped, and the others take over what they can, until all that are
+//! left have enough. Two motions of one part share their evidence, so that one of them goes first.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::{
+    RegisterError,
+    labeling::{FREE, HIDDEN},
+    register::{Run, occupied_cells},
+    residual::unexplained,
+};
+use crate::geometry::Pose;
+
+/// Cost of a sample in space that was seen empty, in lost landings: one in fifty true points is there by errors of depth
+/// and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach loses.
+const CONTRADICTED: f64 = 1.3;
+/// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
+/// three dimensions and its look, a wrong surface by its distance in one.
+const SURFACE_WEIGHT: f64 = 0.16;
+/// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by chance. Three
+/// fix the motion, and where one in a thousand lands in the gate, six or seven of 300 are expected on some motion of the
+/// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
+const CHANCE: f64 = 5.0;
+/// Most that surface counts for a motion without matches, cells.
+const SURFACE_ALONE: f64 = 30.0;
+/// Motions with less evidence than this many times the least are said to rest on little of it.
+const LITTLE: f64 = 1.5;
+/// A further motion with more than this share of the least evidence is told.
+const NEARLY: f64 = 0.7;
+/// Share of the surface that may move unexplained.
+const UNEXPLAINED_SHARE: f64 = 0.02;
+
+/// Evidence for a number of parts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct EvidencePoint {
+    /// Number of parts, the static one included.
+    pub parts: usize,
+    /// What the motions explain, each alone: cells of matches, and a sixth of the cells of surface.
+    pub evidence: f64,
+    /// Evidence of the weakest motion and no other; none where nothing moves.
+    pub weakest: Option<f64>,
+}
+
+/// The motions that are parts.
+pub(super) struct PartCount {
+    pub motions: Vec<Pose>,
+    pub curve: Vec<EvidencePoint>,
+    pub notes: Vec<String>,
+    pub warnings: Vec<String>,
+}
+
+/// Motions on the way from many to none.
+struct Step {
+    motions: Vec<Pose>,
+    point: EvidencePoint,
+    /// Share of the surface that each motion explains and no other.
+    shares: Vec<f64>,
+}
+
+impl Run<'_> {
+    /// The most motions of which each has the evidence that a part needs; not more than make `parts` parts, where that is
+    /// given.
+    pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
+        let least = self.config.least_score;
+        let steps = self.steps(motions);
+        let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+        let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least);
+        let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
+        let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
+        let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
+            return Err(RegisterError::NoOverlap { static_percent: 0.0 });
+        };
+        let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+        self.check(&chosen.motions, parts, &chosen.shares, &mut notes)?;
+        let found = chosen.motions.len();
+        let evident = most.map_or(found, |s| s.motions.len());
+        if evident > found {
+            warnings.push(format!("the evidence is for {evident} parts, {found} were asked for"));
+        }
+        if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
+            warnings.push(format!("one of the {found} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}"));
+        }
+        let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
+        if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
+            notes.push(format!("a further motion has {weakest:.1} of the {least} cells of evidence that a part needs"));
+        }
+        Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
+    }
+
+    /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
+    /// static part alone.
+    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+        let mut steps = Vec::new();
+        loop {
+            while self.thin(&mut motions) {
+                self.round(&mut motions);
+            }
+            let (scores, shares) = self.weighed(&motions);
+            steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
+            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+            let Some(k) = weakest else { return steps };
+            motions.remove(k);
+            self.round(&mut motions);
+        }
+    }
+
+    /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
+    fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+        let (labels, _) = self.labels(motions);
+        let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
+        let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
+        (scores, shares(&costs, motions.len()))
+    }
+
+    /// Drops motions that have less than the least evidence even where a surface that the other state hid counts as one
+    /// that is missing there, the weakest first; false where there are none.
+    fn thin(&self, motions: &mut Vec<Pose>) -> bool {
+        let before = motions.len();
+        let mut costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, None));
+        while motions.len() > 1 {
+            let scores = self.scores(motions, &shares(&costs, motions.len()));
+            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+            let Some(k) = weakest.filter(|&k| scores[k] < self.config.least_score) else { break };
+            let count = motions.len();
+            motions.remove(k);
+            for c in &mut costs {
+                *c = c.chunks_exact(count).flat_map(|row| row.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, c)| *c)).collect();
+            }
+        }
+        motions.len() < before
+    }
+
+    /// Refuses what the motions that are left do not explain.
+    fn check(&self, motions: &[Pose], parts: Option<usize>, shares: &[f64], notes: &mut Vec<String>) -> Result<(), RegisterError> {
+        let static_percent = 100.0 * shares[0];
+        let one = motions.len() == 1;
+        if shares[0] < self.config.least_static_share {
+            return Err(RegisterError::NoOverlap { static_percent });
+        }
+        let (found, moving) = (motions.len(), motions.len() - 1);
+        match parts {
+            Some(_) if one => Err(RegisterError::NoMotion { static_percent }),
+            Some(asked) if asked > found => {
+                let support: Vec<String> = shares.iter().skip(1).map(|s| format!("{:.1} % of the surface", 100.0 * s)).collect();
+                Err(RegisterError::FewerParts { asked, found, moving, support: support.join(", ") })
+            }
+            _ => {
+                let moved = unexplained(&self.evidence, motions);
+                let of = |s: usize| moved[s].iter().filter(|m| **m).count() as f64 / moved[s].len().max(1) as f64;
+                let moved_percent = 100.0 * of(0).max(of(1));
+                if one && of(0).min(of(1)) > UNEXPLAINED_SHARE {
+                    return Err(RegisterError::Unexplained { moved_percent });
+                }
+                if one {
+                    notes.push(format!(
+                        "no part moved: {static_percent:.0} % of the surface stands still and {moved_percent:.1} % left its place; the twin has one part"
+                    ));
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Share of the surface whose place speaks for each motion: what speaks against it if, patch by patch, it followed the
+    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks against no motion.
+    fn contradicted(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
+        let mut gains = vec![0.0; motions];
+        for s in 0..2 {
+            let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
+            of.sort_unstable();
+            for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+                let own = usize::from(group[0].0);
+                let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
+                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
+                let total = |k: usize| group.iter().map(|g| against(costs[s][g.2 * motions + k])).sum::<f64>();
+                let worst = CONTRADICTED * group.len() as f64;
+                gains[own] += (others.into_iter().map(total).fold(worst, f64::min) - total(own)).max(0.0);
+            }
+        }
+        let count = labels.iter().map(Vec::len).sum::<usize>();
+        gains.into_iter().map(|g| g / count.max(1) as f64).collect()
+    }
+
+    /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all other motions; the
+    /// state with fewer decides.
+    fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
+        let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
+        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
+            let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
+            for (k, motion) in motions.iter().enumerate() {
+                let support = self.gate.support(m, motion);
+                if support > first {
+                    (second, first, follows) = (first, support, k);
+                } else {
+                    second = f64::max(second, support);
+                }
+            }
+            for (cells, point) in best[follows].iter_mut().zip([&m.point0, &m.point1]) {
+                let value = cells.entry(cell(point)).or_default();
+                *value = value.max(first - second);
+            }
+        }
+        let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
+        best.iter().map(|[a, b]| sum(a).min(sum(b))).collect()
+    }
+
+    /// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance, and the cells of surface
+    /// that it explains, which weigh less because a plane explains any other.
+    fn scores(&self, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
+        let score = |(cells, share): (f64, &f64)| {
+            let cells = f64::max(cells - CHANCE, 0.0);
+            cells + (SURFACE_WEIGHT * share * surface as f64).min(2.0 * cells + SURFACE_ALONE)
+        };
+        self.match_cells(motions).into_iter().zip(shares).map(score).collect()
+    }
+}
+
+/// The evidence of motions, the first of which is the static part's.
+fn point(scores: &[f64]) -> EvidencePoint {
+    let moving = &scores[1..];
+    EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
+}
+
+/// What the cost of a sample says against a motion: a landing's own cost, which is `z^2 / 6` for a small deviation of `z`
+/// standard deviations; nothing where the other state did not see; a contradiction's where it saw empty space.
+fn against(cost: f32) -> f64 {
+    if cost >= FREE {
+        CONTRADICTED
+    } else if cost >= HIDDEN {
+        0.0
+    } else {
+        f64::from(cost)
+    }
+}
+
+/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it, where only
+/// landing on a surface counts as an explanation.
+pub(super) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
+    let mut gains = vec![0.0; motions];
+    for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
+        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
+        for (k, &c) in sample.iter().enumerate() {
+            let c = if c >= HIDDEN { 1.0 } else { c };
+            if c < best {
+                (second, best, winner) = (best, c, k);
+            } else {
+                second = second.min(c);
+            }
+        }
+        gains[winner] += f64::from(second - best);
+    }
+    let count = costs.iter().map(Vec::len).sum::<usize>() / motions.max(1);
+    gains.into_iter().map(|g| g / count.max(1) as f64).collect()
+}
+
+#[cfg(test)]
+#[path = "part_count_tests.rs"]
+mod tests;

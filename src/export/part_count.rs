@@ -1,0 +1,67 @@
+//! How the number of parts was found, for both reports.
+
+use std::fmt::Write as _;
+
+use serde::{Deserialize, Serialize};
+
+use super::number::{decimal, round_significant};
+use crate::articulate::{EvidencePoint, Registration};
+
+/// Significant digits of evidence.
+const DIGITS: usize = 6;
+
+/// How the number of parts was found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PartCountReport {
+    /// Number of parts that was asked for; none where the evidence chose it.
+    pub given: Option<usize>,
+    /// Number of parts of the twin, the static one included.
+    pub found: usize,
+    /// Evidence that a moving part must bring, cells.
+    pub least_evidence: f64,
+    /// Evidence by number of parts, fewest first.
+    pub curve: Vec<EvidencePointReport>,
+}
+
+/// Evidence for a number of parts, in cells of matches and sixths of cells of surface.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EvidencePointReport {
+    /// Number of parts, the static one included.
+    pub parts: usize,
+    /// What the motions explain, each alone.
+    pub evidence: f64,
+    /// What the weakest motion alone explains.
+    pub weakest: Option<f64>,
+}
+
+impl PartCountReport {
+    /// Of a registration that was asked for `given` parts, or for as many as there are.
+    #[must_use]
+    pub fn new(given: Option<usize>, registration: &Registration, least_evidence: f64) -> Self {
+        let point = |p: &EvidencePoint| EvidencePointReport {
+            parts: p.parts,
+            evidence: round_significant(p.evidence, DIGITS),
+            weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
+        };
+        let curve = registration.curve.iter().rev().map(point).collect();
+        Self { given, found: registration.motions.len(), least_evidence, curve }
+    }
+
+    /// Rows of a table: number of parts, evidence, weakest motion; the chosen one marked.
+    pub(super) fn rows(&self) -> String {
+        let mut rows = String::new();
+        for p in &self.curve {
+            let mark = if p.parts == self.found { " (the twin)" } else { "" };
+            let weakest = p.weakest.map_or_else(String::new, |w| decimal(w, 1));
+            // Writing to a string cannot fail.
+            writeln!(
+                rows,
+                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td></tr>",
+                p.parts,
+                decimal(p.evidence, 1),
+            )
+            .ok();
+        }
+        rows
+    }
+}
