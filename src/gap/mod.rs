@@ -1,5 +1,6 @@
 //! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
 
+pub mod assess;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;

@@ -194,7 +194,7 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize) -> Vec<Vec<Hit>> 
 /// Whether an effect says something that those already there do not say by themselves.
 fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
     let own = &problem.catalogue[effect];
-    let contains = |e: &dyn super::effect::Effect, other: &str| e.contains().contains(&other);
+    let contains = |e: &dyn super::effect::Effect, other: &str| e.spec().contains.contains(&other);
     names.iter().all(|n| {
         let there = problem.catalogue.iter().find(|e| e.name() == *n);
         !contains(own.as_ref(), n) && there.is_none_or(|t| !contains(t.as_ref(), own.name()))

@@ -184,7 +184,7 @@ fn special_case<'s>(problem: &Problem, found: &'s Search, chosen: &'s Candidate)
         let lost: Vec<usize> = own.iter().copied().filter(|e| !other.contains(e)).collect();
         let new: Vec<usize> = other.iter().copied().filter(|e| !own.contains(e)).collect();
         match (lost.as_slice(), new.as_slice()) {
-            ([a], [b]) => problem.catalogue[*a].contains().contains(&problem.catalogue[*b].name()),
+            ([a], [b]) => problem.catalogue[*a].spec().contains.contains(&problem.catalogue[*b].name()),
             _ => false,
         }
     };
@@ -199,7 +199,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
     let own_names = names(&own);
     let generalizes = |effects: &[usize]| {
-        effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].contains().iter().any(|n| own_names.contains(n)))
+        effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
     };
     // Without a load that depends on the position, a gain of the effort and a scale of the position are one effect.
     let twins = [("torque_gain", "encoder_scale"), ("encoder_scale", "torque_gain")];
@@ -261,7 +261,7 @@ fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)],
             parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
             weight: 1.0 / total,
             alternatives,
-            experiment: effect.experiment().to_owned(),
+            experiment: effect.spec().experiment.to_owned(),
         });
         at += n;
     }
