@@ -132,6 +132,8 @@ pub struct Coverage {
     pub interval_s: f64,
     /// Inertia of the twin.
     pub inertia: f64,
+    /// Viscous damping of the twin.
+    pub damping: f64,
     /// Standard deviation of the positions' noise.
     pub position_noise: f64,
     /// Duration of each run.
@@ -197,6 +199,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Further starting points of a fit that begins at `p`.
     fn restarts(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![p.to_vec()]
+    }
+    /// Whether it stands at the high end of the range, for an effect that has two ends.
+    fn is_upper(&self) -> bool {
+        false
     }
     /// Parameters as a report names them, each with its gradient by the internal parameters.
     fn reported(&self, p: &[f64]) -> Vec<Reported> {

@@ -9,6 +9,7 @@ use crate::{
         drive::Hold,
         effects::catalogue,
         log::JointLog,
+        mjcf,
         plant::Plant,
         recording::Recording,
         report::{self, JointReport},
@@ -112,11 +113,19 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         return Err(RunError::stage("diagnose", why));
     }
     warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, &effects, "twin.urdf");
-    let (mjcf, notes) = update::mjcf(&tree, &joints, &effects, "twin.xml");
+    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf");
+    let (mjcf, notes) = mjcf::mjcf(&tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
     let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))?;
-    let files = [("twin.urdf", urdf), ("twin.xml", mjcf), ("report.json", json + "\n"), ("report.html", report::html(&joints))];
+    let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
+    let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
+    let files = [
+        ("twin.urdf", urdf),
+        ("twin.xml", mjcf),
+        ("report.json", json + "\n"),
+        ("replay.json", replay + "\n"),
+        ("report.html", report::html(&joints)),
+    ];
     for (path, content) in files {
         run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
     }

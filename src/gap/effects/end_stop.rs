@@ -66,4 +66,8 @@ impl Effect for EndStop {
         let at_rate = |rate: f64| vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2]];
         [12.0, 35.0, 90.0].into_iter().map(at_rate).collect()
     }
+
+    fn is_upper(&self) -> bool {
+        self.upper
+    }
 }

@@ -8,13 +8,8 @@ pub struct Inertia;
 
 const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
 
-const SPEC: Spec = Spec {
-    name: "inertia",
-    place: Place::Inertia,
-    parameters: PARAMETERS,
-    contains: &[],
-    experiment: "shake it fast with a known effort",
-};
+const SPEC: Spec =
+    Spec { name: "inertia", place: Place::Inertia, parameters: PARAMETERS, contains: &[], experiment: "shake it fast with a known effort" };
 
 impl Effect for Inertia {
     fn spec(&self) -> &'static Spec {

@@ -6,7 +6,7 @@ use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Resp
 #[derive(Debug)]
 pub struct QuadraticDrag;
 
-const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, true)];
+const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
 
 const SPEC: Spec = Spec {
     name: "quadratic_drag",
