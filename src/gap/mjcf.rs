@@ -10,8 +10,9 @@ use super::{
     update::{exported, note},
 };
 
-/// Step of the file, seconds.
+/// Step of the file, seconds; a delay is a whole number of steps to MuJoCo, so that one asks for finer ones.
 const TIMESTEP_S: f64 = 5e-4;
+const DELAY_TIMESTEP_S: f64 = 1e-4;
 /// Solver impedance of an end stop: the contact's acceleration is that of the fitted spring and damper.
 const STOP_IMPEDANCE: f64 = 0.9995;
 
@@ -44,9 +45,10 @@ pub fn mjcf(tree: &TwinTree, joints: &[JointReport], catalogue: &Catalogue, file
     let mut writer = Writer { tree, joints, catalogue, file, actuators: String::new(), notes: Vec::new() };
     let body = writer.link(tree.root);
     let g = tree.gravity;
+    let timestep_s = if writer.actuators.contains(" delay=") { DELAY_TIMESTEP_S } else { TIMESTEP_S };
     let text = format!(
         "<mujoco model=\"{}\">\n<compiler angle=\"radian\" autolimits=\"false\"/>\n\
-         <option timestep=\"{TIMESTEP_S}\" gravity=\"{} {} {}\" integrator=\"implicitfast\"/>\n\
+         <option timestep=\"{timestep_s}\" gravity=\"{} {} {}\" integrator=\"RK4\"/>\n\
          <worldbody>\n{body}</worldbody>\n<actuator>\n{}</actuator>\n</mujoco>\n",
         tree.name, g.x, g.y, g.z, writer.actuators
     );
@@ -140,7 +142,7 @@ impl Writer<'_> {
             "constant_bias" => a.bias += p[0],
             "torque_gain" => a.gear *= p[0],
             "delay" => {
-                let kept = (p[0] / TIMESTEP_S).ceil() as usize + 2;
+                let kept = (p[0] / DELAY_TIMESTEP_S).ceil() as usize + 2;
                 return write!(a.actuator, " delay=\"{}\" nsample=\"{kept}\"", p[0]).is_ok();
             }
             "end_stop" => {

@@ -20,6 +20,7 @@ pub mod report;
 pub mod rollout;
 pub mod screen;
 pub mod search;
+pub mod simplify;
 pub mod smooth;
 pub mod twin_tree;
 pub mod update;

@@ -3,12 +3,13 @@
 use rayon::prelude::*;
 
 use super::{
-    effect::Place,
+    effect::{At, Place, Response, run_time_s},
     fit::{Fit, Free, MAX_FIT_FREE, Pace, fit},
     joint_model::JointModel,
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
+    smooth::Trace,
 };
 
 /// A fitted set of effects.
@@ -86,9 +87,41 @@ fn price(problem: &Problem, model: &JointModel) -> f64 {
     model.terms.iter().map(one).sum()
 }
 
-fn candidate(problem: &Problem, fit: Fit) -> Candidate {
+/// A fit with its score.
+#[must_use]
+pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
-    Candidate { score: if score.is_finite() { score } else { f64::NEG_INFINITY }, fit }
+    let whole = fit.model.terms.len() < 2 || fit.model.terms.iter().all(|t| is_felt(problem, t));
+    Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
+}
+
+/// Effort, as a share of the recorded efforts' root mean square, that an effect beside others must reach somewhere. What
+/// is smaller mends the shape of the others.
+const MIN_FELT: f64 = 0.02;
+
+/// Whether an effort or a friction is strong enough to stand beside other effects.
+fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
+    let effect = &problem.catalogue[term.effect];
+    if !matches!(effect.place(), Place::Effort | Place::Friction) {
+        return true;
+    }
+    let least = MIN_FELT * problem.coverage.effort_rms;
+    let strong = |(index, trace): (usize, &Trace)| {
+        let log = &problem.logs[index];
+        let mut others = [0.0; 8];
+        (0..trace.position.len()).step_by(3).any(|k| {
+            for (x, other) in others.iter_mut().zip(&log.others) {
+                *x = other[k];
+            }
+            let direction = if trace.velocity[k] < 0.0 { -1.0 } else { 1.0 };
+            let t = run_time_s(index, log, k);
+            let at = At { q: trace.position[k], v: trace.velocity[k], u: trace.effort[k], t, direction, others: &others };
+            let mut response = Response::default();
+            effect.respond(&at, &term.p, &mut response);
+            response.value.abs() >= least
+        })
+    };
+    problem.traces.iter().enumerate().any(strong)
 }
 
 /// The twin as it is, with its start states and noise fitted.
@@ -118,7 +151,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
             let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
-            if rank == 0 && hope < wanted {
+            if rank == 0 && hope < MIN_GAIN {
                 return Search { by_size };
             }
             found.extend(grow(problem, parent, &hits));
@@ -169,10 +202,16 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
         candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::QUICK))
     };
     let mut fits: Vec<Candidate> = best_of_each_set(jobs.par_iter().map(first).collect());
-    let last = |c: &Candidate| {
+    let further = |c: &Candidate| {
         let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
         let again = candidate(problem, again);
         if again.score > c.score { again } else { c.clone() }
+    };
+    // Play is found window by window; under the smaller noise of a better fit more of them find their side of the gap.
+    let has_play = |c: &Candidate| c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
+    let last = |c: &Candidate| {
+        let once = further(c);
+        if has_play(&once) { further(&further(&once)) } else { once }
     };
     let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(last).collect();
     fits.splice(..ended.len(), ended);

@@ -11,6 +11,7 @@ use super::{
     problem::Problem,
     screen::Screen,
     search::{Breadth, Candidate, Search, search},
+    simplify::simplified,
 };
 
 /// What a diagnosis ends in.
@@ -116,8 +117,6 @@ impl Diagnosis {
 const NAME_WEIGHT: f64 = 0.95;
 /// Weight below which an alternative is not worth a word.
 const ALTERNATIVE_WEIGHT: f64 = 0.02;
-/// Score by which a special case may fall behind the effect that contains it.
-const SPECIAL_CASE: f64 = 10.0;
 /// Share of the explained that a table over one variable may still find before the names count as wrong.
 const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
@@ -165,7 +164,7 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
         };
     }
     let found = search(problem, &Breadth::default());
-    let chosen = special_case(problem, &found, found.accepted());
+    let chosen = &simplified(problem, found.accepted());
     let base = &found.by_size[0][0];
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise = fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, Pace::thorough(1));
@@ -202,23 +201,6 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
     let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
     left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
-}
-
-/// The candidate itself, or one of its size in which an effect is replaced by a special case of it and that does about
-/// as well.
-fn special_case<'s>(problem: &Problem, found: &'s Search, chosen: &'s Candidate) -> &'s Candidate {
-    let size = chosen.fit.model.terms.len();
-    let is_special = |c: &Candidate| {
-        let (own, other) = (chosen.effects(), c.effects());
-        let lost: Vec<usize> = own.iter().copied().filter(|e| !other.contains(e)).collect();
-        let new: Vec<usize> = other.iter().copied().filter(|e| !own.contains(e)).collect();
-        match (lost.as_slice(), new.as_slice()) {
-            ([a], [b]) => problem.catalogue[*a].spec().contains.contains(&problem.catalogue[*b].name()),
-            _ => false,
-        }
-    };
-    let simpler = found.by_size[size].iter().find(|c| is_special(c) && c.score > chosen.score - SPECIAL_CASE);
-    simpler.unwrap_or(chosen)
 }
 
 /// Candidates of the same size that explain about as much, with their weights relative to the chosen one. Effects that

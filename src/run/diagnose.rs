@@ -64,8 +64,7 @@ struct Split {
 /// [`RunError`] where the twin or a run cannot be read, nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let tree = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
-    let text = std::fs::read_to_string(&request.twin).map_err(|e| failed("twin", &e))?;
+    let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
     let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
     let mut warnings = Vec::new();
     let mut recordings: Vec<(Recording, bool)> = Vec::new();

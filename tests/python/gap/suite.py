@@ -18,6 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 import generate
+import replay
 import score
 from table import table
 
@@ -79,6 +80,12 @@ def one(job):
         record |= dict(findings=report["findings"], gap={k: report["gap"][k] for k in ("before", "after", "noise_floor")})
         record["place"] = score.place(truth, report)
         record["covered"] = score.coverage(truth, report)
+        named = {f["joint"] for f in report["findings"]}
+        mjcf = [e for e in report["exports"] if e["format"] == "mjcf"]
+        if len(named) == 1 and all(e["status"] == "native" for e in mjcf):
+            joint = named.pop()
+            own = [r["after"] ** 2 for r in report["gap"]["runs"] if r["joint"] == joint]
+            record["replay"] = replay.replay(out, [case / f"run_{r}" for r in range(runs)])[joint] / (sum(own) / len(own)) ** 0.5
     result.parent.mkdir(exist_ok=True)
     part = result.with_suffix(".part")
     part.write_text(json.dumps(record))

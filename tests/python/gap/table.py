@@ -82,6 +82,10 @@ def figures(results):
     lines = []
     if left:
         lines.append(f"Gap left on held-out runs, (after - floor) / (before - floor), {len(left)} named cases: median {share(left, 0.5):.3f}, 95th percentile {share(left, 0.95):.3f}.")
+    replays = [r["replay"] for r in results if "replay" in r]
+    if replays:
+        near = sum(abs(x - 1) < 0.03 for x in replays)
+        lines.append(f"Exported MJCF rolled out by MuJoCo over `after`, {len(replays)} cases whose effects are native: within 3 % in {near}, median {share(replays, 0.5):.3f}, highest {max(replays):.3f}.")
     if times:
         lines.append(f"CPU per joint and 50 s of fitted log: median {share(times, 0.5):.1f} s, 95th percentile {share(times, 0.95):.1f} s.")
     return lines
