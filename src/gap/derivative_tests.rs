@@ -91,7 +91,7 @@ fn plant() -> Plant {
 
 fn last(model: &JointModel, start: Start) -> (f64, [f64; 16]) {
     let (log, effects) = (log(), catalogue(1));
-    let drive = Drive::new(&log, Hold::Linear, model.delay_s(&effects));
+    let drive = Drive::new(&log, Hold::Linear, model.delay_s(&effects), 1);
     let mut out = Rollout::default();
     roll(model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
     (out.position[199], out.rows[199])
@@ -129,7 +129,7 @@ fn a_joint_that_sticks_stands_still() {
     let mut log = log();
     log.effort = vec![0.5; 200];
     let held = Plant { friction: 2.0, load: Load::default(), ..plant() };
-    let drive = Drive::new(&log, Hold::Zero, 0.0);
+    let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
     let mut out = Rollout::default();
     let start = Start { position: 0.3, velocity: 0.0, play: 0.0 };
     roll(&JointModel::of(&held), &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);

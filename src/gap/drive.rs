@@ -62,11 +62,11 @@ impl Signal<'_> {
 }
 
 impl Drive {
-    /// The effort of a log, acting `delay_s` late.
+    /// The effort of a log, acting `delay_s` late, with `finer` times the usual steps.
     #[must_use]
-    pub fn new(log: &JointLog, hold: Hold, delay_s: f64) -> Self {
+    pub fn new(log: &JointLog, hold: Hold, delay_s: f64, finer: usize) -> Self {
         let n = log.time_s.len();
-        let steps = log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize);
+        let steps = log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize) * finer;
         let mut drive = Self { steps, effort: Vec::with_capacity(n * steps), by_delay: Vec::with_capacity(n * steps) };
         if n < 2 {
             return drive;

@@ -132,6 +132,8 @@ pub struct Coverage {
     pub interval_s: f64,
     /// Inertia of the twin.
     pub inertia: f64,
+    /// Viscous damping of the twin.
+    pub damping: f64,
     /// Standard deviation of the positions' noise.
     pub position_noise: f64,
     /// Duration of each run.
@@ -153,14 +155,37 @@ pub fn run_time_s(log_index: usize, log: &JointLog, sample: usize) -> f64 {
     RUN_SPACING_S * log_index as f64 + log.time_s[sample]
 }
 
+/// What is fixed about an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Spec {
+    /// Name in reports.
+    pub name: &'static str,
+    /// Where it enters.
+    pub place: Place,
+    /// Its parameters, those that have a neutral value first.
+    pub parameters: &'static [Parameter],
+    /// Effects that it contains as special cases; they are preferred where they do as well.
+    pub contains: &'static [&'static str],
+    /// The recording that would tell it from what resembles it.
+    pub experiment: &'static str,
+}
+
 /// A candidate. One file in `effects/` each.
 pub trait Effect: Sync + Send + std::fmt::Debug {
+    /// What is fixed about it.
+    fn spec(&self) -> &'static Spec;
     /// Name in reports.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &'static str {
+        self.spec().name
+    }
     /// Where it enters.
-    fn place(&self) -> Place;
-    /// Its parameters, those that have a neutral value first.
-    fn parameters(&self) -> &'static [Parameter];
+    fn place(&self) -> Place {
+        self.spec().place
+    }
+    /// Its parameters.
+    fn parameters(&self) -> &'static [Parameter] {
+        self.spec().parameters
+    }
     /// Value and derivatives; only for [`Place::Effort`] and [`Place::Friction`].
     fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the motion
@@ -175,6 +200,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn restarts(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![p.to_vec()]
     }
+    /// Whether it stands at the high end of the range, for an effect that has two ends.
+    fn is_upper(&self) -> bool {
+        false
+    }
     /// Parameters as a report names them, each with its gradient by the internal parameters.
     fn reported(&self, p: &[f64]) -> Vec<Reported> {
         let unit = |i: usize| {
@@ -188,12 +217,6 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
             .map(|(i, spec)| Reported { name: spec.name, dimension: spec.dimension, value: p[i], gradient: unit(i) })
             .collect()
     }
-    /// Effects that it contains as special cases; they are preferred where they do as well.
-    fn contains(&self) -> &'static [&'static str] {
-        &[]
-    }
-    /// The recording that would tell it from what resembles it.
-    fn experiment(&self) -> &'static str;
 }
 
 /// A parameter as a report gives it.

@@ -75,6 +75,7 @@ struct Block {
     start: Matrix2<f64>,
     cross: DMatrix<f64>,
     start_gradient: Vector2<f64>,
+    gradient: DVector<f64>,
 }
 
 /// Normal equations of all windows.
@@ -159,6 +160,7 @@ fn evaluate_columns<const W: usize>(
             start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
             cross,
             start_gradient: Vector2::new(sums[0][residual], sums[1][residual]),
+            gradient: DVector::from_fn(free, |i, _| if frozen[i] { 0.0 } else { sums[2 + i][residual] }),
         });
     }
     let lag = model.lag_s / problem.lag_sigma_s;
@@ -231,9 +233,31 @@ fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointMod
 /// missing play for noise, a window that starts on the wrong side of the gap would never leave it.
 const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
 
+/// How long a fit goes on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Rounds; the noise is estimated anew between them.
+    pub rounds: usize,
+    /// Most steps of a round.
+    pub steps: usize,
+    /// A step that gains less, and less than this share of 15 000 times the cost, is the last.
+    pub enough: f64,
+}
+
+impl Pace {
+    /// To the end.
+    #[must_use]
+    pub const fn thorough(rounds: usize) -> Self {
+        Self { rounds, steps: MAX_STEPS, enough: 0.05 }
+    }
+
+    /// Far enough to tell which candidates lead.
+    pub const QUICK: Self = Self { rounds: 2, steps: 5, enough: 1.0 };
+}
+
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
 #[must_use]
-pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, rounds: usize) -> Fit {
+pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, pace: Pace) -> Fit {
     let mut model = model.clone();
     let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
     let mut sigma_u = sigma_u.max(problem.min_sigma_u);
@@ -244,15 +268,15 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
         restart(problem, &model, &mut starts, &whitening, &frozen);
-        iterate(problem, &mut model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace);
     }
-    for round in 0..rounds.max(1) {
+    for round in 0..pace.rounds.max(1) {
         if round > 0 || !anneal.is_empty() {
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
         restart(problem, &model, &mut starts, &whitening, &frozen);
-        iterate(problem, &mut model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace);
     }
     let end = evaluate(problem, &model, &starts, &whitening, &frozen);
     let log_likelihood = restricted(problem, &model, &end, &whitening);
@@ -294,10 +318,10 @@ fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitenin
 /// Most steps of one round.
 const MAX_STEPS: usize = 14;
 
-fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, whitening: &Whitening, frozen: &[bool]) {
+fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, whitening: &Whitening, frozen: &[bool], pace: Pace) {
     let mut damping = 1e-4;
     let mut now = evaluate(problem, model, starts, whitening, frozen);
-    for _ in 0..MAX_STEPS {
+    for _ in 0..pace.steps {
         let Some(step) = solve(&now.normal, frozen, damping) else {
             damping = (damping * 10.0).max(1e-4);
             continue;
@@ -324,7 +348,7 @@ fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, w
             let gained = now.cost - trial.cost;
             (*model, *starts, now) = (trial_model, trial_starts, trial);
             damping = (damping * 0.2).max(1e-7);
-            if gained < 0.05 + 3e-6 * now.cost {
+            if gained < pace.enough * (1.0 + 6e-5 * now.cost) {
                 break;
             }
         } else {
@@ -336,23 +360,30 @@ fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, w
     }
 }
 
+/// Covariance of the parameters: that of the whitened residuals, widened where the windows disagree by more than that.
 fn covariance(normal: &Normal, frozen: &[bool]) -> DMatrix<f64> {
     let mut s = normal.hessian.clone();
+    let n = s.nrows();
+    let mut scatter = DMatrix::zeros(n, n);
     for b in &normal.blocks {
         if let Some(inverse) = b.start.try_inverse() {
-            s -= b.cross.transpose() * inverse * &b.cross;
+            let weighted = b.cross.transpose() * inverse;
+            s -= &weighted * &b.cross;
+            let own = &b.gradient - &weighted * b.start_gradient;
+            scatter += &own * own.transpose();
         }
     }
-    let n = s.nrows();
-    for i in 0..n {
-        if frozen[i] {
-            s[(i, i)] = 1.0;
-        }
-    }
-    let mut c = s.clone().cholesky().map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |c| c.inverse());
     for i in (0..n).filter(|&i| frozen[i]) {
-        c.row_mut(i).fill(0.0);
-        c.column_mut(i).fill(0.0);
+        s[(i, i)] = 1.0;
+    }
+    let mut c = s.cholesky().map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |c| c.inverse());
+    let robust = &c * scatter * &c;
+    let widened = |i: usize| (robust[(i, i)] / c[(i, i)]).max(1.0).sqrt();
+    let wider: Vec<f64> = (0..n).map(|i| if c[(i, i)].is_finite() && c[(i, i)] > 0.0 { widened(i) } else { 1.0 }).collect();
+    for i in 0..n {
+        for j in 0..n {
+            c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
+        }
     }
     c
 }

@@ -121,5 +121,29 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     steps.sort_by(f64::total_cmp);
     let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
     let quantized = steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > 0.49).count() * 10 > steps.len() * 9;
-    if quantized { sigma.max(smallest / 12f64.sqrt()) } else { sigma }
+    let step = if quantized { Some(smallest) } else { lattice(logs) };
+    step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
+}
+
+/// Samples over which a position must not change at all to count as held.
+const HELD_SAMPLES: usize = 4;
+/// Fewest different held positions that show a lattice.
+const MIN_HELD: usize = 8;
+
+/// Step of the encoder, rad or m, where the positions that the joint holds are multiples of one: also positions that were
+/// interpolated between readings of the encoder show it at rest.
+fn lattice(logs: &[JointLog]) -> Option<f64> {
+    let still = |w: &[f64]| w.iter().all(|q| *q == w[0]).then_some(w[0]);
+    let mut held: Vec<f64> = logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES).filter_map(still)).collect();
+    held.sort_by(f64::total_cmp);
+    held.dedup();
+    if held.len() < MIN_HELD {
+        return None;
+    }
+    let mut gaps: Vec<f64> = held.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    // Rounding in the recording may split one step of the encoder into neighbors.
+    let trial = gaps.iter().copied().find(|g| *g > 1e-3 * (held[held.len() - 1] - held[0]) / held.len() as f64)?;
+    let on = gaps.iter().filter(|g| ((*g / trial).round() - *g / trial).abs() < 0.1).count();
+    (on * 10 >= gaps.len() * 9).then_some(trial)
 }

@@ -1,14 +1,17 @@
 //! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
 
+pub mod assess;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;
 pub mod effect;
 pub mod effects;
+pub mod expressed;
 pub mod fit;
 pub mod joint_model;
 pub mod locate;
 pub mod log;
+pub mod mjcf;
 pub mod plant;
 pub mod problem;
 pub mod proof;
@@ -17,6 +20,7 @@ pub mod report;
 pub mod rollout;
 pub mod screen;
 pub mod search;
+pub mod simplify;
 pub mod smooth;
 pub mod twin_tree;
 pub mod update;

@@ -16,6 +16,7 @@ const LAG_SHARE: f64 = 0.06;
 const MIN_EFFORT_NOISE: f64 = 2e-4;
 
 /// Logs of one joint, prepared.
+#[derive(Clone)]
 pub struct Problem<'c> {
     /// Effects.
     pub catalogue: &'c Catalogue,
@@ -39,12 +40,18 @@ pub struct Problem<'c> {
     pub lag_sigma_s: f64,
     /// Least standard deviation of the effort.
     pub min_sigma_u: f64,
+    /// Steps of a rollout for each usual one.
+    pub finer: usize,
 }
 
-/// Window length for a joint: two and a half time constants, between a quarter of a second and a second.
+/// Window length for a joint: two and a half time constants of its damping, and three of the load where that drives it
+/// away from rest, between a quarter of a second and a second. Longer windows would be ruled by their start states.
 #[must_use]
 pub fn window_length_s(plant: &Plant) -> f64 {
-    if plant.damping > 0.0 { (2.5 * plant.inertia / plant.damping).clamp(0.25, 1.0) } else { 1.0 }
+    let slope = plant.load.sine.hypot(plant.load.cosine);
+    let damped = if plant.damping > 0.0 { 2.5 * plant.inertia / plant.damping } else { f64::INFINITY };
+    let driven = if slope > 0.0 { 3.0 * (plant.inertia / slope).sqrt() } else { f64::INFINITY };
+    damped.min(driven).clamp(0.25, 1.0)
 }
 
 impl<'c> Problem<'c> {
@@ -52,7 +59,7 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn new(catalogue: &'c Catalogue, plant: &Plant, turns: bool, logs: Vec<JointLog>, hold: Hold) -> Self {
         let sigma_y = position_noise(&logs).max(1e-9);
-        let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0)).collect();
+        let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0, 1)).collect();
         let traces = smooth(&logs, &drives, plant, sigma_y);
         let windows = windows(&logs, window_length_s(plant));
         let coverage = cover(plant, turns, &logs, &traces, sigma_y);
@@ -70,6 +77,7 @@ impl<'c> Problem<'c> {
             sigma_y,
             lag_sigma_s: LAG_SHARE * interval,
             min_sigma_u,
+            finer: 1,
         }
     }
 
@@ -79,6 +87,12 @@ impl<'c> Problem<'c> {
         let mut problem = Self::new(fitted.catalogue, &fitted.plant, fitted.turns, logs, fitted.hold);
         problem.sigma_y = fitted.sigma_y;
         problem
+    }
+
+    /// The same with rollouts of half the step.
+    #[must_use]
+    pub fn refined(&self) -> Self {
+        Self { finer: 2 * self.finer, ..self.clone() }
     }
 
     /// Start states of all windows from the smoothed motion, as the model's sensor sees it.
@@ -98,7 +112,7 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn drives(&self, model: &JointModel) -> Vec<Drive> {
         let delay = model.delay_s(self.catalogue);
-        self.logs.iter().map(|l| Drive::new(l, self.hold, delay)).collect()
+        self.logs.iter().map(|l| Drive::new(l, self.hold, delay, self.finer)).collect()
     }
 
     /// Number of measurements in the windows.
@@ -123,6 +137,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),
         inertia: plant.inertia,
+        damping: plant.damping,
         position_noise: sigma_y,
         durations_s: logs.iter().map(JointLog::duration_s).collect(),
         others: logs.first().map_or(0, |l| l.others.len()),

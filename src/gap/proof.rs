@@ -1,11 +1,11 @@
 //! Before and after on runs that no fit has seen.
 
 use super::{
-    fit::{Free, fit},
+    fit::{Free, Pace, fit},
     joint_model::JointModel,
     log::Span,
     problem::Problem,
-    rollout::{Rollout, roll},
+    rollout::{Rollout, Start, roll},
 };
 
 /// Root mean square residuals of one held-out run, rad or m.
@@ -34,6 +34,17 @@ pub struct Gap {
     pub noise_floor: f64,
     /// Each run.
     pub runs: Vec<RunGap>,
+    /// Each window.
+    pub windows: Vec<WindowGap>,
+}
+
+/// Root mean square residuals of one window, rad or m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowGap {
+    /// Of the twin.
+    pub before: f64,
+    /// Of the updated twin.
+    pub after: f64,
 }
 
 /// Residual of each sample of a held-out log before and after, and the measured position; for plots.
@@ -49,11 +60,29 @@ pub struct ResidualSeries {
     pub after: Vec<f64>,
 }
 
-/// Compares two models on held-out runs. Start states are estimated for each model by plain least squares.
+/// A model without the nuisance lag, and its start state of each window by plain least squares.
 #[must_use]
-pub fn prove(held_out: &Problem, before: &JointModel, after: &JointModel) -> (Gap, Vec<ResidualSeries>) {
-    let (one, other) = (residuals(held_out, before), residuals(held_out, after));
-    let (full_one, full_other) = (full_residuals(held_out, before), full_residuals(held_out, after));
+pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
+    let model = JointModel { lag_s: 0.0, ..model.clone() };
+    let starts = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, Pace::thorough(1)).starts;
+    (model, starts)
+}
+
+/// Root mean square residual of a model on held-out runs, window by window, rad or m.
+#[must_use]
+pub fn windowed_rmse(held_out: &Problem, model: &JointModel) -> f64 {
+    let (model, starts) = started(held_out, model);
+    rms(&residuals(held_out, &model, &starts).into_iter().flat_map(|(_, r)| r).collect::<Vec<_>>())
+}
+
+/// Compares two models on held-out runs. Start states are estimated for each model by plain least squares; those of the
+/// second are given back.
+#[must_use]
+pub fn prove(held_out: &Problem, before: &JointModel, after: &JointModel) -> (Gap, Vec<ResidualSeries>, Vec<Start>) {
+    let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
+    let (one, other) = (residuals(held_out, &before, &before_starts), residuals(held_out, &after, &after_starts));
+    let full_one = full_residuals(held_out, &before, &before_starts);
+    let full_other = full_residuals(held_out, &after, &after_starts);
     let mut runs = Vec::new();
     let mut series = Vec::new();
     for (index, log) in held_out.logs.iter().enumerate() {
@@ -75,41 +104,38 @@ pub fn prove(held_out: &Problem, before: &JointModel, after: &JointModel) -> (Ga
             after: of(&other),
         });
     }
+    let windows = one.iter().zip(&other).map(|((_, b), (_, a))| WindowGap { before: rms(b), after: rms(a) }).collect();
     let all = |of: &[(Span, Vec<f64>)]| rms(&of.iter().flat_map(|(_, r)| r.clone()).collect::<Vec<_>>());
-    (Gap { before: all(&one), after: all(&other), noise_floor: held_out.sigma_y, runs }, series)
+    (Gap { before: all(&one), after: all(&other), noise_floor: held_out.sigma_y, runs, windows }, series, after_starts)
 }
 
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|r| r * r).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-fn residuals(problem: &Problem, model: &JointModel) -> Vec<(Span, Vec<f64>)> {
-    let model = JointModel { lag_s: 0.0, ..model.clone() };
-    let fitted = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, 1);
-    let drives = problem.drives(&model);
+fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+    let drives = problem.drives(model);
     let mut rollout = Rollout::default();
     let windows = problem.windows.iter().enumerate();
     windows
         .map(|(w, span)| {
             let log = &problem.logs[span.log];
-            roll(&model, problem.catalogue, log, &drives[span.log], *span, fitted.starts[w], &mut rollout);
+            roll(model, problem.catalogue, log, &drives[span.log], *span, starts[w], &mut rollout);
             (*span, rollout.position.iter().enumerate().map(|(k, y)| log.position[span.start + k] - y).collect())
         })
         .collect()
 }
 
 /// Residuals of whole segments; each starts in the state that its first window was given.
-fn full_residuals(problem: &Problem, model: &JointModel) -> Vec<(Span, Vec<f64>)> {
-    let model = JointModel { lag_s: 0.0, ..model.clone() };
-    let fitted = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, 1);
-    let drives = problem.drives(&model);
+fn full_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+    let drives = problem.drives(model);
     let mut rollout = Rollout::default();
     let mut all = Vec::new();
     for (w, window) in problem.windows.iter().enumerate() {
         let log = &problem.logs[window.log];
         let segments = log.segments(window.log);
         if let Some(segment) = segments.into_iter().find(|s| s.start == window.start) {
-            roll(&model, problem.catalogue, log, &drives[segment.log], segment, fitted.starts[w], &mut rollout);
+            roll(model, problem.catalogue, log, &drives[segment.log], segment, starts[w], &mut rollout);
             all.push((segment, rollout.position.iter().enumerate().map(|(k, y)| log.position[segment.start + k] - y).collect()));
         }
     }

@@ -20,6 +20,29 @@ pub struct JointReport {
     pub gap: Option<Gap>,
     /// Residuals of the held-out runs.
     pub series: Vec<ResidualSeries>,
+    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`) holds it.
+    pub in_format: Vec<(&'static str, f64)>,
+    /// Windows of the held-out runs and the states that the updated twin starts them in.
+    pub replay: Vec<ReplayWindow>,
+    /// Before and after on held-out runs with the effects that come nearest, where none is named.
+    pub nearest: Option<Gap>,
+}
+
+/// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the `after` residual.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct ReplayWindow {
+    /// Joint.
+    pub joint: String,
+    /// Run.
+    pub run: String,
+    /// First sample, seconds from the first of the recording.
+    pub start_s: f64,
+    /// Number of samples.
+    pub samples: usize,
+    /// Recorded position at the start, as the updated twin's sensor sees it, rad or m.
+    pub position: f64,
+    /// Velocity, rad/s or m/s.
+    pub velocity: f64,
 }
 
 /// What became of an effect in a format.
@@ -35,6 +58,8 @@ pub struct ExportNote {
     pub effect: String,
     /// `native`, `approximated` or `not expressible`.
     pub status: String,
+    /// Root mean square residual of the held-out runs with what the file holds of the joint's effects, rad or m.
+    pub rmse: Option<f64>,
 }
 
 /// `report.json`.
@@ -42,9 +67,20 @@ pub struct ExportNote {
 pub struct Report {
     verdict: String,
     findings: Vec<FindingJson>,
+    /// Under `unknown`: what comes nearest, and explains too little to be a finding.
+    nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
     exports: Vec<ExportNote>,
+}
+
+#[derive(Debug, Serialize)]
+struct NearestJson {
+    joint: String,
+    effects: Vec<FindingJson>,
+    before: f64,
+    after: f64,
+    runs: Vec<RunJson>,
 }
 
 #[derive(Debug, Serialize)]
@@ -122,23 +158,11 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
     let unit = |j: &JointReport| if j.turns { "rad" } else { "m" }.to_owned();
     let main = main_joint(joints);
     let gap = main.and_then(|j| j.gap.as_ref());
-    let finite = |x: f64| x.is_finite().then_some(x);
-    let runs = joints.iter().flat_map(|j| {
-        let runs = j.gap.iter().flat_map(|g| &g.runs);
-        runs.map(|r| RunJson {
-            run: r.run.clone(),
-            joint: j.joint.clone(),
-            unit: unit(j),
-            before: r.before,
-            after: r.after,
-            full_length_before: finite(r.full_before),
-            full_length_after: finite(r.full_after),
-        })
-        .collect::<Vec<_>>()
-    });
+    let runs = joints.iter().flat_map(|j| j.gap.iter().flat_map(|g| runs_of(j, g)).collect::<Vec<_>>());
     Report {
         verdict: overall(joints).name().to_owned(),
-        findings: joints.iter().flat_map(findings).collect(),
+        findings: joints.iter().flat_map(|j| findings(j, &j.diagnosis.findings)).collect(),
+        nearest: joints.iter().filter_map(nearest).collect(),
         r#where: joints.iter().flat_map(places).collect(),
         gap: GapJson {
             before: gap.map(|g| g.before),
@@ -151,7 +175,27 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
     }
 }
 
-fn findings(joint: &JointReport) -> Vec<FindingJson> {
+fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
+    let finite = |x: f64| x.is_finite().then_some(x);
+    let one = |r: &super::proof::RunGap| RunJson {
+        run: r.run.clone(),
+        joint: joint.joint.clone(),
+        unit: if joint.turns { "rad" } else { "m" }.to_owned(),
+        before: r.before,
+        after: r.after,
+        full_length_before: finite(r.full_before),
+        full_length_after: finite(r.full_after),
+    };
+    gap.runs.iter().map(one).collect()
+}
+
+fn nearest(joint: &JointReport) -> Option<NearestJson> {
+    let (near, gap) = (joint.diagnosis.nearest.as_ref()?, joint.nearest.as_ref()?);
+    let effects = findings(joint, &near.findings);
+    Some(NearestJson { joint: joint.joint.clone(), effects, before: gap.before, after: gap.after, runs: runs_of(joint, gap) })
+}
+
+fn findings(joint: &JointReport, found: &[super::verdict::Finding]) -> Vec<FindingJson> {
     let one = |f: &super::verdict::Finding| FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
@@ -167,7 +211,7 @@ fn findings(joint: &JointReport) -> Vec<FindingJson> {
             .map(|(effect, weight)| AlternativeJson { effect: effect.clone(), weight: *weight, experiment: f.experiment.clone() })
             .collect(),
     };
-    joint.diagnosis.findings.iter().map(one).collect()
+    found.iter().map(one).collect()
 }
 
 /// Level at which a dependence is told.
@@ -204,6 +248,10 @@ pub fn summary(joints: &[JointReport]) -> String {
                 w.region.1,
                 w.variable.unit(j.turns)
             ));
+        }
+        if let (Some(near), Some(gap)) = (&d.nearest, &j.nearest) {
+            let names: Vec<&str> = near.findings.iter().map(|f| f.effect.as_str()).collect();
+            lines.push(format!("  nearest, not enough: {}; held out {:.3e} -> {:.3e} {unit}", names.join(" + "), gap.before, gap.after));
         }
         for f in &d.findings {
             let parameters: Vec<String> = f

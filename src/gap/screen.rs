@@ -211,7 +211,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         let place = effect.place();
         let tested = effect.parameters().iter().filter(|p| p.neutral.is_some()).count();
         let late: Vec<Drive> = match place {
-            Place::Delay => problem.logs.iter().map(|l| Drive::new(l, problem.hold, shape[0])).collect(),
+            Place::Delay => problem.logs.iter().map(|l| Drive::new(l, problem.hold, shape[0], problem.finer)).collect(),
             _ => Vec::new(),
         };
         let still = 0.01 * problem.coverage.speed.1;

@@ -3,12 +3,13 @@
 use rayon::prelude::*;
 
 use super::{
-    effect::Place,
-    fit::{Fit, Free, MAX_FIT_FREE, fit},
+    effect::{At, Place, Response, run_time_s},
+    fit::{Fit, Free, MAX_FIT_FREE, Pace, fit},
     joint_model::JointModel,
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
+    smooth::Trace,
 };
 
 /// A fitted set of effects.
@@ -45,7 +46,7 @@ pub struct Breadth {
 
 impl Default for Breadth {
     fn default() -> Self {
-        Self { singles: 9, grown: 3, partners: 5, largest: 2 }
+        Self { singles: 9, grown: 3, partners: 5, largest: 3 }
     }
 }
 
@@ -86,16 +87,48 @@ fn price(problem: &Problem, model: &JointModel) -> f64 {
     model.terms.iter().map(one).sum()
 }
 
-fn candidate(problem: &Problem, fit: Fit) -> Candidate {
+/// A fit with its score.
+#[must_use]
+pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
-    Candidate { score: if score.is_finite() { score } else { f64::NEG_INFINITY }, fit }
+    let whole = fit.model.terms.len() < 2 || fit.model.terms.iter().all(|t| is_felt(problem, t));
+    Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
+}
+
+/// Effort, as a share of the recorded efforts' root mean square, that an effect beside others must reach somewhere. What
+/// is smaller mends the shape of the others.
+const MIN_FELT: f64 = 0.02;
+
+/// Whether an effort or a friction is strong enough to stand beside other effects.
+fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
+    let effect = &problem.catalogue[term.effect];
+    if !matches!(effect.place(), Place::Effort | Place::Friction) {
+        return true;
+    }
+    let least = MIN_FELT * problem.coverage.effort_rms;
+    let strong = |(index, trace): (usize, &Trace)| {
+        let log = &problem.logs[index];
+        let mut others = [0.0; 8];
+        (0..trace.position.len()).step_by(3).any(|k| {
+            for (x, other) in others.iter_mut().zip(&log.others) {
+                *x = other[k];
+            }
+            let direction = if trace.velocity[k] < 0.0 { -1.0 } else { 1.0 };
+            let t = run_time_s(index, log, k);
+            let at = At { q: trace.position[k], v: trace.velocity[k], u: trace.effort[k], t, direction, others: &others };
+            let mut response = Response::default();
+            effect.respond(&at, &term.p, &mut response);
+            response.value.abs() >= least
+        })
+    };
+    problem.traces.iter().enumerate().any(strong)
 }
 
 /// The twin as it is, with its start states and noise fitted.
 #[must_use]
 pub fn baseline(problem: &Problem) -> Candidate {
     let guess = 0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0);
-    candidate(problem, fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, 3))
+    candidate(problem, fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, Pace::thorough(3)))
 }
 
 /// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
@@ -105,15 +138,20 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
     for size in 1..=breadth.largest {
-        let (grown, tried) = if size == 1 { (1, breadth.singles) } else { (breadth.grown, breadth.partners) };
+        let (grown, tried) = match size {
+            1 => (1, breadth.singles),
+            2 => (breadth.grown, breadth.partners),
+            // Only the best pair grows: what a third effect adds is small beside it.
+            _ => (1, breadth.partners - 1),
+        };
         let best_before = by_size[size - 1][0].score;
         // One more effect must bring a share of what the others brought: an inexact shape is no further effect.
         let wanted = MIN_GAIN.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
-            let hits = ranked(problem, parent, if size > 2 && rank > 0 { 2 } else { tried });
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
-            if rank == 0 && hope < wanted {
+            if rank == 0 && hope < MIN_GAIN {
                 return Search { by_size };
             }
             found.extend(grow(problem, parent, &hits));
@@ -139,7 +177,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
     let one = |i: usize| {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
-        candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, 3))
+        candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().map(one).collect()
 }
@@ -161,21 +199,27 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
             Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
         };
         let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
-        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, 2))
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::QUICK))
     };
     let mut fits: Vec<Candidate> = best_of_each_set(jobs.par_iter().map(first).collect());
-    let last = |c: &Candidate| {
-        let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, 2);
+    let further = |c: &Candidate| {
+        let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
         let again = candidate(problem, again);
         if again.score > c.score { again } else { c.clone() }
+    };
+    // Play is found window by window; under the smaller noise of a better fit more of them find their side of the gap.
+    let has_play = |c: &Candidate| c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
+    let last = |c: &Candidate| {
+        let once = further(c);
+        if has_play(&once) { further(&further(&once)) } else { once }
     };
     let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(last).collect();
     fits.splice(..ended.len(), ended);
     fits
 }
 
-/// Best shapes of the effects that score best beside a candidate.
-fn ranked(problem: &Problem, parent: &Candidate, count: usize) -> Vec<Vec<Hit>> {
+/// Best shapes, so many of each, of the effects that score best beside a candidate.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) -> Vec<Vec<Hit>> {
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
@@ -183,7 +227,7 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize) -> Vec<Vec<Hit>> 
     let taken = parent.effects();
     let names: Vec<&str> = taken.iter().map(|e| problem.catalogue[*e].name()).collect();
     let free: Vec<usize> = (0..problem.catalogue.len()).filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names)).collect();
-    let mut hits: Vec<Vec<Hit>> = free.par_iter().map(|e| screen.hits(*e, 2)).filter(|h| !h.is_empty()).collect();
+    let mut hits: Vec<Vec<Hit>> = free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
     let n = problem.samples().max(2) as f64;
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
@@ -194,7 +238,7 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize) -> Vec<Vec<Hit>> 
 /// Whether an effect says something that those already there do not say by themselves.
 fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
     let own = &problem.catalogue[effect];
-    let contains = |e: &dyn super::effect::Effect, other: &str| e.contains().contains(&other);
+    let contains = |e: &dyn super::effect::Effect, other: &str| e.spec().contains.contains(&other);
     names.iter().all(|n| {
         let there = problem.catalogue.iter().find(|e| e.name() == *n);
         !contains(own.as_ref(), n) && there.is_none_or(|t| !contains(t.as_ref(), own.name()))

@@ -1,15 +1,17 @@
 //! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion to tell.
 
+use nalgebra::DMatrix;
 use rand_core::Rng;
 
 use super::{
     effect::{Coverage, Place},
-    fit::{Free, fit},
+    fit::{Fit, Free, Pace, fit},
     joint_model::JointModel,
     locate::{Dependence, locate},
     problem::Problem,
     screen::Screen,
     search::{Breadth, Candidate, Search, search},
+    simplify::simplified,
 };
 
 /// What a diagnosis ends in.
@@ -88,14 +90,33 @@ pub struct Diagnosis {
     pub left: f64,
     /// What the recording lacks.
     pub lacks: Vec<String>,
+    /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
+    pub nearest: Option<Nearest>,
+}
+
+/// Effects that come nearest to an explanation.
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    /// The effects.
+    pub findings: Vec<Finding>,
+    /// The twin with them.
+    pub model: JointModel,
+}
+
+impl Diagnosis {
+    /// Takes the names back: they explain too little.
+    pub fn withdraw(&mut self) {
+        let twin = JointModel::of(&self.model.plant);
+        let model = std::mem::replace(&mut self.model, twin);
+        self.nearest = Some(Nearest { findings: std::mem::take(&mut self.findings), model });
+        self.verdict = Verdict::Unknown;
+    }
 }
 
 /// Weight that a set of effects needs to be named.
 const NAME_WEIGHT: f64 = 0.95;
 /// Weight below which an alternative is not worth a word.
 const ALTERNATIVE_WEIGHT: f64 = 0.02;
-/// Score by which a special case may fall behind the effect that contains it.
-const SPECIAL_CASE: f64 = 10.0;
 /// Share of the explained that a table over one variable may still find before the names count as wrong.
 const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
@@ -139,19 +160,23 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
             model: twin,
             left: 0.0,
             lacks,
+            nearest: None,
         };
     }
     let found = search(problem, &Breadth::default());
-    let chosen = special_case(problem, &found, found.accepted());
+    let chosen = &simplified(problem, found.accepted());
     let base = &found.by_size[0][0];
     // The twin under the noise of the chosen model: what there is to explain.
-    let at_noise = fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, 1);
-    let to_explain = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
+    let at_noise = fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, Pace::thorough(1));
+    let saved = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
+    // A joint that sticks is explained by what can no longer move it, not by smaller residuals.
+    let to_explain = saved.max(2.0 * (chosen.fit.log_likelihood - base.fit.log_likelihood));
     let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
     let before = if chosen.fit.model.terms.is_empty() { after.clone() } else { locate(problem, &Screen::new(problem, &base.fit), rng) };
     let excess = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
     let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > MIN_TABLE_GAIN).map(excess).fold(0.0, f64::max);
-    let mut diagnosis = Diagnosis { verdict: Verdict::None, findings: Vec::new(), before, after, model: twin, left: 0.0, lacks };
+    let mut diagnosis =
+        Diagnosis { verdict: Verdict::None, findings: Vec::new(), before, after, model: twin, left: 0.0, lacks, nearest: None };
     if chosen.fit.model.terms.is_empty() {
         if open > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
@@ -159,37 +184,23 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
         return diagnosis;
     }
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
-    let noise_left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
-    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
-    let noisy = noise_left > MAX_NOISE_LEFT || (loud && noise_left > 0.4 * MAX_NOISE_LEFT);
-    diagnosis.left = diagnosis.left.max(if noisy { noise_left * noise_left } else { 0.0 });
-    if diagnosis.left > MAX_LEFT || noisy || !is_credible(problem, chosen) {
-        diagnosis.verdict = Verdict::Unknown;
-        return diagnosis;
-    }
     let rivals = rivals(problem, &found, chosen);
     let total: f64 = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
     diagnosis.verdict = if 1.0 / total >= NAME_WEIGHT { Verdict::Named } else { Verdict::Ambiguous };
-    diagnosis.findings = findings(problem, chosen, &rivals, total);
-    diagnosis.model = chosen.fit.model.clone();
+    let (model, covariance) = refined(problem, &chosen.fit);
+    diagnosis.findings = findings(problem, &model, &covariance, &rivals, total);
+    diagnosis.model = model;
+    if diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen) {
+        diagnosis.withdraw();
+    }
     diagnosis
 }
 
-/// The candidate itself, or one of its size in which an effect is replaced by a special case of it and that does about
-/// as well.
-fn special_case<'s>(problem: &Problem, found: &'s Search, chosen: &'s Candidate) -> &'s Candidate {
-    let size = chosen.fit.model.terms.len();
-    let is_special = |c: &Candidate| {
-        let (own, other) = (chosen.effects(), c.effects());
-        let lost: Vec<usize> = own.iter().copied().filter(|e| !other.contains(e)).collect();
-        let new: Vec<usize> = other.iter().copied().filter(|e| !own.contains(e)).collect();
-        match (lost.as_slice(), new.as_slice()) {
-            ([a], [b]) => problem.catalogue[*a].contains().contains(&problem.catalogue[*b].name()),
-            _ => false,
-        }
-    };
-    let simpler = found.by_size[size].iter().find(|c| is_special(c) && c.score > chosen.score - SPECIAL_CASE);
-    simpler.unwrap_or(chosen)
+/// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no noise.
+fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
+    let left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
+    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
+    left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
 }
 
 /// Candidates of the same size that explain about as much, with their weights relative to the chosen one. Effects that
@@ -199,11 +210,9 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
     let own_names = names(&own);
     let generalizes = |effects: &[usize]| {
-        effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].contains().iter().any(|n| own_names.contains(n)))
+        effects.iter().any(|e| !own.contains(e) && problem.catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
     };
-    // Without a load that depends on the position, a gain of the effort and a scale of the position are one effect.
-    let twins = [("torque_gain", "encoder_scale"), ("encoder_scale", "torque_gain")];
-    let twin = twins.iter().find(|(a, _)| own_names.contains(a) && !problem.coverage.has_load_slope).map(|(a, b)| {
+    let twin = own_names.iter().find_map(|a| Some((*a, twin_of(problem, a)?))).map(|(a, b)| {
         let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
         let mut effects: Vec<usize> = own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
         effects.sort_unstable();
@@ -219,6 +228,18 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
         .collect()
 }
 
+/// The effect that no recording of this joint tells from another one.
+fn twin_of(problem: &Problem, effect: &str) -> Option<&'static str> {
+    match effect {
+        // Without a load that depends on the position, a gain of the effort and a scale of the position are one effect.
+        "torque_gain" if !problem.coverage.has_load_slope => Some("encoder_scale"),
+        "encoder_scale" if !problem.coverage.has_load_slope => Some("torque_gain"),
+        // An offset of the angle turns the load as a tilt about the axis does.
+        "encoder_bias" if problem.turns => Some("axis_tilt"),
+        _ => None,
+    }
+}
+
 /// Whether every effect is of a size that a model of the joint, not its discretization, would show.
 fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
     chosen.fit.model.terms.iter().all(|t| match problem.catalogue[t.effect].place() {
@@ -229,14 +250,29 @@ fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
     })
 }
 
-fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
-    let own = chosen.effects();
+/// The model fitted with half the step, and its covariance with what the parameters still moved by that: the
+/// discretization is not known better. A delay is not known better than the stamps.
+fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
+    let fine = fit(&problem.refined(), &coarse.model, Some(&coarse.starts), coarse.sigma_u, Free::All, Pace::thorough(1));
+    let mut covariance = fine.covariance;
+    for (i, (a, b)) in fine.model.parameters().iter().zip(coarse.model.parameters()).enumerate() {
+        covariance[(i, i)] += (a - b) * (a - b);
+    }
+    if let Some((_, at)) = fine.model.scalar(problem.catalogue, Place::Delay) {
+        covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
+    }
+    (fine.model, covariance)
+}
+
+fn findings(problem: &Problem, model: &JointModel, covariance: &DMatrix<f64>, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
+    let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
+    own.sort_unstable();
     let mut at = 1;
     let mut findings = Vec::new();
-    for term in &chosen.fit.model.terms {
+    for term in &model.terms {
         let effect = &problem.catalogue[term.effect];
         let n = term.p.len();
-        let covariance = chosen.fit.covariance.view((at, at), (n, n));
+        let covariance = covariance.view((at, at), (n, n));
         let estimate = |r: super::effect::Reported| {
             let variance: f64 =
                 (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
@@ -261,7 +297,7 @@ fn findings(problem: &Problem, chosen: &Candidate, rivals: &[(Vec<usize>, f64)],
             parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
             weight: 1.0 / total,
             alternatives,
-            experiment: effect.experiment().to_owned(),
+            experiment: effect.spec().experiment.to_owned(),
         });
         at += n;
     }

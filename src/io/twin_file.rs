@@ -13,11 +13,11 @@ use crate::{
 /// Largest URDF file, bytes.
 const MAX_BYTES: u64 = 16 << 20;
 
-/// Reads a twin; `gravity` is given in the root's frame, m/s^2.
+/// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
 /// # Errors
 /// [`UrdfError`] where the file cannot be read, is no URDF, or its links are no tree.
-pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<TwinTree, UrdfError> {
+pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
     let size = fs::metadata(path).map_err(disk)?.len();
@@ -25,7 +25,8 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<TwinTree, UrdfError> 
         return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
     }
     let text = fs::read_to_string(path).map_err(disk)?;
-    twin_of(&text, gravity).map_err(format)
+    let tree = twin_of(&text, gravity).map_err(format)?;
+    Ok((tree, text))
 }
 
 /// The twin of a URDF's text.

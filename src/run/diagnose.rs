@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use super::{Event, Monitor, RunError, stage_rng};
 use crate::{
     gap::{
+        assess::{Runs, assess},
         drive::Hold,
         effects::catalogue,
         log::JointLog,
+        mjcf,
         plant::Plant,
-        problem::Problem,
-        proof::prove,
         recording::Recording,
         report::{self, JointReport},
         twin_tree::Motion,
         update,
-        verdict::{Diagnosis, Verdict, diagnose as diagnose_joint},
+        verdict::Verdict,
     },
     io::{self, RunDir},
 };
@@ -64,8 +64,7 @@ struct Split {
 /// [`RunError`] where the twin or a run cannot be read, nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let tree = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
-    let text = std::fs::read_to_string(&request.twin).map_err(|e| failed("twin", &e))?;
+    let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
     let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
     let mut warnings = Vec::new();
     let mut recordings: Vec<(Recording, bool)> = Vec::new();
@@ -101,7 +100,9 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
-                joints.push(one_joint(request, &effects, &plant, &name, turns, split));
+                let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold };
+                let mut rng = stage_rng(request.seed, &stage, 0);
+                joints.push(assess(&effects, &plant, &name, runs, &mut rng));
             }
             Err(why) => refused.push(why),
         }
@@ -111,11 +112,19 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         return Err(RunError::stage("diagnose", why));
     }
     warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, &effects, "twin.urdf");
-    let (mjcf, notes) = update::mjcf(&tree, &joints, &effects, "twin.xml");
+    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf");
+    let (mjcf, notes) = mjcf::mjcf(&tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
     let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))?;
-    let files = [("twin.urdf", urdf), ("twin.xml", mjcf), ("report.json", json + "\n"), ("report.html", report::html(&joints))];
+    let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
+    let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
+    let files = [
+        ("twin.urdf", urdf),
+        ("twin.xml", mjcf),
+        ("report.json", json + "\n"),
+        ("replay.json", replay + "\n"),
+        ("report.html", report::html(&joints)),
+    ];
     for (path, content) in files {
         run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
     }
@@ -140,39 +149,4 @@ fn split(recordings: &[(Recording, bool)], name: &str, names: &[String], warning
         held_out.push(log.part(cut, log.time_s.len()));
     }
     Ok(Split { fitted, held_out })
-}
-
-fn one_joint(
-    request: &DiagnoseRequest,
-    effects: &crate::gap::joint_model::Catalogue,
-    plant: &Plant,
-    name: &str,
-    turns: bool,
-    split: Split,
-) -> JointReport {
-    let problem = Problem::new(effects, plant, turns, split.fitted, request.hold);
-    let mut rng = stage_rng(request.seed, &format!("diagnose/{name}"), 0);
-    let mut diagnosis: Diagnosis = diagnose_joint(&problem, &mut rng);
-    let mut proof = None;
-    let mut series = Vec::new();
-    if diagnosis.verdict != Verdict::Insufficient && !split.held_out.is_empty() {
-        let held_out = Problem::held_out(&problem, split.held_out);
-        let twin = crate::gap::joint_model::JointModel::of(plant);
-        // A push belongs to the run that it happened in.
-        let mut updated = diagnosis.model.clone();
-        updated.terms.retain(|t| effects[t.effect].name() != "disturbance");
-        let (gap, residuals) = prove(&held_out, &twin, &updated);
-        let named = diagnosis.findings.iter().any(|f| f.effect != "disturbance");
-        if named && gap.after > gap.before {
-            // A name that makes held-out runs worse is no name.
-            diagnosis.verdict = Verdict::Unknown;
-            diagnosis.findings.clear();
-            diagnosis.model = twin.clone();
-            let (gap, residuals) = prove(&held_out, &twin, &twin);
-            (proof, series) = (Some(gap), residuals);
-        } else {
-            (proof, series) = (Some(gap), residuals);
-        }
-    }
-    JointReport { joint: name.to_owned(), turns, diagnosis, gap: proof, series }
 }

@@ -1,6 +1,6 @@
 //! Coulomb friction with another bound each way.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -9,17 +9,17 @@ pub struct AsymmetricFriction;
 const PARAMETERS: &[Parameter] =
     &[amplitude("friction_positive", Dimension::Effort, false), amplitude("friction_negative", Dimension::Effort, false)];
 
+const SPEC: Spec = Spec {
+    name: "asymmetric_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &["coulomb_friction"],
+    experiment: "hold the joint still without effort on either side of where it creeps, then slide slowly both ways",
+};
+
 impl Effect for AsymmetricFriction {
-    fn name(&self) -> &'static str {
-        "asymmetric_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Friction
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -30,13 +30,5 @@ impl Effect for AsymmetricFriction {
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![vec![0.0, 0.0]]
-    }
-
-    fn contains(&self) -> &'static [&'static str] {
-        &["coulomb_friction"]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "hold the joint still without effort on either side of where it creeps, then slide slowly both ways"
     }
 }

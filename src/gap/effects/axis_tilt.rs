@@ -1,6 +1,6 @@
 //! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct AxisTilt;
 
 const PARAMETERS: &[Parameter] = &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];
 
+const SPEC: Spec = Spec {
+    name: "axis_tilt",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "turn through 90 degrees or more, at rest in several positions",
+};
+
 impl Effect for AxisTilt {
-    fn name(&self) -> &'static str {
-        "axis_tilt"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -32,9 +32,5 @@ impl Effect for AxisTilt {
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         // A sliding joint sees gravity as a constant.
         if coverage.turns { vec![vec![0.0, 0.0]] } else { Vec::new() }
-    }
-
-    fn experiment(&self) -> &'static str {
-        "turn through 90 degrees or more, at rest in several positions"
     }
 }

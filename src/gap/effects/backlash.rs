@@ -1,6 +1,6 @@
 //! Play between the joint and what measures it: the recorded position follows within half a gap either side.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct Backlash;
 
 const PARAMETERS: &[Parameter] = &[amplitude("half_gap", Dimension::Position, false)];
 
+const SPEC: Spec = Spec {
+    name: "backlash",
+    place: Place::Play,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "reverse often with sensors on both sides of the gear",
+};
+
 impl Effect for Backlash {
-    fn name(&self) -> &'static str {
-        "backlash"
-    }
-
-    fn place(&self) -> Place {
-        Place::Play
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -29,9 +29,5 @@ impl Effect for Backlash {
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (0.0, 0.3 * (coverage.position.1 - coverage.position.0))
-    }
-
-    fn experiment(&self) -> &'static str {
-        "reverse often with sensors on both sides of the gear"
     }
 }

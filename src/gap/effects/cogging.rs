@@ -1,6 +1,6 @@
 //! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -12,17 +12,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("wave_number", Dimension::WaveNumber, false),
 ];
 
+const SPEC: Spec = Spec {
+    name: "cogging",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "sweep slowly over three periods or more",
+};
+
 impl Effect for Cogging {
-    fn name(&self) -> &'static str {
-        "cogging"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -44,9 +44,5 @@ impl Effect for Cogging {
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         let turn = std::f64::consts::TAU / (coverage.position.1 - coverage.position.0);
         if index == 2 { (1.5 * turn, 60.0 * turn) } else { (-1e9, 1e9) }
-    }
-
-    fn experiment(&self) -> &'static str {
-        "sweep slowly over three periods or more"
     }
 }

@@ -1,6 +1,6 @@
 //! A constant effort: `effort = e`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct ConstantBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true)];
 
+const SPEC: Spec = Spec {
+    name: "constant_bias",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "hold the joint still at several positions",
+};
+
 impl Effect for ConstantBias {
-    fn name(&self) -> &'static str {
-        "constant_bias"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
@@ -28,9 +28,5 @@ impl Effect for ConstantBias {
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![vec![0.0]]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "hold the joint still at several positions"
     }
 }

@@ -1,6 +1,6 @@
 //! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct CoulombFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false)];
 
+const SPEC: Spec = Spec {
+    name: "coulomb_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "reverse slowly six times or more, at two speeds",
+};
+
 impl Effect for CoulombFriction {
-    fn name(&self) -> &'static str {
-        "coulomb_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Friction
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
@@ -28,9 +28,5 @@ impl Effect for CoulombFriction {
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![vec![0.0]]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "reverse slowly six times or more, at two speeds"
     }
 }

@@ -1,6 +1,6 @@
 //! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -15,17 +15,17 @@ const PARAMETERS: &[Parameter] = &[
     amplitude("offset", Dimension::Effort, true),
 ];
 
+const SPEC: Spec = Spec {
+    name: "coupling",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &["spring_return", "constant_bias"],
+    experiment: "move the other joint while this one is free",
+};
+
 impl Effect for Coupling {
-    fn name(&self) -> &'static str {
-        "coupling"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -39,13 +39,5 @@ impl Effect for Coupling {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         if self.other < coverage.others { vec![vec![0.0; 3]] } else { Vec::new() }
-    }
-
-    fn contains(&self) -> &'static [&'static str] {
-        &["spring_return", "constant_bias"]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "move the other joint while this one is free"
     }
 }

@@ -1,6 +1,6 @@
 //! The effort acts, or the position is recorded, later than stamped.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct Delay;
 
 const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
 
+const SPEC: Spec = Spec {
+    name: "delay",
+    place: Place::Delay,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "step the effort sharply, and tap the part beside a second synchronized sensor",
+};
+
 impl Effect for Delay {
-    fn name(&self) -> &'static str {
-        "delay"
-    }
-
-    fn place(&self) -> Place {
-        Place::Delay
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -27,9 +27,5 @@ impl Effect for Delay {
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (-2.0 * coverage.interval_s, 60.0 * coverage.interval_s)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "step the effort sharply, and tap the part beside a second synchronized sensor"
     }
 }

@@ -1,6 +1,6 @@
 //! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width from it.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -12,17 +12,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("width", Dimension::Position, false),
 ];
 
+const SPEC: Spec = Spec {
+    name: "detent",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "cross the place slowly, both ways, three times",
+};
+
 impl Effect for Detent {
-    fn name(&self) -> &'static str {
-        "detent"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -44,9 +44,5 @@ impl Effect for Detent {
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         super::bump_bounds(index, coverage)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "cross the place slowly, both ways, three times"
     }
 }

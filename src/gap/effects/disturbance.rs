@@ -1,6 +1,6 @@
 //! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never exported.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, RUN_SPACING_S, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -9,17 +9,17 @@ pub struct Disturbance;
 const PARAMETERS: &[Parameter] =
     &[amplitude("effort", Dimension::Effort, true), shape("time", Dimension::Time, true), shape("duration", Dimension::Time, false)];
 
+const SPEC: Spec = Spec {
+    name: "disturbance",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "record the same motion again: it does not come back",
+};
+
 impl Effect for Disturbance {
-    fn name(&self) -> &'static str {
-        "disturbance"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -47,9 +47,5 @@ impl Effect for Disturbance {
 
     fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
         if index == 2 { (0.01, 1.0) } else { (-1e9, 1e9) }
-    }
-
-    fn experiment(&self) -> &'static str {
-        "record the same motion again: it does not come back"
     }
 }

@@ -1,6 +1,6 @@
 //! The recorded position is the true one plus an offset. Only loads that depend on the position show it.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct EncoderBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
 
+const SPEC: Spec = Spec {
+    name: "encoder_bias",
+    place: Place::Bias,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "touch a stop whose position is known",
+};
+
 impl Effect for EncoderBias {
-    fn name(&self) -> &'static str {
-        "encoder_bias"
-    }
-
-    fn place(&self) -> Place {
-        Place::Bias
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -28,9 +28,5 @@ impl Effect for EncoderBias {
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         let range = coverage.position.1 - coverage.position.0;
         (-range, range)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "touch a stop whose position is known"
     }
 }

@@ -1,6 +1,6 @@
 //! The recorded position is `s` times the true one.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct EncoderScale;
 
 const PARAMETERS: &[Parameter] = &[Parameter { name: "scale", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
 
+const SPEC: Spec = Spec {
+    name: "encoder_scale",
+    place: Place::Scale,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move between two measured positions, or hang a known weight on it",
+};
+
 impl Effect for EncoderScale {
-    fn name(&self) -> &'static str {
-        "encoder_scale"
-    }
-
-    fn place(&self) -> Place {
-        Place::Scale
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -27,9 +27,5 @@ impl Effect for EncoderScale {
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (0.05, 20.0)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "move between two measured positions, or hang a known weight on it"
     }
 }

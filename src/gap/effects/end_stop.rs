@@ -1,6 +1,6 @@
 //! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it and `c` times the speed, never pulled.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -15,17 +15,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("position", Dimension::Position, true),
 ];
 
+const SPEC: Spec = Spec {
+    name: "end_stop",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "touch the stop twice or more, slowly and fast",
+};
+
 impl Effect for EndStop {
-    fn name(&self) -> &'static str {
-        "end_stop"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -67,7 +67,7 @@ impl Effect for EndStop {
         [12.0, 35.0, 90.0].into_iter().map(at_rate).collect()
     }
 
-    fn experiment(&self) -> &'static str {
-        "touch the stop twice or more, slowly and fast"
+    fn is_upper(&self) -> bool {
+        self.upper
     }
 }

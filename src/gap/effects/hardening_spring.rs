@@ -1,6 +1,6 @@
 //! A spring that hardens: `effort = -k x - h x^3` with `x = q - r`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -12,17 +12,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("rest_position", Dimension::Position, true),
 ];
 
+const SPEC: Spec = Spec {
+    name: "hardening_spring",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &["spring_return", "constant_bias"],
+    experiment: "let it go from several positions over the whole range",
+};
+
 impl Effect for HardeningSpring {
-    fn name(&self) -> &'static str {
-        "hardening_spring"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -43,13 +43,5 @@ impl Effect for HardeningSpring {
         let (low, high) = coverage.position;
         let range = high - low;
         if index == 2 { (low - range, high + range) } else { (0.0, 1e9) }
-    }
-
-    fn contains(&self) -> &'static [&'static str] {
-        &["spring_return", "constant_bias"]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "let it go from several positions over the whole range"
     }
 }

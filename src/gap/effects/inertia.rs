@@ -1,6 +1,6 @@
 //! More inertia than the twin has.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, amplitude};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,12 @@ pub struct Inertia;
 
 const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
 
+const SPEC: Spec =
+    Spec { name: "inertia", place: Place::Inertia, parameters: PARAMETERS, contains: &[], experiment: "shake it fast with a known effort" };
+
 impl Effect for Inertia {
-    fn name(&self) -> &'static str {
-        "inertia"
-    }
-
-    fn place(&self) -> Place {
-        Place::Inertia
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -27,9 +22,5 @@ impl Effect for Inertia {
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (-0.9 * coverage.inertia, 1e9)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "shake it fast with a known effort"
     }
 }

@@ -1,6 +1,6 @@
 //! Friction in proportion to the effort that the joint carries: `|friction| <= mu |u|`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct LoadDependentFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("coefficient", Dimension::Ratio, false)];
 
+const SPEC: Spec = Spec {
+    name: "load_dependent_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "repeat one motion with two loads",
+};
+
 impl Effect for LoadDependentFriction {
-    fn name(&self) -> &'static str {
-        "load_dependent_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Friction
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -33,9 +33,5 @@ impl Effect for LoadDependentFriction {
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (0.0, 0.95)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "repeat one motion with two loads"
     }
 }

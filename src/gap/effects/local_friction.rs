@@ -1,6 +1,6 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -12,17 +12,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("width", Dimension::Position, false),
 ];
 
+const SPEC: Spec = Spec {
+    name: "local_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "cross the place slowly, both ways, three times",
+};
+
 impl Effect for LocalFriction {
-    fn name(&self) -> &'static str {
-        "local_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Friction
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -41,9 +41,5 @@ impl Effect for LocalFriction {
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         super::bump_bounds(index, coverage)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "cross the place slowly, both ways, three times"
     }
 }

@@ -1,24 +1,24 @@
 //! Drag that grows with the square of the speed: `effort = -c v |v|`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
 pub struct QuadraticDrag;
 
-const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, true)];
+const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
+
+const SPEC: Spec = Spec {
+    name: "quadratic_drag",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move at a top speed at least three times the usual one",
+};
 
 impl Effect for QuadraticDrag {
-    fn name(&self) -> &'static str {
-        "quadratic_drag"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -29,9 +29,5 @@ impl Effect for QuadraticDrag {
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![vec![0.0]]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "move at a top speed at least three times the usual one"
     }
 }

@@ -1,6 +1,6 @@
 //! A spring: `effort = e - k q`, at rest where `q = e / k`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct SpringReturn;
 
 const PARAMETERS: &[Parameter] = &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("offset", Dimension::Effort, true)];
 
+const SPEC: Spec = Spec {
+    name: "spring_return",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &["constant_bias"],
+    experiment: "let it go from several positions over the whole range",
+};
+
 impl Effect for SpringReturn {
-    fn name(&self) -> &'static str {
-        "spring_return"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -41,13 +41,5 @@ impl Effect for SpringReturn {
             Reported { name: "stiffness", dimension: Dimension::Stiffness, value: p[0], gradient: stiffness },
             Reported { name: "rest_position", dimension: Dimension::Position, value: p[1] / p[0], gradient: rest },
         ]
-    }
-
-    fn contains(&self) -> &'static [&'static str] {
-        &["constant_bias"]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "let it go from several positions over the whole range"
     }
 }

@@ -1,6 +1,6 @@
 //! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -12,17 +12,17 @@ const PARAMETERS: &[Parameter] = &[
     shape("stribeck_velocity", Dimension::Velocity, false),
 ];
 
+const SPEC: Spec = Spec {
+    name: "stribeck_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &["coulomb_friction"],
+    experiment: "pull slowly until it breaks loose, several times, then slide at two speeds",
+};
+
 impl Effect for StribeckFriction {
-    fn name(&self) -> &'static str {
-        "stribeck_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Friction
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -41,13 +41,5 @@ impl Effect for StribeckFriction {
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         if index == 2 { (0.002 * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
-    }
-
-    fn contains(&self) -> &'static [&'static str] {
-        &["coulomb_friction"]
-    }
-
-    fn experiment(&self) -> &'static str {
-        "pull slowly until it breaks loose, several times, then slide at two speeds"
     }
 }

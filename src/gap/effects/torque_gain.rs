@@ -1,6 +1,6 @@
 //! The effort that acts is `g` times the recorded one.
 
-use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place};
+use crate::gap::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct TorqueGain;
 
 const PARAMETERS: &[Parameter] = &[Parameter { name: "gain", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
 
+const SPEC: Spec = Spec {
+    name: "torque_gain",
+    place: Place::Gain,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "hang a known weight on it, or move between two measured positions",
+};
+
 impl Effect for TorqueGain {
-    fn name(&self) -> &'static str {
-        "torque_gain"
-    }
-
-    fn place(&self) -> Place {
-        Place::Gain
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
@@ -27,9 +27,5 @@ impl Effect for TorqueGain {
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (0.05, 20.0)
-    }
-
-    fn experiment(&self) -> &'static str {
-        "hang a known weight on it, or move between two measured positions"
     }
 }

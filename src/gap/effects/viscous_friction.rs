@@ -1,6 +1,6 @@
 //! Viscous friction: `effort = -b v`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, amplitude};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
@@ -8,17 +8,17 @@ pub struct ViscousFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, true)];
 
+const SPEC: Spec = Spec {
+    name: "viscous_friction",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move at two steady speeds that differ five times",
+};
+
 impl Effect for ViscousFriction {
-    fn name(&self) -> &'static str {
-        "viscous_friction"
-    }
-
-    fn place(&self) -> Place {
-        Place::Effort
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &'static Spec {
+        &SPEC
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
@@ -31,7 +31,8 @@ impl Effect for ViscousFriction {
         vec![vec![0.0]]
     }
 
-    fn experiment(&self) -> &'static str {
-        "move at two steady speeds that differ five times"
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        // A joint damps; it does not drive itself.
+        (-coverage.damping, 1e9)
     }
 }

@@ -45,6 +45,54 @@ def judge(truth, report):
     return "one too many" if wanted < first else "wrong name"
 
 
+# Parameters that mean the same in the generator and in the reports; where the shapes differ there is none.
+SAME = {
+    "viscous_friction": {"b": "damping"}, "coulomb_friction": {"F": "friction"}, "quadratic_drag": {"c": "drag"},
+    "asymmetric_friction": {"plus": "friction_positive", "minus": "friction_negative"}, "load_dependent_friction": {"mu": "coefficient"},
+    "spring_return": {"k": "stiffness", "q": "rest_position"}, "hardening_spring": {"k": "stiffness", "h": "hardening", "q": "rest_position"},
+    "constant_bias": {"e": "effort"}, "inertia": {"I": "added_inertia"}, "torque_gain": {"g": "gain"}, "backlash": {"g": "half_gap"},
+    "delay": {"d": "delay"}, "encoder_bias": {"o": "offset"}, "encoder_scale": {"s": "scale"}, "detent": {"q": "position"},
+    "local_friction": {"q": "position"},
+}  # fmt: skip
+
+
+def coverage(truth, report):
+    """Truth and interval of every parameter that can be compared."""
+    rows = []
+    for part, effects in truth["hidden"].items():
+        for f in report["findings"]:
+            hidden = effects.get(f["effect"]) if f["joint"] == f"{part}_joint" else None
+            own = {p["name"]: p for p in f["parameters"]}
+            for key, name in SAME.get(f["effect"], {}).items() if hidden else ():
+                low, high = own[name]["interval"]
+                rows.append(dict(effect=f["effect"], name=name, truth=hidden[key], value=own[name]["value"], inside=low <= hidden[key] <= high, half=(high - low) / 2))
+    return rows
+
+
+def region(effect, p):
+    """Variables that an effect outside the library depends on, and the positions (or speeds) that it fills; None: all."""
+    return {
+        "one_way_band_damper": (("position", "velocity", "direction"), (p.get("lo"), p.get("hi"))),
+        "sticky_band": (("position",), (p.get("q", 0), p.get("q", 0) + 3 * p.get("w", 0))),
+        "staircase": (("position",), None),
+        "heating_friction": (("velocity", "direction", "time"), None),
+        "speed_limiter": (("velocity",), None),
+        "effort_deadband": (("effort",), None),
+    }.get(effect, (None, None))
+
+
+def place(truth, report):
+    """Whether the first place told (three at most) names a variable of the hidden effect, and a region that meets it."""
+    for part, effects in truth["hidden"].items():
+        for effect, p in effects.items():
+            variables, at = region(effect, p)
+            for w in [w for w in report["where"] if w["joint"] == f"{part}_joint"][:3]:
+                if variables and w["variable"].split(",")[0] in variables:
+                    if at is None or not w["variable"].startswith("position") or (w["region"][0] < at[1] and w["region"][1] > at[0]):
+                        return True
+    return False
+
+
 def main():
     data, out = Path(sys.argv[1]), Path(sys.argv[2])
     table, wrong, shrink = defaultdict(lambda: [0, 0]), [], []

@@ -1,0 +1,107 @@
+//! One joint from its logs to its report: diagnosis on the fitted runs, proof on the held-out ones.
+
+use rand_core::Rng;
+
+use super::{
+    drive::Hold,
+    expressed::{Format, expressed},
+    joint_model::{Catalogue, JointModel},
+    log::{JointLog, Span},
+    plant::Plant,
+    problem::Problem,
+    proof::{Gap, WindowGap, prove, windowed_rmse},
+    report::{JointReport, ReplayWindow},
+    rollout::Start,
+    verdict::{Verdict, diagnose},
+};
+
+/// Logs of one joint, split.
+#[derive(Clone, Debug)]
+pub struct Runs {
+    /// Logs that are fitted.
+    pub fitted: Vec<JointLog>,
+    /// Logs that only the proof reads.
+    pub held_out: Vec<JointLog>,
+    /// The joint turns.
+    pub turns: bool,
+    /// How the effort runs between samples.
+    pub hold: Hold,
+}
+
+/// Diagnoses a joint and proves the result.
+#[must_use]
+pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
+    let turns = runs.turns;
+    let problem = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
+    let mut diagnosis = diagnose(&problem, rng);
+    let mut report = JointReport {
+        joint: name.to_owned(),
+        turns,
+        diagnosis: diagnosis.clone(),
+        gap: None,
+        series: Vec::new(),
+        in_format: Vec::new(),
+        replay: Vec::new(),
+        nearest: None,
+    };
+    if diagnosis.verdict == Verdict::Insufficient || runs.held_out.is_empty() {
+        return report;
+    }
+    let held_out = Problem::held_out(&problem, runs.held_out);
+    let twin = JointModel::of(plant);
+    // A push belongs to the run that it happened in.
+    let mut updated = diagnosis.model.clone();
+    updated.terms.retain(|t| effects[t.effect].name() != "disturbance");
+    let mut proof = prove(&held_out, &twin, &updated);
+    if !updated.terms.is_empty() && !is_proven(&proof.0) {
+        diagnosis.withdraw();
+        updated = twin.clone();
+        proof = prove(&held_out, &twin, &twin);
+    }
+    if let Some(nearest) = &diagnosis.nearest {
+        report.nearest = Some(prove(&held_out, &twin, &nearest.model).0);
+    }
+    if !updated.terms.is_empty() {
+        let formats = [("urdf", Format::Urdf), ("mjcf", Format::Mjcf)];
+        report.in_format = formats.map(|(n, f)| (n, windowed_rmse(&held_out, &expressed(f, &updated, effects)))).to_vec();
+    }
+    report.replay = replay(name, &held_out, &updated, &proof.2);
+    (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
+    report
+}
+
+/// Share of the gap that a name may leave open on held-out runs, and the multiple of the noise from which that counts.
+const MAX_GAP_LEFT: f64 = 0.2;
+const MAX_FLOORS: f64 = 1.5;
+/// Share of the windows that may miss: one that starts on an edge (of a stop, a catch, a balance) cannot be foretold.
+const UNFORETOLD: f64 = 0.1;
+
+/// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
+fn is_proven(gap: &Gap) -> bool {
+    let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
+    windows.sort_by(|a, b| a.after.total_cmp(&b.after));
+    windows.truncate(windows.len() - (UNFORETOLD * windows.len() as f64) as usize);
+    let mean = |of: fn(&WindowGap) -> f64| (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt();
+    let (before, after) = (mean(|w| w.before), mean(|w| w.after));
+    let left = (after - gap.noise_floor) / (before - gap.noise_floor).max(1e-300);
+    after <= before && (left <= MAX_GAP_LEFT || after <= MAX_FLOORS * gap.noise_floor)
+}
+
+/// The windows with their start states as the sensor sees them.
+fn replay(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
+    let sensor = model.sensor(held_out.catalogue);
+    let one = |(span, s): (&Span, &Start)| {
+        let log = &held_out.logs[span.log];
+        let position = sensor.scale * (s.position + s.play * sensor.half_gap) + sensor.bias;
+        let start_s = log.time_s[span.start];
+        ReplayWindow {
+            joint: name.to_owned(),
+            run: log.run.clone(),
+            start_s,
+            samples: span.len,
+            position,
+            velocity: s.velocity * sensor.scale,
+        }
+    };
+    held_out.windows.iter().zip(starts).map(one).collect()
+}
