@@ -1,6 +1,6 @@
 //! Messages, bags and package files against the tools of ROS 2 that need no ROS: rosbags, mcap-ros2-support, catkin_pkg.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
 
 mod common;
 #[path = "common/venv.rs"]
