@@ -2,7 +2,7 @@
 //! in a domain of its own.
 
 #![cfg(feature = "node")]
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
 
 mod common;
 #[path = "common/program.rs"]

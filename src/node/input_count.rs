@@ -87,8 +87,8 @@ mod tests {
     fn gaps_are_losses_by_publisher() {
         let count = InputCount::default();
         let (a, b) = ([1; 16], [2; 16]);
-        [5, 6, 9].map(|s| count.receive(a, s));
-        [100, 101].map(|s| count.receive(b, s));
+        [5, 6, 9].iter().for_each(|s| count.receive(a, *s));
+        [100, 101].iter().for_each(|s| count.receive(b, *s));
         assert_eq!(count.snapshot(), InputSnapshot { received: 5, lost: 2, ..InputSnapshot::default() });
         // 7 was only late.
         count.receive(a, 7);

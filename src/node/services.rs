@@ -35,9 +35,10 @@ impl ServiceContext {
     /// Sends a command and waits for its answer.
     async fn ask<T>(&self, command: impl FnOnce(oneshot::Sender<Result<T, String>>) -> Command) -> Result<T, String> {
         let (answer, answered) = oneshot::channel();
-        let gone = || "the node is ending".to_owned();
-        self.commands.send(command(answer)).await.map_err(|_| gone())?;
-        answered.await.map_err(|_| gone())?
+        if self.commands.send(command(answer)).await.is_err() {
+            return Err("the node is ending".to_owned());
+        }
+        answered.await.unwrap_or_else(|gone| Err(format!("the node is ending: {gone}")))
     }
 
     async fn set_state(&self, begin: bool, state: usize) -> SetStateResponse {
