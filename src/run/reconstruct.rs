@@ -146,10 +146,7 @@ pub fn reconstruct_twin(
     let aligned = stages.run("align", None, |_| align(frames, &matches, &scene, config))?;
     aligned.iter().for_each(|a| stages.monitor.warn(&a.note));
     let drift = aligned.as_ref().map(|a| a.state1_from_state0);
-    let (frames, matches) = match &aligned {
-        Some(a) => ([frames[0], &a.frames[..]], &a.matches),
-        None => (frames, &matches),
-    };
+    let (frames, matches) = aligned.as_ref().map_or((frames, &matches), |a| ([frames[0], &a.frames[..]], &a.matches));
     let scene = scene_box(frames, noise).unwrap_or(scene);
     let band = Band::of(frames, &scene, noise, &config.surface);
     let occupancy = occupancy(frames, &scene, &band);
