@@ -73,6 +73,8 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
 /// Share of the gap that a name may leave open on held-out runs, and the multiple of the noise from which that counts.
 const MAX_GAP_LEFT: f64 = 0.2;
 const MAX_FLOORS: f64 = 1.5;
+/// Multiple of the noise that no name may leave, whatever it closes.
+const TOO_MANY_FLOORS: f64 = 50.0;
 /// Share of the windows that may miss: one that starts on an edge (of a stop, a catch, a balance) cannot be foretold.
 const UNFORETOLD: f64 = 0.1;
 
@@ -84,7 +86,8 @@ fn is_proven(gap: &Gap) -> bool {
     let mean = |of: fn(&WindowGap) -> f64| (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt();
     let (before, after) = (mean(|w| w.before), mean(|w| w.after));
     let left = (after - gap.noise_floor) / (before - gap.noise_floor).max(1e-300);
-    after <= before && (left <= MAX_GAP_LEFT || after <= MAX_FLOORS * gap.noise_floor)
+    let small = left <= MAX_GAP_LEFT && after <= TOO_MANY_FLOORS * gap.noise_floor;
+    after <= before && (small || after <= MAX_FLOORS * gap.noise_floor)
 }
 
 /// The windows with their start states as the sensor sees them.

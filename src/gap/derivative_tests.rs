@@ -17,6 +17,7 @@ fn coverage() -> Coverage {
         effort_rms: 6.0,
         interval_s: 0.005,
         inertia: 2.0,
+        damping: 0.3,
         position_noise: 1e-3,
         durations_s: vec![10.0, 10.0],
         others: 1,

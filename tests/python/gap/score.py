@@ -63,7 +63,7 @@ def coverage(truth, report):
         for f in report["findings"]:
             hidden = effects.get(f["effect"]) if f["joint"] == f"{part}_joint" else None
             own = {p["name"]: p for p in f["parameters"]}
-            for key, name in SAME.get(f["effect"], {}).items() if hidden else ():
+            for key, name in ((k, n) for k, n in SAME.get(f["effect"], {}).items() if k in (hidden or {})):
                 low, high = own[name]["interval"]
                 rows.append(dict(effect=f["effect"], name=name, truth=hidden[key], value=own[name]["value"], inside=low <= hidden[key] <= high, half=(high - low) / 2))
     return rows
