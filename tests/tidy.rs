@@ -5,7 +5,7 @@
 use std::{fs, path::Path};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 14] = [
+const LAYERS: [&str; 15] = [
     "geometry",
     "capture",
     "surface",
