@@ -32,6 +32,9 @@ const SURFACE_ALONE: f64 = 30.0;
 const LITTLE: f64 = 1.5;
 /// A further motion with more than this share of the least evidence is told.
 const NEARLY: f64 = 0.7;
+/// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
+/// sum, a second motion of one part takes away most of that part's.
+const SPLIT: f64 = 0.6;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -63,13 +66,13 @@ struct Step {
 }
 
 impl Run<'_> {
-    /// The most motions of which each has the evidence that a part needs; not more than make `parts` parts, where that is
+    /// The most motions of which each has the evidence that a part needs and none splits a part; not more than make `parts` parts, where that is
     /// given.
     pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
         let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least);
+        let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least) && !splits(&s.point, &curve);
         let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
         let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
         let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
@@ -224,6 +227,12 @@ impl Run<'_> {
     }
 }
 
+/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
+/// explains alone, and with it the sum, falls.
+fn splits(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+    curve.iter().any(|p| p.parts < point.parts && point.evidence < SPLIT * p.evidence)
+}
+
 /// The evidence of motions, the first of which is the static part's.
 fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
@@ -265,3 +274,16 @@ pub(super) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
 #[cfg(test)]
 #[path = "part_count_tests.rs"]
 mod tests;
+
+#[cfg(test)]
+mod split_tests {
+    use super::{EvidencePoint, splits};
+
+    #[test]
+    fn a_second_motion_of_one_part_takes_its_evidence_away() {
+        let point = |parts, evidence| EvidencePoint { parts, evidence, weakest: None };
+        let curve = [point(1, 0.0), point(2, 414.0), point(3, 64.0), point(4, 500.0)];
+        assert!(splits(&curve[2], &curve));
+        assert!(!splits(&curve[3], &curve) && !splits(&curve[1], &curve) && !splits(&curve[0], &curve));
+    }
+}
