@@ -13,6 +13,7 @@ use super::{
 fn coverage() -> Coverage {
     Coverage {
         position: (-0.3, 1.4),
+        travel: 1.7,
         speed: (0.5, 2.0),
         effort_rms: 6.0,
         interval_s: 0.005,

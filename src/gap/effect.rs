@@ -124,6 +124,8 @@ pub struct Response {
 pub struct Coverage {
     /// Lowest and highest position.
     pub position: (f64, f64),
+    /// Largest range of positions within a run.
+    pub travel: f64,
     /// Speeds: median and highest of the moving samples.
     pub speed: (f64, f64),
     /// Root mean square of the effort.

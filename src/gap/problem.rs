@@ -130,9 +130,14 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let efforts: Vec<f64> = traces.iter().flat_map(|t| t.effort.iter().copied()).collect();
     let low = positions().fold(f64::INFINITY, f64::min);
     let high = positions().fold(f64::NEG_INFINITY, f64::max);
+    let range = |t: &Trace| {
+        let [lo, hi] = t.position.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
+        hi - lo
+    };
     let slope = (0..9).map(|i| plant.load.at(low + (high - low) * f64::from(i) / 8.0).1.abs()).fold(0.0, f64::max);
     Coverage {
         position: (low, high),
+        travel: traces.iter().map(range).fold(0.0, f64::max),
         speed: (at(0.6), at(0.995)),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),

@@ -136,7 +136,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     if duration < 4.0 || windows < 4 {
         lacks.push(format!("{duration:.1} s of motion are left to fit; record 10 s or more, in two runs or more"));
     }
-    let range = coverage.position.1 - coverage.position.0;
+    let range = coverage.travel;
     if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through most of its range",
