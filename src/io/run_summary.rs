@@ -127,6 +127,8 @@ struct ReportState {
 #[derive(Deserialize)]
 struct ReportJoint {
     name: String,
+    #[serde(default)]
+    pitch_m_per_rad: Option<f64>,
     axis_std_deg: Option<f64>,
     origin_std_mm: Option<f64>,
     motion_std: Option<ReportQuantity>,
@@ -162,12 +164,14 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
 }
 
 fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
-    let kind = match j.joint_type {
-        urdf_rs::JointType::Revolute => JointKind::Revolute,
-        urdf_rs::JointType::Prismatic => JointKind::Prismatic,
+    let told = report.joints.iter().find(|r| r.name == j.name)?;
+    // The URDF of a screw holds the nearest joint; the report holds its pitch.
+    let kind = match (&j.joint_type, told.pitch_m_per_rad) {
+        (urdf_rs::JointType::Revolute, None) => JointKind::Revolute,
+        (urdf_rs::JointType::Revolute, Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
+        (urdf_rs::JointType::Prismatic, _) => JointKind::Prismatic,
         _ => return None,
     };
-    let told = report.joints.iter().find(|r| r.name == j.name)?;
     let states: Option<Vec<f64>> = report.states.iter().map(|s| s.joints.get(&j.name).copied()).collect();
     let [roll, pitch, yaw] = j.origin.rpy.0;
     let [x, y, z] = j.origin.xyz.0;
