@@ -69,7 +69,7 @@ pub enum ConfigCommand {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Configuration, later wins")]
 pub struct SettingArgs {
-    /// Settings of a built-in preset: default, preview or paper
+    /// Settings of a built-in preset: default, fields, preview or paper
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
     /// YAML file that holds the settings that differ
