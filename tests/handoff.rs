@@ -88,6 +88,26 @@ fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() {
     rests_and_opens(&model, &found);
 }
 
+#[test]
+fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() {
+    let temp = Temp::new("handoff-pictures");
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/laptop");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    let run = command.arg("reconstruct").arg(recording).args(["--preset", "preview", "--out"]).arg(&temp.0).output().unwrap();
+    assert!(matches!(run.status.code(), Some(0 | 3)), "{}", String::from_utf8_lossy(&run.stderr));
+    let folder = temp.0.join("laptop");
+    let Some(found) = script("mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]) else { return };
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("report.json")).unwrap()).unwrap();
+    let (found, own) = (found.as_array().unwrap(), report["renderings"].as_array().unwrap());
+    assert!(own.len() >= 3 && found.len() == own.len(), "{found:?}");
+    for (theirs, ours) in found.iter().zip(own) {
+        // The camera, the pose and the textures are right: MuJoCo filters textures and edges otherwise than our rasterizer does.
+        let (theirs, ours) = (theirs["psnr_db"].as_f64().unwrap(), ours["psnr_db"].as_f64().unwrap());
+        assert!(theirs > 14.0 && theirs > ours - 4.5, "{theirs} dB in MuJoCo, {ours} dB here");
+    }
+    assert!(std::fs::read_to_string(folder.join("report.html")).unwrap().contains("In MuJoCo"));
+}
+
 fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
     use artitwin::model::JointKind;
     for simulator in ["mujoco", "pybullet"] {
