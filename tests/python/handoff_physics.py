@@ -139,11 +139,17 @@ def ball(folder, name, joint, observed):
     middle, way = (lower + upper) / 2, (lower + upper - closed_lower - closed_upper) / 2
     front = np.where(way > 0.01, upper, np.where(way < -0.01, lower, middle))
     hollow = []
-    for share in np.linspace(0, 1, 41):
-        place = np.array([*(front - share * way)[:2], upper[2] + 2 * BALL_M])
+    body = bare.model.joint(joint).bodyid[0]
+
+    def room(place):
         hit = np.array([-1], dtype=np.int32)
         depth = bare.m.mj_ray(bare.model, bare.data, place, np.array([0.0, 0.0, -1.0]), None, 1, -1, hit)
-        if hit[0] >= 0 and bare.model.geom_bodyid[hit[0]] == bare.model.joint(joint).bodyid[0] and depth > 3 * BALL_M:
+        return depth > 3 * BALL_M and bare.model.geom_bodyid[hit[0]] == body
+
+    for share in np.linspace(0, 1.5, 61):  # a handle lies before what stands out
+        place = np.array([*(front - share * way)[:2], upper[2] + 2 * BALL_M])
+        around = [(0, 0), (BALL_M, 0), (-BALL_M, 0), (0, BALL_M), (0, -BALL_M)]
+        if all(room(place + [x, y, 0]) for x, y in around):
             hollow.append(place)
     if not hollow:
         return {"refused": "no floor below the rim of what stands out"}

@@ -42,13 +42,31 @@ impl Raster {
         let (columns, rows) = (size(side.x), size(side.y));
         let mut raster = Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows] };
         for triangle in triangles {
-            raster.fill(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
+            raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
         }
         raster
     }
 
+    /// Fills holes and notches that are narrower than `width_m`.
+    pub fn close_holes(&mut self, width_m: f64) {
+        let reach = ((0.5 * width_m / self.cell_m).ceil() as usize).max(1);
+        let wide = self.spread(&self.filled, reach);
+        let bare: Vec<bool> = wide.iter().map(|c| !c).collect();
+        let bare = self.spread(&bare, reach);
+        self.filled.iter_mut().zip(&bare).for_each(|(f, b)| *f |= !b);
+    }
+
+    /// Cells within `reach` rows and columns of a marked one.
+    fn spread(&self, cells: &[bool], reach: usize) -> Vec<bool> {
+        let near = |x: usize, n: usize| x.saturating_sub(reach)..(x + reach + 1).min(n);
+        let at = |x: usize, y: usize| y * self.columns + x;
+        let along: Vec<bool> =
+            (0..cells.len()).map(|i| near(i % self.columns, self.columns).any(|x| cells[at(x, i / self.columns)])).collect();
+        (0..cells.len()).map(|i| near(i / self.columns, self.rows).any(|y| along[at(i % self.columns, y)])).collect()
+    }
+
     /// Marks the cells whose middle lies in a triangle (corners in cells).
-    fn fill(&mut self, triangle: &[Point2<f64>; 3]) {
+    fn mark(&mut self, triangle: &[Point2<f64>; 3]) {
         let turn = area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
         let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));

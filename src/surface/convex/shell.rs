@@ -200,6 +200,7 @@ fn patch_solids(
         }
         raster = Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m);
     }
+    raster.close_holes(wall_m);
     raster.rectangles(config.max_solids.min(PATCH_SOLIDS)).iter().map(|corners| flat.prism(corners, low, high)).collect()
 }
 
