@@ -118,7 +118,8 @@ const ONE_CHUNK: &[&str] = &["is damaged: 1 of ", "chunks left out as damaged", 
 
 /// What can happen to a file, and what then must happen here.
 const ROWS: &[Row] = &[
-    Row { name: "no end magic", compression: None, damage: |b| b.truncate(b.len() - MAGIC), outcome: Outcome::Whole(EARLY) },
+    // Every message stands before it.
+    Row { name: "no end magic", compression: None, damage: |b| b.truncate(b.len() - MAGIC), outcome: Outcome::Unseen },
     Row { name: "no footer and summary", compression: None, damage: cut_at_data_end, outcome: Outcome::Whole(EARLY) },
     Row { name: "no footer, zstd", compression: Some(Zstd), damage: cut_at_data_end, outcome: Outcome::Whole(EARLY) },
     Row { name: "half", compression: None, damage: |b| b.truncate(b.len() / 2), outcome: Outcome::Part(EARLY) },

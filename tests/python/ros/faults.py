@@ -74,16 +74,18 @@ def jumps(args):
     replay.play(0, (0.0, 0.5), at(100))
     future = settled_for(peer, diagnostics, "keyframes_state0", 8)
     replay.play(0, (0.0, 1.0), at(0))
-    late = settled_for(peer, diagnostics, "views_late", 16)
+    # A depth image that overtakes the color image that tells of the jump is lost, and a set with it.
+    settled_for(peer, diagnostics, "views_late", 15)
     back = values(peer, diagnostics, "collection")
     expect(finish.call(0).success, "the state ends")
     # The views of the past are no part of a recording that began in the future; a new one takes them.
     expect(start.call(0).success, "the state begins again")
     replay.play(0, (0.0, 1.0), at(0))
-    again = settled_for(peer, diagnostics, "keyframes_state0", 16)
+    settled_for(peer, diagnostics, "keyframes_state0", 15)
+    time.sleep(1)
     done = finish.call(0)
     expect(done.success, done.message)
-    print(json.dumps({"future": future, "kept_after_jump": int(back["keyframes_state0"]), "late": late, "again": again,
+    print(json.dumps({"future": future, "kept_after_jump": int(back["keyframes_state0"]), "again": int(done.keyframes),
                       "jumps": int(values(peer, diagnostics, "collection")["time_jumps"])}))
 
 
@@ -128,7 +130,7 @@ def messages_of(folder):
     for path in sorted(folder.glob("*.mcap")):
         with path.open("rb") as file:
             try:
-                for _, channel, message in NonSeekingReader(file).iter_messages():
+                for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                     found.append((channel.topic, message.log_time))
             except (McapError, EOFError):
                 pass  # It has no end yet.

@@ -21,12 +21,12 @@ def messages(bag):
 class Replay:
     """Publishes bags at the pace of their recording."""
 
-    def __init__(self, peer, bags, change=lambda m: m):
+    def __init__(self, peer, bags, change=lambda m: m, latched_depth=1):
         self.bags = [[change(m) for m in messages(bag)] for bag in bags]
         self.writers = {}
         for topic, kind in sorted({(m[0], m[1]) for bag in self.bags for m in bag}):
             latched = topic == "/tf_static"
-            self.writers[topic] = peer.publisher(topic, kind, reliable=True, latched=latched, depth=1 if latched else 100)
+            self.writers[topic] = peer.publisher(topic, kind, reliable=True, latched=latched, depth=latched_depth if latched else 100)
 
     def wait(self, topics):
         matched(*(self.writers[topic] for topic in topics))
@@ -38,7 +38,7 @@ class Replay:
     def play(self, number, part=(0.0, 1.0), change=lambda m: m):
         """A part of the recording's time; what is latched always. The number of messages."""
         bag = self.bags[number]
-        first, last = bag[0][2], bag[-1][2] + 1
+        first, last = bag[0][2], bag[-1][2] + 1_000_000  # Fractions are not exact to the nanosecond.
         begin, end = (first + f * (last - first) for f in part)
         bag = [m for m in bag if m[0] == "/tf_static" or begin <= m[2] < end]
         start = time.time()
@@ -84,7 +84,7 @@ def expect(condition, *what):
         sys.exit(1)
 
 
-def report(peer, reader, secs=5.0):
+def report(peer, reader, secs=15.0):
     """The figures of the node's next diagnostics, by part."""
     reader.take()  # What lies there is old.
     message = peer.receive(reader, "diagnostic_msgs/msg/DiagnosticArray", secs)

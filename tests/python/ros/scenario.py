@@ -133,8 +133,8 @@ def rate(args):
 
     color, depth = image("rgb8", 1920), image("16UC1", 1280)
     writers = [
-        peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
-        peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
+        peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
+        peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
     ]
     matched(*writers)
     place = collecting(peer) if args.collect else lambda i, stamp: None
@@ -168,7 +168,7 @@ def hostile(args):
     peer = Peer()
     random = numpy.random.default_rng(args.seed)
     diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-    replay = Replay(peer, args.bags[:1])
+    replay = Replay(peer, args.bags[:1], latched_depth=100)
     replay.wait_all(False)
     sent = dict.fromkeys(replay.writers, 0)
     bag = [m for m in replay.bags[0] if m[0] != "/object_mask"]
