@@ -177,7 +177,7 @@ fn every_damage_has_its_outcome() {
         std::fs::write(&file, &bytes).unwrap();
         let name = row.name;
         let told = inspect(&folder.0).map_or_else(|e| e.to_string(), |i| i.to_text());
-        match (open(&[folder.0.clone()], &config(), 0), &row.outcome) {
+        match (open(std::slice::from_ref(&folder.0), &config(), 0), &row.outcome) {
             (Ok(capture), Outcome::Whole(words)) => {
                 assert_eq!(capture.states[0].len(), COUNT, "{name}");
                 assert!(warned(&capture, words), "{name}: {:?}", capture.warnings);

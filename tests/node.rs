@@ -269,7 +269,7 @@ fn a_diagnosis_is_asked_for_canceled_and_published() {
     let folder = TempDir::new("node-diagnose");
     let (twin, runs) = doors::write(&folder, 3, 10.0);
     let node = Node::start(59, &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()]);
-    let paths: Vec<String> = [&[twin.clone()], &runs[..]].concat().iter().map(|p| p.display().to_string()).collect();
+    let paths: Vec<String> = std::iter::once(&twin).chain(&runs).map(|p| p.display().to_string()).collect();
     let arguments: Vec<&str> = std::iter::once("diagnose").chain(paths.iter().map(String::as_str)).collect();
     let told = scenario(&python, 59, &arguments);
     let log = node.end();
