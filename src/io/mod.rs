@@ -1,5 +1,6 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
+mod gap_report;
 mod joint_log;
 mod mesh_files;
 mod model_folder;
@@ -10,6 +11,7 @@ mod run_summary;
 mod twin_file;
 mod urdf;
 
+pub use gap_report::read_gap_report;
 pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
