@@ -1,13 +1,13 @@
 //! Forward simulation of one joint with its sensitivities to the start state and to every parameter.
 //!
 //! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent efforts are
-//! taken linearly implicit, friction is set-valued: a velocity that the friction bound can take away within the step is
-//! taken away, so that a joint that sticks stands still exactly.
+//! taken linearly implicit, friction is set-valued: where its bound can slow the joint down to rest within the model's settle
+//! time (within the step, where that is 0), it does, so that a joint that sticks stands still.
 
 use super::{
     drive::Drive,
     effect::{At, Place, Response, run_time_s},
-    joint_model::{Catalogue, JointModel},
+    joint_model::{Catalogue, JointModel, Settling},
     log::{JointLog, Span},
 };
 
@@ -187,12 +187,13 @@ fn roll_columns<const W: usize>(
     let mut others_now = [0.0; 8];
     let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     for k in span.start..span.start + span.len {
-        measure(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
+        measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
         if k + 1 == span.start + span.len {
             break;
         }
         let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
         let t = run_time_s(span.log, log, k);
+        let settling = Settling::over(model.settle_s, h);
         for (now, other) in others_now.iter_mut().zip(&others) {
             *now = 0.5 * (other[k] + other[k + 1]);
         }
@@ -222,11 +223,16 @@ fn roll_columns<const W: usize>(
                 sum.friction = bound_at_turn(model, catalogue, &at, sum.friction, &mut friction_p);
             }
             let bound = kick * sum.friction;
-            if free.abs() <= bound {
-                v = 0.0;
-                dv = [0.0; MAX_COLUMNS];
+            let target = settling.keep * v + settling.creep * kick * total;
+            let taken = free - target;
+            if taken.abs() <= bound {
+                v = target;
+                let (by_q, by_v) = (settling.creep * kick * sum.q, settling.keep + settling.creep * kick * sum.v);
+                for c in 0..W {
+                    dv[c] = by_v * dv[c] + by_q * dq[c] + settling.creep * kick * effort_p[c];
+                }
             } else {
-                let sign = free.signum();
+                let sign = taken.signum();
                 v = free - sign * bound;
                 let by_q = kick * (sum.q - sign * sum.friction_q);
                 let by_v = 1.0 + kick * sum.v;
@@ -241,7 +247,7 @@ fn roll_columns<const W: usize>(
 
 /// Passes the position through play, scale and offset of the sensor.
 #[inline]
-fn measure(
+fn measure<const W: usize>(
     q: f64,
     dq: &Row,
     sensor: &super::joint_model::Sensor,
@@ -262,9 +268,9 @@ fn measure(
             dgauge[c] += 1.0;
         }
     }
-    let mut row = *dgauge;
-    for x in &mut row {
-        *x *= sensor.scale;
+    let mut row = [0.0; MAX_COLUMNS];
+    for i in 0..W {
+        row[i] = sensor.scale * dgauge[i];
     }
     if let Some(c) = columns[0] {
         row[c] += 1.0;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{
     effect::{At, Place, Response, run_time_s},
     fit::{Fit, Free, MAX_FIT_FREE, Pace, fit},
-    joint_model::JointModel,
+    joint_model::{JointModel, SETTLE_S},
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
@@ -149,7 +149,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         let wanted = MIN_GAIN.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
-            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             if rank == 0 && hope < MIN_GAIN {
                 return Search { by_size };
@@ -218,8 +218,13 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
     fits
 }
 
-/// Best shapes, so many of each, of the effects that score best beside a candidate.
-fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) -> Vec<Vec<Hit>> {
+/// Multiple of its first-order gain that a fit may bring, and what it may bring above that.
+const HOPE: (f64, f64) = (3.0, 20.0);
+/// Share of the best first-order gain below which an effect is not fitted.
+const MIN_SHARE_OF_BEST: f64 = 0.1;
+
+/// Best shapes, so many of each, of the effects that score best beside a candidate and may bring what is wanted.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wanted: f64) -> Vec<Vec<Hit>> {
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
@@ -232,6 +237,9 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) ->
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);
+    let best = hits.iter().map(|h| h[0].gain).fold(0.0, f64::max);
+    let may = |h: &[Hit]| HOPE.0 * h[0].gain + HOPE.1 >= wanted + n.ln() * h[0].p.len() as f64;
+    hits.retain(|h| may(h) && h[0].gain >= MIN_SHARE_OF_BEST * best);
     hits
 }
 
@@ -256,7 +264,13 @@ fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel
         }
         model
     };
-    effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect()
+    let models: Vec<JointModel> = effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect();
+    // The first friction brings its settle time along.
+    if effect.place() != Place::Friction || parent.fit.model.has_friction(problem.catalogue) {
+        return models;
+    }
+    let softly = |m: &JointModel| JointModel { settle_s: SETTLE_S[2], ..m.clone() };
+    models.iter().map(softly).chain(models.clone()).collect()
 }
 
 /// One candidate a set of effects, the best of each; best set first.
