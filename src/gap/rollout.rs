@@ -176,8 +176,7 @@ fn roll_columns<const W: usize>(
     let (mut q, mut v) = (start.position, start.velocity);
     let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     (dq[0], dv[1]) = (1.0, 1.0);
-    let mut gauge = q + start.play * sensor.half_gap;
-    let mut dgauge = dq;
+    let (mut gauge, mut dgauge) = (q + start.play * sensor.half_gap, dq);
     if let Some(c) = sensors[2] {
         dgauge[c] = start.play;
     }
@@ -210,8 +209,7 @@ fn roll_columns<const W: usize>(
                 (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
             }
             if let Some(c) = gain_column {
-                effort_p[c] = drive.effort[index];
-                friction_p[c] = sum.friction_u * drive.effort[index];
+                (effort_p[c], friction_p[c]) = (drive.effort[index], sum.friction_u * drive.effort[index]);
             }
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
@@ -227,9 +225,9 @@ fn roll_columns<const W: usize>(
             let taken = free - target;
             if taken.abs() <= bound {
                 v = target;
-                let (by_q, by_v) = (settling.creep * kick * sum.q, settling.keep + settling.creep * kick * sum.v);
+                let creep = settling.creep * kick;
                 for c in 0..W {
-                    dv[c] = by_v * dv[c] + by_q * dq[c] + settling.creep * kick * effort_p[c];
+                    dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + effort_p[c]);
                 }
             } else {
                 let sign = taken.signum();

@@ -55,6 +55,8 @@ impl Default for Breadth {
 pub struct Search {
     /// Candidates by the number of effects.
     pub by_size: Vec<Vec<Candidate>>,
+    /// Index of the disturbance in the catalogue.
+    pub disturbance: Option<usize>,
 }
 
 impl Search {
@@ -64,9 +66,11 @@ impl Search {
         let nothing = self.by_size[0][0].score;
         let mut best = &self.by_size[0][0];
         for sets in self.by_size.iter().skip(1) {
-            if let Some(first) = sets.first()
-                && first.score > best.score + MIN_GAIN.max(MIN_SHARE * (best.score - nothing))
-            {
+            let gained = best.score - nothing;
+            let is_push = |c: &Candidate| c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d));
+            let wanted = |c: &Candidate| MIN_GAIN.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE });
+            let enough = |c: &&Candidate| c.score > best.score + wanted(c);
+            if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
                 best = first;
             }
         }
@@ -134,6 +138,7 @@ pub fn baseline(problem: &Problem) -> Candidate {
 /// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
 #[must_use]
 pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
+    let disturbance = problem.catalogue.iter().position(|e| e.name() == "disturbance");
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
@@ -152,7 +157,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             if rank == 0 && hope < MIN_GAIN {
-                return Search { by_size };
+                return Search { by_size, disturbance };
             }
             found.extend(grow(problem, parent, &hits));
         }
@@ -169,7 +174,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             break;
         }
     }
-    Search { by_size }
+    Search { by_size, disturbance }
 }
 
 /// The candidate with each of its effects taken away in turn, refitted.
@@ -184,6 +189,8 @@ fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
 
 /// Share of the gain so far that one more effect must add to be looked into.
 const MIN_SHARE: f64 = 0.03;
+/// The same for a push: one window that was misread looks like one.
+const MIN_SHARE_OF_PUSH: f64 = 0.15;
 /// Candidates that are fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 

@@ -276,7 +276,8 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
     let mean = |of: &dyn Fn(&Fit) -> f64| fits.iter().zip(&weights).map(|(f, w)| w * of(f)).sum::<f64>() / total;
     let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.parameters()).collect();
     let parameters: Vec<f64> = (0..own[0].len()).map(|i| own.iter().zip(&weights).map(|(p, w)| w * p[i]).sum::<f64>() / total).collect();
-    let mut covariance = fits.iter().zip(&weights).fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
+    let mut covariance =
+        fits.iter().zip(&weights).fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
     for (i, before) in coarse.model.parameters().into_iter().enumerate() {
         let spread: f64 = own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
         covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
