@@ -152,8 +152,10 @@ impl Writer<'_> {
             "constant_bias" => a.bias += p[0],
             "torque_gain" => a.gear *= p[0],
             "delay" => {
-                let kept = (p[0] / DELAY_TIMESTEP_S).ceil() as usize + 2;
-                return write!(a.actuator, " delay=\"{}\" nsample=\"{kept}\" interp=\"linear\"", p[0]).is_ok();
+                // Read between its samples, a held effort changes half a step early.
+                let delay_s = p[0] + 0.5 * DELAY_TIMESTEP_S;
+                let kept = (delay_s / DELAY_TIMESTEP_S).ceil() as usize + 2;
+                return write!(a.actuator, " delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"").is_ok();
             }
             "end_stop" => {
                 let upper = joint_end(self.catalogue, self.joints, joint);
