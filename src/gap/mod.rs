@@ -12,6 +12,7 @@ pub mod joint_model;
 pub mod locate;
 pub mod log;
 pub mod mjcf;
+pub mod noise;
 pub mod plant;
 pub mod problem;
 pub mod proof;
