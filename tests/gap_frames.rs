@@ -156,11 +156,8 @@ fn cut(path: &Path) {
     let text = fs::read_to_string(path).unwrap();
     let numbers = |l: &str| l.split(' ').skip(1).map(|n| n.parse::<f64>().unwrap()).collect::<Vec<_>>();
     let points: Vec<Point3<f64>> = text.lines().filter(|l| l.starts_with("v ")).map(|l| Point3::from_slice(&numbers(l))).collect();
-    let mut open: Vec<[Point3<f64>; 3]> = text
-        .lines()
-        .filter(|l| l.starts_with("f "))
-        .map(|l| [0, 1, 2].map(|k| points[numbers(l)[k] as usize - 1]))
-        .collect();
+    let mut open: Vec<[Point3<f64>; 3]> =
+        text.lines().filter(|l| l.starts_with("f ")).map(|l| [0, 1, 2].map(|k| points[numbers(l)[k] as usize - 1])).collect();
     let (low, high) = points.iter().fold((points[0], points[0]), |(l, h), p| (l.inf(p), h.sup(p)));
     let axis = (high - low).imax();
     let from = low[axis] + 0.65 * (high - low)[axis];

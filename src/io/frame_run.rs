@@ -3,12 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag,
-    bag_index::BagIndex,
-    pixels::decode_views,
-    poses::PoseSource,
-    read_joint_log,
-    ros2msg::definitions::RosMessage as _,
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log, ros2msg::definitions::RosMessage as _,
     views::Views,
 };
 use crate::{

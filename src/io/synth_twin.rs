@@ -35,8 +35,9 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
     }
     for part in &object.parts {
         let Some(joint) = part.joint else { continue };
-        let parent_from_rest =
-            object.parts[joint.parent].joint.map_or(object.world_from_rest, |j| Pose::from_parts((-j.origin.coords).into(), Default::default()));
+        let parent_from_rest = object.parts[joint.parent]
+            .joint
+            .map_or(object.world_from_rest, |j| Pose::from_parts((-j.origin.coords).into(), Default::default()));
         let origin = parent_from_rest * Pose::translation(joint.origin.x, joint.origin.y, joint.origin.z);
         let (t, [r, p, y]) = (origin.translation.vector, crate::export::roll_pitch_yaw(&origin.rotation));
         let (kind, thread) = match joint.kind {

@@ -1,6 +1,7 @@
 //! The diagnosis of a twin by frames: fit, selection, type of joint, missing geometry, verdict, proof.
 
 use super::{
+    effects::CATALOGUE,
     fit::{Chosen, State, Work},
     frames::FrameRun,
     kinds::{KindChange, other_kinds},
@@ -10,7 +11,6 @@ use super::{
     select::{Selected, select},
     trial::Fitted,
     twin::{Hypothesis, SeenTwin},
-    effects::CATALOGUE,
 };
 use crate::gap::verdict::{Finding, ParameterEstimate, Verdict};
 
@@ -24,6 +24,9 @@ const MOST_RIVALS: usize = 4;
 const CONFLICT_SHARE: f64 = 0.08;
 /// Residual of cells, in multiples of the accuracy, that nothing explains and that is not passed over.
 const UNEXPLAINED: f64 = 2.0;
+
+/// Fewest cells for a verdict.
+const MIN_CELLS: usize = 60;
 
 /// What a diagnosis by frames may take for granted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,10 +154,20 @@ fn conclude(
     let missing = missing_geometry(work, &after.hypothesis, options);
     findings.extend(missing.iter().map(|m| m.finding(work.twin)));
     let gap = frame_gap(work, (original, &null), &after.hypothesis, &missing);
-    let places = places(work, before, &after.hypothesis, options);
+    let parts = by_part(work, &after.hypothesis);
+    let places = places(work, before, &parts, options);
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
-    let unexplained = gap.after > gap.noise_floor + UNEXPLAINED * options.accuracy_m || gap.conflict_after > CONFLICT_SHARE;
+    let off = |p: &PartResidual| p.rms_m > p.floor_m + UNEXPLAINED * options.accuracy_m;
+    let unexplained = parts.iter().any(off) || gap.conflict_after > CONFLICT_SHARE;
+    if selected.linear.cells.len() < MIN_CELLS {
+        notes.push(format!(
+            "only {} patches of the object are seen: film 10 views or more from all sides at each position, the object filling the image",
+            selected.linear.cells.len()
+        ));
+        findings.clear();
+    }
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
+        _ if selected.linear.cells.len() < MIN_CELLS => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,
         (true, _, true) => Verdict::Unknown,
@@ -184,7 +197,7 @@ fn effect_size(work: &Work, selected: &Selected, chosen: &Chosen) -> f64 {
 
 fn told_findings(work: &Work, selected: &Selected, chosen: &Chosen) -> Vec<CameraFinding> {
     let mut from = work.nuisance.len();
-    let mut findings = Vec::new();
+    let mut findings: Vec<(f64, CameraFinding)> = Vec::new();
     for &t in &chosen.set {
         let trial = &work.trials[t];
         let n = trial.columns.len();
@@ -202,9 +215,13 @@ fn told_findings(work: &Work, selected: &Selected, chosen: &Chosen) -> Vec<Camer
             alternatives,
             experiment: spec.experiment.to_owned(),
         };
-        findings.push(CameraFinding { joint: trial.joint, finding, in_urdf: spec.in_urdf });
+        let others: Vec<usize> = chosen.set.iter().copied().filter(|s| *s != t).collect();
+        let without = work.evidence(&selected.linear, &selected.reduced, &others);
+        findings.push((without, CameraFinding { joint: trial.joint, finding, in_urdf: spec.in_urdf }));
     }
-    findings
+    // What is missed most comes first.
+    findings.sort_by(|a, b| a.0.total_cmp(&b.0));
+    findings.into_iter().map(|f| f.1).collect()
 }
 
 /// Weight of a trial against those that could stand in its place, and their names.
@@ -243,8 +260,7 @@ fn weigh(work: &Work, selected: &Selected, chosen: &Chosen, trial: usize) -> (f6
 }
 
 /// Parts with what is left of their residuals, worst first.
-fn places(work: &Work, b: &[PartResidual], after: &Hypothesis, options: &FrameOptions) -> Vec<Place> {
-    let a = by_part(work, after);
+fn places(work: &Work, b: &[PartResidual], a: &[PartResidual], options: &FrameOptions) -> Vec<Place> {
     let mut all: Vec<Place> = (0..work.twin.parts.len())
         .filter(|&p| b[p].rms_m > b[p].floor_m + options.accuracy_m || b[p].conflict > CONFLICT_SHARE)
         .map(|p| Place {

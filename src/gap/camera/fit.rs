@@ -130,8 +130,7 @@ impl<'a> Work<'a> {
                 (c, c.residual_m + explained)
             })
             .collect();
-        let (system, cells) =
-            System::new(with_residual, patches, columns, self.twin.radius_m(), |p, c| stage.derivative(p, &c.seen));
+        let (system, cells) = System::new(with_residual, patches, columns, self.twin.radius_m(), |p, c| stage.derivative(p, &c.seen));
         Linear { samples, cells, system, of_trial }
     }
 

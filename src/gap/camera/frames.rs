@@ -32,8 +32,7 @@ pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let (width, height) = (k.width / step, k.height / step);
     let off = (step - 1) / 2;
     let center = |c: f64| (c - off as f64) / step as f64;
-    let intrinsics =
-        Intrinsics { width, height, fx: k.fx / step as f64, fy: k.fy / step as f64, cx: center(k.cx), cy: center(k.cy) };
+    let intrinsics = Intrinsics { width, height, fx: k.fx / step as f64, fy: k.fy / step as f64, cx: center(k.cx), cy: center(k.cy) };
     let from = |i: usize| (i / width * step + off) * k.width + i % width * step + off;
     let all = 0..width * height;
     RgbdFrame {
@@ -52,8 +51,9 @@ pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
 #[must_use]
 pub fn true_camera(run: &FrameRun, frame: usize, camera: &super::twin::CameraErrors) -> Pose {
     let told = run.frames[frame].world_from_camera;
-    let moved = run.velocities.get(frame).map_or_else(Pose::identity, |[t, w]| {
-        super::twin::small_motion(&(t * camera.delay_s), &(w * camera.delay_s))
-    });
+    let moved = run
+        .velocities
+        .get(frame)
+        .map_or_else(Pose::identity, |[t, w]| super::twin::small_motion(&(t * camera.delay_s), &(w * camera.delay_s)));
     told * moved * camera.told_from_true
 }

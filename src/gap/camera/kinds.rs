@@ -9,7 +9,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use super::{
     assess::{CameraFinding, estimate},
     fit::{GATE_M, State, Work},
-    placement::{CoarseRun, find_positions},
+    placement::{CoarseRun, find_position},
     residual::{Sample, compare},
     select::Selected,
     trial::free_joints,
@@ -30,7 +30,7 @@ const FALL: f64 = 0.7;
 /// Steps of refinement.
 const STEPS: usize = 5;
 /// Starts of each kind that are refined.
-const REFINED: usize = 2;
+const REFINED: usize = 3;
 
 /// A joint that was given another type.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,6 +77,11 @@ pub fn other_kinds(work: &Work, first: &Selected) -> Option<(KindChange, SeenTwi
     let doubted = free_joints(work.twin).map(|j| (j, before[work.twin.joints[j].child])).filter(|(_, c)| *c > DOUBT);
     let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = work.runs.iter().map(CoarseRun::of).collect();
+    // The run that the twin fits worst shows the motion best.
+    let worst = (0..coarse.len())
+        .map(|r| (r, coarse[r].cost(work.twin, &first.null.hypothesis, r)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(r, _)| r)?;
     let mut starts: Vec<(f64, SeenTwin, Hypothesis)> = laws(work.twin, joint)
         .into_iter()
         .map(|(hinge, axis, point)| {
@@ -87,18 +92,19 @@ pub fn other_kinds(work: &Work, first: &Selected) -> Option<(KindChange, SeenTwi
             start.world_from_root.clone_from(&first.null.hypothesis.world_from_root);
             start.positions.clone_from(&first.null.hypothesis.positions);
             start.positions.iter_mut().for_each(|p| p[joint] = 0.0);
-            let mut cost = 0.0;
-            for (r, run) in coarse.iter().enumerate() {
-                find_positions(&twin, run, &mut start, r);
-                cost += run.cost(&twin, &start, r);
-            }
-            (cost, twin, start)
+            (find_position(&twin, &coarse[worst], &mut start, worst, joint), twin, start)
         })
         .collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    starts.truncate(REFINED);
+    for (_, twin, start) in &mut starts {
+        for r in (0..coarse.len()).filter(|r| *r != worst) {
+            find_position(twin, &coarse[r], start, r, joint);
+        }
+    }
     let total = |c: &[f64]| c.last().copied().unwrap_or(f64::INFINITY);
     let mut best: Option<(f64, SeenTwin, State)> = None;
-    for (_, mut twin, mut hypothesis) in starts.into_iter().take(REFINED) {
+    for (_, mut twin, mut hypothesis) in starts {
         for _ in 0..STEPS {
             let own = Work::new(&twin, work.runs, work.held_out_every);
             let axis: Vec<usize> = own.trials.iter().position(|t| t.name == "axis_offset" && t.joint == Some(joint)).into_iter().collect();
@@ -176,10 +182,13 @@ fn laws(twin: &SeenTwin, joint: usize) -> Vec<(Hinge, Unit<Vector3<f64>>, Point3
 /// Two directions normal to an axis, along faces where there are such.
 fn sides(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f64>; 2] {
     let face = faces.iter().find(|f| f.dot(axis).abs() < 0.2);
-    face.map_or_else(|| super::parameter::normals_of(axis), |f| {
-        let u = (f.into_inner() - axis.into_inner() * axis.dot(f)).normalize();
-        [u, axis.cross(&u)]
-    })
+    face.map_or_else(
+        || super::parameter::normals_of(axis),
+        |f| {
+            let u = (f.into_inner() - axis.into_inner() * axis.dot(f)).normalize();
+            [u, axis.cross(&u)]
+        },
+    )
 }
 
 /// Up to three directions that most of a part's faces have, normal to each other, in its frame.
@@ -189,7 +198,9 @@ fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
     let normals: Vec<Vector3<f64>> = (0..mesh.triangles.len()).map(|t| mesh.area_normal(t).cast()).collect();
     let step = (normals.len() / CANDIDATES).max(1);
     let candidates: Vec<Unit<Vector3<f64>>> = normals.iter().step_by(step).filter_map(|n| Unit::try_new(*n, 1e-12)).collect();
-    let area = |c: &Unit<Vector3<f64>>| normals.iter().map(|n| (n.norm(), n.dot(c).abs())).filter(|(a, d)| *d > 0.97 * a).map(|(a, _)| a).sum::<f64>();
+    let area = |c: &Unit<Vector3<f64>>| {
+        normals.iter().map(|n| (n.norm(), n.dot(c).abs())).filter(|(a, d)| *d > 0.97 * a).map(|(a, _)| a).sum::<f64>()
+    };
     let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
     for _ in 0..2 {
         let free = candidates.iter().filter(|c| chosen.iter().all(|d| d.dot(c).abs() < 0.2));

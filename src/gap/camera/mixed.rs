@@ -65,7 +65,13 @@ pub struct System {
 impl System {
     /// Builds the system from cells and their derivatives; `radius_m` is that of the object.
     #[must_use]
-    pub fn new(mut cells: Vec<(Cell, f64)>, patches: usize, columns: Vec<Column>, radius_m: f64, derivative: impl Fn(Parameter, &Cell) -> f64 + Sync) -> (Self, Vec<Cell>) {
+    pub fn new(
+        mut cells: Vec<(Cell, f64)>,
+        patches: usize,
+        columns: Vec<Column>,
+        radius_m: f64,
+        derivative: impl Fn(Parameter, &Cell) -> f64 + Sync,
+    ) -> (Self, Vec<Cell>) {
         cells.sort_by_key(|(c, _)| (c.seen.run, c.seen.frame, c.patch));
         let n = cells.len();
         let rows: Vec<Vec<f64>> =
@@ -236,9 +242,8 @@ impl Reduced {
         let prior = |i: usize| self.priors[subset[i]];
         let system = DMatrix::from_fn(n, n, |i, j| self.gram[(subset[i], subset[j])] * prior(i) * prior(j) + f64::from(u8::from(i == j)));
         let rhs = DVector::from_fn(n, |i, _| self.rhs[subset[i]] * prior(i));
-        Cholesky::new(system).map_or(f64::NEG_INFINITY, |chol| {
-            -0.5 * (self.energy - rhs.dot(&chol.solve(&rhs)) + self.log_det + log_determinant(&chol))
-        })
+        Cholesky::new(system)
+            .map_or(f64::NEG_INFINITY, |chol| -0.5 * (self.energy - rhs.dot(&chol.solve(&rhs)) + self.log_det + log_determinant(&chol)))
     }
 }
 

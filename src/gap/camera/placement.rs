@@ -43,9 +43,7 @@ impl CoarseRun {
         let step = |i: usize| (run.frames[i].intrinsics.width / WIDTH).max(1);
         let frames = chosen.iter().map(|&i| coarse(&run.frames[i], step(i))).collect();
         let velocities = chosen.iter().filter_map(|&i| run.velocities.get(i).copied()).collect();
-        Self {
-            run: FrameRun { name: run.name.clone(), frames, velocities, positions: run.positions.clone(), noise: run.noise },
-        }
+        Self { run: FrameRun { name: run.name.clone(), frames, velocities, positions: run.positions.clone(), noise: run.noise } }
     }
 
     /// Mean cost of the pixels that the object or the twin covers, 0 to 1.
@@ -96,6 +94,12 @@ pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypo
             break;
         }
     }
+}
+
+/// Finds the position of one joint in a run, all others as they are; returns the cost.
+pub fn find_position(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize, joint: usize) -> f64 {
+    let best = coarse.cost(twin, hypothesis, run);
+    search_joint(twin, coarse, hypothesis, (run, joint), best, true)
 }
 
 fn search_joint(

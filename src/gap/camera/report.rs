@@ -55,8 +55,12 @@ pub fn report(twin: &SeenTwin, d: &FrameDiagnosis, exports: &[ExportNote]) -> Va
                    "conflict_share": p.conflict, "region": p.bounds})
         })
         .collect();
-    let runs: Vec<Value> =
-        d.gap.runs.iter().map(|(run, before, after)| json!({"run": run, "joint": CAMERA, "unit": "m", "before": before, "after": after})).collect();
+    let runs: Vec<Value> = d
+        .gap
+        .runs
+        .iter()
+        .map(|(run, before, after)| json!({"run": run, "joint": CAMERA, "unit": "m", "before": before, "after": after}))
+        .collect();
     let positions: Vec<Value> = d
         .after
         .positions

@@ -92,7 +92,10 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
         let space = "xmlns:artitwin=\"urn:artitwin:urdf\"";
         let thread = format!("<artitwin:thread {space} type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>");
         let old = node.children().find(|n| n.tag_name().name() == "thread");
-        edits.push(old.map_or_else(|| (node.range().end - "</joint>".len()..node.range().end, thread.clone() + "</joint>"), |n| (n.range(), thread.clone())));
+        edits.push(old.map_or_else(
+            || (node.range().end - "</joint>".len()..node.range().end, thread.clone() + "</joint>"),
+            |n| (n.range(), thread.clone()),
+        ));
     }
     if shift.norm() == 0.0 {
         return;
