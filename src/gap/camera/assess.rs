@@ -25,6 +25,9 @@ const CONFLICT_SHARE: f64 = 0.08;
 /// Residual of cells, in multiples of the accuracy, that nothing explains and that is not passed over.
 const UNEXPLAINED: f64 = 2.0;
 
+/// What an effect must move, and explain, in accuracies of the twin.
+const MOVES: f64 = 2.0;
+const EXPLAINS: f64 = 1.0 / 3.0;
 /// Fewest cells for a verdict.
 const MIN_CELLS: usize = 60;
 
@@ -135,13 +138,14 @@ fn conclude(
     let mut notes = Vec::new();
     let mut after = selected.state.clone();
     let mut chosen = selected.chosen.clone();
-    let size_m = effect_size(work, &selected, &chosen);
-    if !chosen.set.is_empty() && size_m < options.accuracy_m {
+    let size = effect_size(work, &selected, &chosen);
+    if !chosen.set.is_empty() && (size.moves_m < MOVES * options.accuracy_m || size.explains_m < EXPLAINS * options.accuracy_m) {
         let names: Vec<&str> = chosen.set.iter().map(|&t| work.trials[t].name).collect();
         notes.push(format!(
-            "{} would explain {:.1} mm, which is within the accuracy of a twin ({:.1} mm)",
+            "{} would move what is seen by {:.1} mm and explain {:.1} mm that placing the twin does not; too little for an accuracy of {:.1} mm",
             names.join(" + "),
-            1e3 * size_m,
+            1e3 * size.moves_m,
+            1e3 * size.explains_m,
             1e3 * options.accuracy_m
         ));
         chosen.set.clear();
@@ -176,23 +180,35 @@ fn conclude(
     FrameDiagnosis { verdict, findings, missing, twin: work.twin.clone(), before: null, after: after.hypothesis, gap, kind, places, notes }
 }
 
-/// Root mean square of what the effects explain and nothing else does, over the cells that they concern, metres.
-fn effect_size(work: &Work, selected: &Selected, chosen: &Chosen) -> f64 {
+/// How much a set of effects does on the cells that it concerns, root mean squares, metres.
+#[derive(Clone, Copy, Debug, Default)]
+struct EffectSize {
+    /// Motion of the surface by it.
+    moves_m: f64,
+    /// Residual that is left without it, beyond what is left with it.
+    explains_m: f64,
+}
+
+fn effect_size(work: &Work, selected: &Selected, chosen: &Chosen) -> EffectSize {
     let (linear, reduced) = (&selected.linear, &selected.reduced);
-    let Some(null) = work.judge(linear, reduced, &[]) else { return 0.0 };
+    let Some(null) = work.judge(linear, reduced, &[]) else { return EffectSize::default() };
     let subset = work.subset(linear, &chosen.set);
     let own: Vec<usize> = chosen.set.iter().flat_map(|&t| linear.of_trial[t].iter().copied()).collect();
     let without = linear.system.left(&work.subset(linear, &[]), &null.solution.values);
     let with = linear.system.left(&subset, &chosen.solution.values);
     let concerned: Vec<usize> = (0..with.len()).filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0)).collect();
-    // Medians of squares, so that a few conflicting cells do not count.
+    // Without the largest, so that a few conflicting cells do not count.
     let middle = |r: &[f64]| {
         let mut squares: Vec<f64> = concerned.iter().map(|&i| r[i] * r[i]).collect();
         squares.sort_unstable_by(f64::total_cmp);
         let kept = squares.len() - squares.len() / 20;
         squares[..kept].iter().sum::<f64>() / kept.max(1) as f64
     };
-    (middle(&without) - middle(&with)).max(0.0).sqrt()
+    let nuisance = work.nuisance.len();
+    let values = chosen.solution.values.rows(nuisance, own.len());
+    let moved: Vec<f64> =
+        (0..with.len()).map(|i| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum()).collect();
+    EffectSize { moves_m: middle(&moved).sqrt(), explains_m: (middle(&without) - middle(&with)).max(0.0).sqrt() }
 }
 
 fn told_findings(work: &Work, selected: &Selected, chosen: &Chosen) -> Vec<CameraFinding> {

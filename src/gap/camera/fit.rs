@@ -188,8 +188,10 @@ impl<'a> Work<'a> {
     /// All sizes of the errors without names, eliminated.
     #[must_use]
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
-        // Outliers of the richest set known so far.
-        if let Some(solution) = linear.system.reduce(&MIDDLE).and_then(|r| r.solve(around)) {
+        // Outliers of the set known so far; without one, what an effect does would count as such.
+        if around.len() > self.nuisance.len()
+            && let Some(solution) = linear.system.reduce(&MIDDLE).and_then(|r| r.solve(around))
+        {
             let left = linear.system.left(around, &solution.values);
             linear.system.soften(&left);
         }

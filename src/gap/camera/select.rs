@@ -46,14 +46,18 @@ pub fn select(work: &Work, mut state: State) -> Option<Selected> {
     let null = state.clone();
     let mut set: Vec<usize> = Vec::new();
     let mut selected = None;
-    for _ in 0..ROUNDS {
+    for round in 0..=ROUNDS {
         let mut linear = work.linearize(&state, GATE_M);
         if linear.cells.is_empty() {
             return None;
         }
         let around = work.subset(&linear, &set);
         let reduced = work.reduce_all(&mut linear, &around);
-        let (next, null_evidence, rivals) = search(work, &linear, &reduced);
+        let (mut next, null_evidence, rivals) = search(work, &linear, &reduced);
+        if round == ROUNDS {
+            // The last round judges what the state has.
+            next.clone_from(&set);
+        }
         let chosen = work.judge(&linear, &reduced, &next)?;
         let stays = next == set;
         set = next;
