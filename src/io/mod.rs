@@ -1,6 +1,7 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
 mod frame_run;
+mod gap_report;
 mod joint_log;
 mod mesh_files;
 mod model_folder;
@@ -13,6 +14,7 @@ mod twin_file;
 mod urdf;
 
 pub use frame_run::read_frame_run;
+pub use gap_report::read_gap_report;
 pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
