@@ -1,6 +1,7 @@
 //! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
 
 pub mod assess;
+pub mod camera;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;
