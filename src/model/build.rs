@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     geometry::{Grid3, Pose},
-    surface::{ConvexConfig, ShellInertia, TriangleMesh, convex_shell, shell_inertia},
+    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, convex_shell, shell_inertia},
 };
 
 /// Assumptions that no camera measures, and what is made of them.
@@ -106,10 +106,11 @@ pub fn build(name: &str, base: TriangleMesh, mut parts: Vec<MovingPart>, config:
     let fields: Vec<_> = std::iter::once(None).chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords)))).collect();
     let mut model = tree(name, base, parts, config);
     for (link, field) in model.links.iter_mut().zip(&fields) {
-        let hidden = |p: &nalgebra::Point3<f64>| {
-            field.as_ref().is_some_and(|(field, origin)| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan()))
-        };
-        link.collision = convex_shell(&link.visual, config.wall_thickness_m, &hidden, &config.collision);
+        let hidden = field
+            .as_ref()
+            .map(|(field, origin)| move |p: &nalgebra::Point3<f64>| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan()));
+        let hidden = hidden.as_ref().map(|h| h as Hidden<'_>);
+        link.collision = convex_shell(&link.visual, config.wall_thickness_m, hidden, &config.collision);
     }
     // Before they are shrunk and cut: that is for the simulator, the walls are whole.
     for (i, link) in model.links.iter_mut().enumerate() {

@@ -24,7 +24,7 @@ const COVERED: f64 = 0.985;
 const CONVEX_FILL: f64 = 0.9;
 /// Most solids of a patch.
 const PATCH_SOLIDS: usize = 10;
-/// Most samples along an edge of a face that is looked for near a patch.
+/// Most samples of a face that is looked for near a patch, along an edge and across three patches.
 const MAX_STEPS: usize = 300;
 /// Most corners of a prism's outline.
 const CORNERS: usize = 12;
@@ -65,10 +65,10 @@ impl Default for ConvexConfig {
 pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
 
 /// Convex solids behind a surface, walls `wall_m` thick where the other side of a wall was not seen. A flat wall goes on
-/// through `hidden` places up to where it or another wall was seen again, as the floor of a drawer does behind its front.
+/// through `hidden` places, where these are known, up to where it or another wall was seen again, as the floor of a drawer does behind its front.
 /// At least one solid for a mesh with area, at most `max_solids`. Deterministic.
 #[must_use]
-pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, hidden: Hidden<'_>, config: &ConvexConfig) -> Vec<ConvexSolid> {
+pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, hidden: Option<Hidden<'_>>, config: &ConvexConfig) -> Vec<ConvexSolid> {
     let Some((lower, upper)) = mesh.bounds() else { return Vec::new() };
     let extent_m = f64::from((upper - lower).norm());
     let whole = keep_components(mesh, MIN_COMPONENT);
@@ -116,7 +116,7 @@ fn solids_of(
     patches: &[Patch],
     tolerance_m: f64,
     wall_m: f64,
-    hidden: Hidden<'_>,
+    hidden: Option<Hidden<'_>>,
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
     let facets = facets(mesh);
@@ -176,7 +176,7 @@ fn patch_solids(
     mesh: &TriangleMesh,
     patch: &Patch,
     [tolerance_m, depth_m, wall_m]: [f64; 3],
-    hidden: Hidden<'_>,
+    hidden: Option<Hidden<'_>>,
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
     let flat = Flat::of(mesh, patch);
@@ -189,17 +189,17 @@ fn patch_solids(
     // The surface is the middle of what scatters around the plane; only a curved patch reaches further.
     let high = flat.range_m[1].min(0.5 * tolerance_m);
     let low = (high - depth_m.max(config.min_thickness_m)).min(flat.range_m[0].max(-tolerance_m));
-    // Walls may end a little above or below the plane.
-    let walls = walls_across(mesh, &flat, &hull, [low - wall_m, high + wall_m], config.min_thickness_m);
-    let middle_m = 0.5 * (low + high);
-    let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
-    if !raster.close_gaps(&walls, |p| hidden(&flat.place(p, middle_m))) {
-        let flat_area: f64 = flat.triangles.iter().map(|t| area(t).abs()).sum();
-        if flat_area >= CONVEX_FILL * hull_area {
-            return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
-        }
-        raster = Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m);
+    let raster = hidden.and_then(|hidden| {
+        // Walls may end a little above or below the plane.
+        let walls = walls_across(mesh, &flat, &hull, [low - wall_m, high + wall_m], config.min_thickness_m);
+        let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
+        raster.close_gaps(&walls, |p| hidden(&flat.place(p, 0.5 * (low + high)))).then_some(raster)
+    });
+    let flat_area: f64 = flat.triangles.iter().map(|t| area(t).abs()).sum();
+    if raster.is_none() && flat_area >= CONVEX_FILL * hull_area {
+        return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
     }
+    let mut raster = raster.unwrap_or_else(|| Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m));
     raster.close_holes(wall_m);
     raster.rectangles(config.max_solids.min(PATCH_SOLIDS)).iter().map(|corners| flat.prism(corners, low, high)).collect()
 }
@@ -210,6 +210,7 @@ fn walls_across(mesh: &TriangleMesh, flat: &Flat, hull: &[Point2<f64>], range_m:
     let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
     // A gap is never longer than what was seen.
     let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
+    let spacing_m = spacing_m.max((upper - lower).max() / MAX_STEPS as f64);
     let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));
     let mut points = Vec::new();
     for t in 0..mesh.triangles.len() {
@@ -292,10 +293,6 @@ mod tests {
         shapes::{box_mesh, grid_of, sphere_mesh, torus},
     };
 
-    fn nothing(_: &Point3<f64>) -> bool {
-        false
-    }
-
     fn holds_point(solids: &[ConvexSolid], p: [f64; 3]) -> bool {
         solids.iter().any(|s| s.planes().iter().all(|q| q.distance_m(&Point3::from(p)) <= 0.0))
     }
@@ -316,7 +313,7 @@ mod tests {
 
     #[test]
     fn a_tray_is_made_of_slabs_and_stays_hollow() {
-        let solids = convex_shell(&tray(), 0.008, &nothing, &ConvexConfig::default());
+        let solids = convex_shell(&tray(), 0.008, None, &ConvexConfig::default());
         assert!((5..=10).contains(&solids.len()), "{}", solids.len());
         for hollow in [[0.0, 0.0, 0.0], [0.15, 0.1, -0.03], [-0.18, 0.0, 0.05]] {
             assert!(!holds_point(&solids, hollow), "{hollow:?}");
@@ -336,8 +333,8 @@ mod tests {
         let config = ConvexConfig::default();
         let behind = |p: &Point3<f64>| p.x < -0.11;
         let gap = [-0.15, 0.03, -0.055];
-        assert!(!holds_point(&convex_shell(&mesh, 0.008, &nothing, &config), gap));
-        let closed = convex_shell(&mesh, 0.008, &behind, &config);
+        assert!(!holds_point(&convex_shell(&mesh, 0.008, None, &config), gap));
+        let closed = convex_shell(&mesh, 0.008, Some(&behind), &config);
         assert!(holds_point(&closed, gap));
         assert!(!holds_point(&closed, [-0.15, 0.03, -0.03]) && !holds_point(&closed, [0.0, 0.0, 0.0]));
     }
@@ -354,9 +351,9 @@ mod tests {
     #[test]
     fn a_ring_keeps_its_hole_and_a_ball_is_covered() {
         let config = ConvexConfig::default();
-        let ring = convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, &nothing, &config);
+        let ring = convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, None, &config);
         assert!(!holds_point(&ring, [0.0; 3]) && ring.len() <= config.max_solids && ring.len() > 8);
-        let ball = convex_shell(&sphere_mesh(0.1, 40), 0.01, &nothing, &config);
+        let ball = convex_shell(&sphere_mesh(0.1, 40), 0.01, None, &config);
         assert!(ball.len() <= config.max_solids);
         for d in [Vector3::x(), Vector3::y(), -Vector3::z()] {
             assert!((0..20).any(|k| holds_point(&ball, (d * (0.101 - 0.001 * f64::from(k))).into())));
@@ -365,10 +362,10 @@ mod tests {
 
     #[test]
     fn every_solid_has_volume_and_a_mesh_without_area_has_none() {
-        let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, &nothing, &ConvexConfig::default());
+        let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, None, &ConvexConfig::default());
         assert!(!solids.is_empty() && solids.iter().all(|s| s.thickness_m() >= 0.0019 && s.volume_m3() > 0.0));
-        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, &nothing, &ConvexConfig::default());
+        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, None, &ConvexConfig::default());
         assert!(!speck.is_empty() && speck.iter().all(|s| s.thickness_m() >= 0.0019));
-        assert!(convex_shell(&TriangleMesh::default(), 0.008, &nothing, &ConvexConfig::default()).is_empty());
+        assert!(convex_shell(&TriangleMesh::default(), 0.008, None, &ConvexConfig::default()).is_empty());
     }
 }
