@@ -45,6 +45,22 @@ fn first_float(x: u32, y: u32, z: u32, resolution: u32, mask: u32, #[comptime] h
     }
 }
 
+/// A node around a place: its share, and the first float of its entry.
+#[derive(CubeType)]
+struct Node {
+    weight: f32,
+    at: usize,
+}
+
+#[cube]
+fn node(p: &Place, corner: u32, resolution: u32, mask: u32, #[comptime] hashed: bool) -> Node {
+    let dx = corner & 1;
+    let dy = (corner >> 1) & 1;
+    let dz = corner >> 2;
+    let weight = weight(p.fx, dx) * weight(p.fy, dy) * weight(p.fz, dz);
+    Node { weight, at: first_float(p.x + dx, p.y + dy, p.z + dz, resolution, mask, hashed) }
+}
+
 /// Interpolated features `[points, 2]` of a table `[2 entries]` at `points` `[points, 3]` of the unit cube.
 #[cube(launch_unchecked)]
 pub(super) fn encode(
@@ -64,13 +80,9 @@ pub(super) fn encode(
     let mut second = 0.0f32;
     #[unroll]
     for corner in 0..8u32 {
-        let dx = corner & 1;
-        let dy = (corner >> 1) & 1;
-        let dz = corner >> 2;
-        let w = weight(p.fx, dx) * weight(p.fy, dy) * weight(p.fz, dz);
-        let at = first_float(p.x + dx, p.y + dy, p.z + dz, resolution, mask, hashed);
-        first += w * table[at];
-        second += w * table[at + 1];
+        let n = node(&p, corner, resolution, mask, hashed);
+        first += n.weight * table[n.at];
+        second += n.weight * table[n.at + 1];
     }
     features[ABSOLUTE_POS * 2] = first;
     features[ABSOLUTE_POS * 2 + 1] = second;
@@ -95,12 +107,8 @@ pub(super) fn scatter(
     let second = gradient[ABSOLUTE_POS * 2 + 1];
     #[unroll]
     for corner in 0..8u32 {
-        let dx = corner & 1;
-        let dy = (corner >> 1) & 1;
-        let dz = corner >> 2;
-        let w = weight(p.fx, dx) * weight(p.fy, dy) * weight(p.fz, dz);
-        let at = first_float(p.x + dx, p.y + dy, p.z + dz, resolution, mask, hashed);
-        table[at].fetch_add(w * first);
-        table[at + 1].fetch_add(w * second);
+        let n = node(&p, corner, resolution, mask, hashed);
+        table[n.at].fetch_add(n.weight * first);
+        table[n.at + 1].fetch_add(n.weight * second);
     }
 }

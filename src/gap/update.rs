@@ -34,20 +34,27 @@ pub fn urdf(text: &str, tree: &TwinTree, joints: &[JointReport], file: &str) -> 
                 _ => {}
             }
             if !native {
-                elements.push_str(&format!("<gap:effect name=\"{}\">", finding.effect));
-                for p in &finding.parameters {
-                    elements.push_str(&format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit));
-                }
-                elements.push_str("</gap:effect>");
+                elements.push_str(&element(finding, ""));
             }
             notes.push(note("urdf", file, joint, &finding.effect, status));
         }
         text = with_joint(&text, &joint.joint, (dynamics.0.max(0.0), dynamics.1), (spec.damping, spec.friction), &elements);
     }
-    if text.contains("<gap:") && !text.contains(NAMESPACE) {
-        text = text.replacen("<robot ", &format!("<robot {NAMESPACE} "), 1);
-    }
-    (text, notes)
+    (with_namespace(text), notes)
+}
+
+/// An effect as an element that other readers skip, with further `attributes`.
+pub(super) fn element(finding: &super::verdict::Finding, attributes: &str) -> String {
+    let parameter =
+        |p: &super::verdict::ParameterEstimate| format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit);
+    let parameters: String = finding.parameters.iter().map(parameter).collect();
+    format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
+}
+
+/// Declares the namespace of such elements where a robot has any.
+pub(super) fn with_namespace(text: String) -> String {
+    let missing = text.contains("<gap:") && !text.contains(NAMESPACE);
+    if missing { text.replacen("<robot ", &format!("<robot {NAMESPACE} "), 1) } else { text }
 }
 
 /// What became of an effect in a file; the RMSE is that of the joint's whole model in the format.

@@ -3,11 +3,11 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log, ros2msg::definitions::RosMessage as _,
-    views::Views,
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log, recording::measured_noise,
+    ros2msg::definitions::RosMessage as _, views::Views,
 };
 use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, noise_factor, spread_views},
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, spread_views},
     gap::camera::frames::FrameRun,
     geometry::Pose,
     run::stage_rng,
@@ -15,8 +15,6 @@ use crate::{
 
 /// Poses this long before and after a frame give the camera's velocity, nanoseconds.
 const VELOCITY_NANOS: i64 = 1_000_000;
-/// Least and greatest factor on the noise model.
-const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
 /// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was measured.
 /// Sentences about what was lost are added to `warnings`.
@@ -40,8 +38,7 @@ pub fn read_frame_run(path: &Path, config: &CaptureConfig, seed: u64, warnings: 
     if !with_depth {
         return Err(CaptureError::NoDepth { state: 0, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
     }
-    let measured = if config.measure_noise { noise_factor(frames.iter(), &config.noise) } else { None };
-    let noise = measured.map_or(config.noise, |f| config.noise.scaled(f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1])));
+    let noise = measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
     let source = PoseSource::find(&index, &views.topics, config)?;
     frames = with_masks(frames, config, noise, seed, warnings)?;
     let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();

@@ -146,12 +146,16 @@ fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
     if twice { Err(CaptureError::SameRecording) } else { Ok(()) }
 }
 
+/// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot be.
+pub(super) fn measured_noise<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, config: &CaptureConfig) -> Option<f64> {
+    let factor = if config.measure_noise { noise_factor(frames, &config.noise) } else { None };
+    factor.map(|f| f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1]))
+}
+
 /// Scales the noise model to the recording.
 fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
     capture.noise = config.noise;
-    let measured = if config.measure_noise { noise_factor(capture.states.iter().flatten(), &config.noise) } else { None };
-    if let Some(factor) = measured {
-        let factor = factor.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1]);
+    if let Some(factor) = measured_noise(capture.states.iter().flatten(), config) {
         capture.noise = config.noise.scaled(factor);
         capture
             .notes

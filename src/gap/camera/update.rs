@@ -8,10 +8,14 @@ use super::{
     assess::FrameDiagnosis,
     twin::{Hinge, Law, SeenJoint},
 };
-use crate::{gap::report::ExportNote, geometry::Pose};
+use crate::{
+    gap::{
+        report::ExportNote,
+        update::{element, with_namespace},
+    },
+    geometry::Pose,
+};
 
-/// Namespace of the elements that other readers skip.
-const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
 /// Pitches below this are none, metres a radian.
 const LEAST_PITCH: f64 = 1e-9;
 
@@ -44,11 +48,7 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
     for f in &diagnosis.findings {
         let joint = f.joint.map_or("camera".to_owned(), |j| original[j].name.clone());
         if f.in_urdf != "native" {
-            elements.push_str(&format!("  <gap:effect name=\"{}\" of=\"{joint}\">", f.finding.effect));
-            for p in &f.finding.parameters {
-                elements.push_str(&format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit));
-            }
-            elements.push_str("</gap:effect>\n");
+            elements.push_str(&format!("  {}\n", element(&f.finding, &format!(" of=\"{joint}\""))));
         }
         notes.push(ExportNote {
             format: "urdf".into(),
@@ -62,10 +62,7 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
     if let Some(end) = updated.rfind("</robot>") {
         updated.insert_str(end, &elements);
     }
-    if updated.contains("<gap:") && !updated.contains(NAMESPACE) {
-        updated = updated.replacen("<robot ", &format!("<robot {NAMESPACE} "), 1);
-    }
-    Ok((updated, notes))
+    Ok((with_namespace(updated), notes))
 }
 
 /// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves back.

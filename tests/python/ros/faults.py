@@ -165,15 +165,7 @@ def diagnose(args):
     expect(canceled.status == 5 and not canceled.success, "canceled", canceled)
     action.feedbacks()
     goal = ask(args.twin, args.runs)
-    number = action.results.send(goal)
-    feedback, result = [], None
-    while result is None:
-        feedback += action.feedbacks()
-        try:
-            result = action.results.reply(number, 0.2)
-        except TimeoutError:
-            pass
-    feedback += action.feedbacks()
+    feedback, result = action.follow(goal)
     expect(result.status == 4 and result.success, result)
     late = Peer()
     kind = "artitwin_msgs/msg/GapReport"

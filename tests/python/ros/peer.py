@@ -152,3 +152,15 @@ class ActionClient:
     def cancel(self, goal):
         time_type = self.peer.store.types["builtin_interfaces/msg/Time"]
         return self.cancels.call(goal, time_type(0, 0))
+
+    def follow(self, goal):
+        """All feedback of a goal, and its result once it is there."""
+        number = self.results.send(goal)
+        feedback, result = [], None
+        while result is None:
+            feedback += self.feedbacks()
+            try:
+                result = self.results.reply(number, 0.2)
+            except TimeoutError:
+                pass
+        return feedback + self.feedbacks(), result

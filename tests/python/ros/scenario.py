@@ -55,15 +55,7 @@ def session(args):
     expect(accepted)
     other, accepted = action.start(2, "")
     expect(not accepted, "a second goal is rejected while one runs")
-    number = action.results.send(goal)
-    feedback, result = [], None
-    while result is None:
-        feedback += action.feedbacks()
-        try:
-            result = action.results.reply(number, 0.2)
-        except TimeoutError:
-            pass
-    feedback += action.feedbacks()
+    feedback, result = action.follow(goal)
     expect(result.status == 4 and result.success, result)
     fractions = [f.fraction for f in feedback]
     expect(len(feedback) >= 5 and fractions == sorted(fractions) and fractions[-1] > 0.9, fractions)
