@@ -71,7 +71,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
 }
 
 /// Share of the gap that a name may leave open on held-out runs, and the multiple of the noise from which that counts.
-const MAX_GAP_LEFT: f64 = 0.2;
+const MAX_GAP_LEFT: f64 = 0.12;
 const MAX_FLOORS: f64 = 1.5;
 /// Multiple of the noise that no name may leave, whatever it closes.
 const TOO_MANY_FLOORS: f64 = 50.0;
@@ -84,10 +84,13 @@ fn is_proven(gap: &Gap) -> bool {
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
     windows.truncate(windows.len() - (UNFORETOLD * windows.len() as f64) as usize);
     let mean = |of: fn(&WindowGap) -> f64| (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt();
-    let (before, after) = (mean(|w| w.before), mean(|w| w.after));
-    let left = (after - gap.noise_floor) / (before - gap.noise_floor).max(1e-300);
-    let small = left <= MAX_GAP_LEFT && after <= TOO_MANY_FLOORS * gap.noise_floor;
-    after <= before && (small || after <= MAX_FLOORS * gap.noise_floor)
+    let floor = gap.noise_floor;
+    let closes = |before: f64, after: f64| {
+        let small = (after - floor) / (before - floor).max(1e-300) <= MAX_GAP_LEFT && after <= TOO_MANY_FLOORS * floor;
+        after <= before && (small || after <= MAX_FLOORS * floor)
+    };
+    // An effect that acts in few windows shows in all of them alone.
+    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
 }
 
 /// The windows with their start states as the sensor sees them.

@@ -47,13 +47,21 @@ fn value(effect: &dyn Effect, at: &At, p: &[f64]) -> f64 {
 
 #[test]
 fn effects_have_the_derivatives_that_they_claim() {
-    for effect in catalogue(1).iter().filter(|e| matches!(e.place(), Place::Effort | Place::Friction)) {
+    for effect in catalogue(1).iter().filter(|e| matches!(e.place(), Place::Effort | Place::Contact | Place::Friction)) {
         let p = acting(effect.as_ref());
         let mut acted = false;
         for step in 0..60 {
             let x = f64::from(step) / 60.0;
             let t = if effect.name() == "disturbance" { p[1] + 0.2 * (x - 0.5) } else { x };
-            let at = At { q: -0.25 + 1.6 * x, v: 0.7 * (9.0 * x).sin() + 0.01, u: 3.0 - 5.0 * x, t, direction: 1.0, others: &[0.4] };
+            let at = At {
+                q: -0.25 + 1.6 * x,
+                v: 0.7 * (9.0 * x).sin() + 0.01,
+                u: 3.0 - 5.0 * x,
+                t,
+                direction: 1.0,
+                others: &[0.4],
+                load: 2.0 - x,
+            };
             let mut r = Response::default();
             effect.respond(&at, &p, &mut r);
             acted |= r.value != 0.0;
@@ -65,6 +73,11 @@ fn effects_have_the_derivatives_that_they_claim() {
                 difference(value(effect.as_ref(), &At { v: at.v + h, ..at }, &p), value(effect.as_ref(), &At { v: at.v - h, ..at }, &p));
             let near = |a: f64, b: f64| (a - b).abs() < 1e-4 * (1.0 + a.abs().max(b.abs()));
             assert!(near(r.q, by_q), "{} by position at {x}: {} {by_q}", effect.name(), r.q);
+            let by_load = difference(
+                value(effect.as_ref(), &At { load: at.load + h, ..at }, &p),
+                value(effect.as_ref(), &At { load: at.load - h, ..at }, &p),
+            );
+            assert!(near(r.load, by_load), "{} by load at {x}: {} {by_load}", effect.name(), r.load);
             assert!(near(r.v, by_v), "{} by velocity at {x}: {} {by_v}", effect.name(), r.v);
             for i in 0..p.len() {
                 // Times are large numbers; a finer step would be lost in rounding.

@@ -71,6 +71,8 @@ pub struct Parameter {
 pub enum Place {
     /// A smooth effort.
     Effort,
+    /// The push of a contact, which may take a share of the other efforts off.
+    Contact,
     /// A bound on the set-valued friction.
     Friction,
     /// Added to the inertia.
@@ -102,6 +104,8 @@ pub struct At<'a> {
     pub direction: f64,
     /// Positions of the other moving joints.
     pub others: &'a [f64],
+    /// Sum of the smooth efforts, what acts included; only for [`Place::Contact`].
+    pub load: f64,
 }
 
 /// Value of an effect and its derivatives.
@@ -115,6 +119,8 @@ pub struct Response {
     pub v: f64,
     /// Derivative by the measured effort.
     pub u: f64,
+    /// Derivative by the sum of the smooth efforts.
+    pub load: f64,
     /// Derivatives by the parameters.
     pub p: [f64; MAX_PARAMETERS],
 }
@@ -188,7 +194,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn parameters(&self) -> &'static [Parameter] {
         self.spec().parameters
     }
-    /// Value and derivatives; only for [`Place::Effort`] and [`Place::Friction`].
+    /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
     fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the motion
     /// cannot show the effect.

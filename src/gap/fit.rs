@@ -10,6 +10,7 @@ use super::{
     noise::most_likely_noise,
     problem::Problem,
     rollout::{MAX_COLUMNS, MAX_FREE, Rollout, Row, Start, roll, width},
+    starts::improve,
     whiten::{Gain, Local, gains, linearize, whiten},
 };
 
@@ -306,7 +307,8 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     let anneal = if free == Free::All && has_play { ANNEALING } else { &[] };
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
-        let now = restart(problem, &model, &mut starts, &whitening, &frozen);
+        improve(problem, &model, &mut starts, &whitening, true);
+        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now);
     }
     let mut end = None;
@@ -315,11 +317,8 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
-        let now = if round == 0 || has_play {
-            restart(problem, &model, &mut starts, &whitening, &frozen)
-        } else {
-            evaluate(problem, &model, &starts, &whitening, &frozen)
-        };
+        improve(problem, &model, &mut starts, &whitening, round == 0 || has_play);
+        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
@@ -327,36 +326,6 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     let covariance = covariance(&end.normal, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, sigma_u, log_likelihood, covariance, costs }
-}
-
-/// Takes the smoothed motion's start state for every window that it serves better: an earlier model may have pulled a
-/// start state far away.
-fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitening: &Whitening, frozen: &[bool]) -> Evaluation {
-    let mut trials = vec![problem.starts(model)];
-    let half_gap = model.sensor(problem.catalogue).half_gap;
-    if half_gap > 0.0 {
-        // A window may start anywhere within the play; the sensor then stands where it was measured.
-        let at_play = |from: &[Start], play: f64| -> Vec<Start> {
-            from.iter().map(|s| Start { position: s.position + (s.play - play) * half_gap, play, ..*s }).collect()
-        };
-        let fresh = trials[0].clone();
-        for play in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            trials.push(at_play(&fresh, play));
-            trials.push(at_play(starts, play));
-        }
-    }
-    trials.retain(|t| t.as_slice() != starts);
-    // What one step of the start state alone would still gain counts.
-    let reach = |b: &Block| b.cost - b.start.try_inverse().map_or(0.0, |i| b.start_gradient.dot(&(i * b.start_gradient)));
-    let mut blocks = evaluate(problem, model, starts, whitening, frozen).normal.blocks;
-    for trial in trials {
-        for (w, other) in evaluate(problem, model, &trial, whitening, frozen).normal.blocks.into_iter().enumerate() {
-            if !(reach(&blocks[w]) <= reach(&other)) {
-                (blocks[w], starts[w]) = (other, trial[w]);
-            }
-        }
-    }
-    total(problem, model, blocks, frozen)
 }
 
 /// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.

@@ -13,8 +13,8 @@ use super::{
 /// Step of the file, seconds; a delayed effort is read between steps, so that a delay asks for finer ones.
 const TIMESTEP_S: f64 = 5e-4;
 const DELAY_TIMESTEP_S: f64 = 1e-4;
-/// Solver impedance of an end stop: the contact's acceleration is that of the fitted spring and damper.
-const STOP_IMPEDANCE: f64 = 0.9995;
+/// Solver impedance of friction without a settle time.
+const HARD_IMPEDANCE: f64 = 0.9995;
 
 /// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.
 const SOFT_IMPEDANCE: f64 = 0.9;
@@ -117,7 +117,7 @@ impl Writer<'_> {
         let Some(report) = self.joints.iter().find(|j| j.joint == joint.name) else { return a };
         let model = &report.diagnosis.model;
         if model.has_friction(self.catalogue) {
-            let (settle, impedance) = if model.settle_s > 0.0 { (model.settle_s, SOFT_IMPEDANCE) } else { (0.0, STOP_IMPEDANCE) };
+            let (settle, impedance) = if model.settle_s > 0.0 { (model.settle_s, SOFT_IMPEDANCE) } else { (0.0, HARD_IMPEDANCE) };
             // MuJoCo keeps time constants of constraints above two steps.
             let constant_s = (2.0 * settle).max(2.0 * TIMESTEP_S);
             let _ = write!(a.more, " solreffriction=\"{constant_s} 1\" solimpfriction=\"{impedance} {impedance} 0.001\"");
@@ -161,8 +161,9 @@ impl Writer<'_> {
                 let upper = joint_end(self.catalogue, self.joints, joint);
                 let range = if upper { format!("-1e3 {}", p[2]) } else { format!("{} 1e3", p[2]) };
                 let solver = format!("-{} -{}", p[0] / inertia, p[1] / inertia);
+                let impedance = p[3].clamp(1e-4, 0.9999);
                 return more(format_args!(
-                    " limited=\"true\" range=\"{range}\" solreflimit=\"{solver}\" solimplimit=\"{STOP_IMPEDANCE} {STOP_IMPEDANCE} 0.001\""
+                    " limited=\"true\" range=\"{range}\" solreflimit=\"{solver}\" solimplimit=\"{impedance} {impedance} 0.001\""
                 ));
             }
             "axis_tilt" => {

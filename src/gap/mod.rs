@@ -24,6 +24,7 @@ pub mod screen;
 pub mod search;
 pub mod simplify;
 pub mod smooth;
+pub mod starts;
 pub mod twin_tree;
 pub mod update;
 pub mod verdict;

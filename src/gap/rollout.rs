@@ -54,6 +54,8 @@ pub struct Sum {
     pub friction_q: f64,
     /// By the measured effort.
     pub friction_u: f64,
+    /// Share of the measured effort that contacts take off.
+    pub taken: f64,
 }
 
 /// Adds up plant and terms at a state. `columns` takes the derivatives by the parameters: of the effort minus
@@ -85,7 +87,34 @@ fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, 
         }
         column += term.p.len();
     }
+    if model.terms.iter().any(|t| catalogue[t.effect].place() == Place::Contact) {
+        add_contacts(model, catalogue, at, effort, &mut sum);
+    }
     sum
+}
+
+/// Adds contacts up, which feel the sum of the other efforts.
+fn add_contacts(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, sum: &mut Sum) {
+    let at = At { load: at.u + sum.effort, ..*at };
+    let mut column = 3;
+    for term in &model.terms {
+        let columns = column..column + term.p.len();
+        column = columns.end;
+        let effect = &catalogue[term.effect];
+        if effect.place() != Place::Contact {
+            continue;
+        }
+        let mut r = Response::default();
+        effect.respond(&at, &term.p, &mut r);
+        sum.effort += r.value;
+        sum.q += r.q + r.load * sum.q;
+        sum.v += r.v + r.load * sum.v;
+        sum.taken -= r.load;
+        if r.load != 0.0 {
+            effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
+        }
+        effort[columns].copy_from_slice(&r.p[..term.p.len()]);
+    }
 }
 
 /// Efforts at a state without derivatives by parameters.
@@ -107,7 +136,20 @@ pub fn roll(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &D
         8 => roll_columns::<8>(model, catalogue, log, drive, span, start, out),
         12 => roll_columns::<12>(model, catalogue, log, drive, span, start, out),
         _ => roll_columns::<MAX_COLUMNS>(model, catalogue, log, drive, span, start, out),
-    }
+    };
+}
+
+/// Simulates a window with the sensitivities to its start state alone; gives the state at its last sample.
+pub fn roll_starts(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    out: &mut Rollout,
+) -> Start {
+    roll_columns::<4>(model, catalogue, log, drive, span, start, out)
 }
 
 /// Scalars of a model that enter every step, and their columns.
@@ -161,7 +203,7 @@ fn drift<const W: usize>(h: f64, q: &mut f64, dq: &mut Row, v: f64, dv: &Row) {
     }
 }
 
-/// Rolls a window with `W` columns.
+/// Rolls a window with `W` columns; gives the state at its last sample.
 fn roll_columns<const W: usize>(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -170,7 +212,7 @@ fn roll_columns<const W: usize>(
     span: Span,
     start: Start,
     out: &mut Rollout,
-) {
+) -> Start {
     let sensor = model.sensor(catalogue);
     let Layout { gain, gain_column, inverse, inertia_column, delay_column, sensors } = Layout::of(model, catalogue);
     let (mut q, mut v) = (start.position, start.velocity);
@@ -201,15 +243,16 @@ fn roll_columns<const W: usize>(
             let u = gain * drive.effort[index];
             drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
             let direction = if v != 0.0 { v.signum() } else { 1.0 };
-            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now };
+            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0 };
             let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
-            effort_p[2] = gain * drive.by_delay[index];
-            friction_p[2] = sum.friction_u * effort_p[2];
+            let by_u = 1.0 - sum.taken;
+            let by_delay = gain * drive.by_delay[index];
+            (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
             if let Some(c) = delay_column {
                 (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
             }
             if let Some(c) = gain_column {
-                (effort_p[c], friction_p[c]) = (drive.effort[index], sum.friction_u * drive.effort[index]);
+                (effort_p[c], friction_p[c]) = (by_u * drive.effort[index], sum.friction_u * drive.effort[index]);
             }
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
@@ -241,6 +284,8 @@ fn roll_columns<const W: usize>(
             drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
         }
     }
+    let play = if sensor.half_gap > 0.0 { (gauge - q) / sensor.half_gap } else { start.play };
+    Start { position: q, velocity: v, play }
 }
 
 /// Passes the position through play, scale and offset of the sensor.

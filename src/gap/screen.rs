@@ -259,14 +259,22 @@ impl<'p, 'c> Screen<'p, 'c> {
             let k = span.start + i;
             let (q, v, u) = (m.position[k], m.velocity[k], m.effort[k]);
             out[i] = match effect.place() {
-                Place::Effort | Place::Friction => {
+                Place::Effort | Place::Contact | Place::Friction => {
                     for (x, other) in now.iter_mut().zip(&log.others) {
                         *x = other[k];
                     }
-                    let at = At { q, v, u, t: run_time_s(span.log, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now };
+                    let at = At {
+                        q,
+                        v,
+                        u,
+                        t: run_time_s(span.log, log, k),
+                        direction: if v < 0.0 { -1.0 } else { 1.0 },
+                        others: &now,
+                        load: 0.0,
+                    };
                     let mut r = Response::default();
                     effect.respond(&at, shape, &mut r);
-                    if effect.place() == Place::Effort { r.p[column] } else { -r.p[column] * v / (v * v + still * still).sqrt() }
+                    if effect.place() != Place::Friction { r.p[column] } else { -r.p[column] * v / (v * v + still * still).sqrt() }
                 }
                 Place::Inertia => -m.acceleration[k],
                 Place::Gain => u,
@@ -300,7 +308,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             }
             let (q, v) = (0.5 * (trace.position[k] + trace.position[next]), 0.5 * (trace.velocity[k] + trace.velocity[next]));
             let u = gain * trace.effort[k];
-            let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now };
+            let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0 };
             let sum = efforts_at(model, catalogue, &at);
             let free = u + sum.effort;
             let slow = 0.01 * problem.coverage.speed.1;

@@ -106,7 +106,7 @@ const MIN_FELT: f64 = 0.02;
 /// Whether an effort or a friction is strong enough to stand beside other effects.
 fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
     let effect = &problem.catalogue[term.effect];
-    if !matches!(effect.place(), Place::Effort | Place::Friction) {
+    if !matches!(effect.place(), Place::Effort | Place::Contact | Place::Friction) {
         return true;
     }
     let least = MIN_FELT * problem.coverage.effort_rms;
@@ -119,7 +119,7 @@ fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
             }
             let direction = if trace.velocity[k] < 0.0 { -1.0 } else { 1.0 };
             let t = run_time_s(index, log, k);
-            let at = At { q: trace.position[k], v: trace.velocity[k], u: trace.effort[k], t, direction, others: &others };
+            let at = At { q: trace.position[k], v: trace.velocity[k], u: trace.effort[k], t, direction, others: &others, load: 0.0 };
             let mut response = Response::default();
             effect.respond(&at, &term.p, &mut response);
             response.value.abs() >= least
@@ -151,15 +151,18 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         };
         let best_before = by_size[size - 1][0].score;
         // One more effect must bring a share of what the others brought: an inexact shape is no further effect.
-        let wanted = MIN_GAIN.max(MIN_SHARE * (best_before - nothing));
+        let wanted = MIN_GAIN.max(LOOK_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
-            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted);
+            // A worse parent has to make up for what it lacks, of which the first order foretells a part.
+            let lacks = 0.5 * (best_before - parent.score);
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             if rank == 0 && hope < MIN_GAIN {
                 return Search { by_size, disturbance };
             }
-            found.extend(grow(problem, parent, &hits));
+            let best = found.iter().map(|c| c.score).fold(f64::NEG_INFINITY, f64::max);
+            found.extend(grow(problem, parent, &hits, best));
         }
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
@@ -188,14 +191,19 @@ fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
 }
 
 /// Share of the gain so far that one more effect must add to be looked into.
-const MIN_SHARE: f64 = 0.03;
+const LOOK_SHARE: f64 = 0.03;
+/// The same to be accepted.
+const MIN_SHARE: f64 = 0.04;
 /// The same for a push: one window that was misread looks like one.
 const MIN_SHARE_OF_PUSH: f64 = 0.15;
 /// Candidates that are fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 
+/// Share of the leader's gain that a candidate must have to be fitted to the end.
+const CLOSE: f64 = 0.5;
+
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
-fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
+fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
     let first = |m: &JointModel| {
         let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
@@ -220,7 +228,11 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
         let once = further(c);
         if has_play(&once) { further(&further(&once)) } else { once }
     };
-    let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(last).collect();
+    // Who gains little beside the leader will not catch up.
+    let leading = fits.first().map_or(found, |c| c.score.max(found)) - parent.score;
+    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading || has_play(c);
+    let end = |c: &Candidate| if is_close(c) { last(c) } else { c.clone() };
+    let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(end).collect();
     fits.splice(..ended.len(), ended);
     fits
 }

@@ -123,7 +123,7 @@ const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
 const MAX_NOISE_LEFT: f64 = 0.4;
 /// Effort noise that may be left, as a share of the recorded effort, unless it is a small share of the twin's.
-const MAX_NOISE_SHARE: f64 = 0.2;
+const MAX_NOISE_SHARE: f64 = 0.1;
 /// Level of the test of a table.
 const LEVEL: f64 = 0.01;
 /// Gain over its size that a table must have before it means that something is missing.

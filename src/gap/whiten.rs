@@ -35,7 +35,7 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
             *x = other[k];
         }
         let (q, v, u) = (trace.position[k], trace.velocity[k], gain * trace.effort[k]);
-        let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now };
+        let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0 };
         let sum = efforts_at(model, catalogue, &at);
         let settling = Settling::over(model.settle_s, dt);
         let held = if settling.keep > 0.0 { v / (model.settle_s * inverse) + u + sum.effort } else { u + sum.effort };

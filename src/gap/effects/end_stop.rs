@@ -1,4 +1,6 @@
-//! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it and `c` times the speed, never pulled.
+//! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it, `c` times the speed and a share of what
+//! else drives it into the stop, never pulled. The share is that of a rigid stop behind a soft one: under a steady effort the
+//! joint sinks in less than `k` alone would let it.
 
 use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
 
@@ -13,15 +15,19 @@ const PARAMETERS: &[Parameter] = &[
     amplitude("stiffness", Dimension::Stiffness, false),
     amplitude("contact_damping", Dimension::Damping, false),
     shape("position", Dimension::Position, true),
+    shape("impedance", Dimension::Ratio, false),
 ];
 
 const SPEC: Spec = Spec {
     name: "end_stop",
-    place: Place::Effort,
+    place: Place::Contact,
     parameters: PARAMETERS,
     contains: &[],
     experiment: "touch the stop twice or more, slowly and fast",
 };
+
+/// Largest share of the other efforts that a stop takes off.
+const MAX_IMPEDANCE: f64 = 0.98;
 
 impl Effect for EndStop {
     fn spec(&self) -> &'static Spec {
@@ -34,7 +40,7 @@ impl Effect for EndStop {
         if depth <= 0.0 {
             return;
         }
-        let push = p[0] * depth + p[1] * side * at.v;
+        let push = p[0] * depth + p[1] * side * at.v + p[3] * side * at.load;
         if push < 0.0 {
             return;
         }
@@ -44,13 +50,15 @@ impl Effect for EndStop {
         out.p[0] = -side * depth;
         out.p[1] = -at.v;
         out.p[2] = p[0];
+        out.p[3] = -at.load;
+        out.load = -p[3];
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
         let range = high - low;
         let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
-        [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23].iter().map(|f| vec![0.0, 0.0, edge + inward * f * range]).collect()
+        [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23].iter().map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0]).collect()
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
@@ -58,13 +66,14 @@ impl Effect for EndStop {
         match index {
             0 => (0.0, coverage.inertia * 200.0 * 200.0),
             1 => (0.0, coverage.inertia * 400.0),
+            3 => (0.0, MAX_IMPEDANCE),
             _ => (coverage.position.0, coverage.position.1),
         }
     }
 
     fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
-        let at_rate = |rate: f64| vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2]];
-        [12.0, 35.0, 90.0].into_iter().map(at_rate).collect()
+        let at_rate = |(rate, impedance): (f64, f64)| vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2], impedance];
+        [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)].into_iter().map(at_rate).collect()
     }
 
     fn is_upper(&self) -> bool {

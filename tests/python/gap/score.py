@@ -52,7 +52,7 @@ SAME = {
     "spring_return": {"k": "stiffness", "q": "rest_position"}, "hardening_spring": {"k": "stiffness", "h": "hardening", "q": "rest_position"},
     "constant_bias": {"e": "effort"}, "inertia": {"I": "added_inertia"}, "torque_gain": {"g": "gain"}, "backlash": {"g": "half_gap"},
     "delay": {"d": "delay"}, "encoder_bias": {"o": "offset"}, "encoder_scale": {"s": "scale"}, "detent": {"q": "position"},
-    "local_friction": {"q": "position"},
+    "local_friction": {"q": "position"}, "end_stop": {"q": "position"},
 }  # fmt: skip
 
 

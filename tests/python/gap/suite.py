@@ -7,8 +7,10 @@ usage: suite.py PROGRAM WORK [--size ci|day|full] [--seed N] [--jobs N] [--table
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
+import random
 import resource
 import shutil
 import subprocess
@@ -26,10 +28,10 @@ from table import table
 SIZES = {
     "ci": {"single": (["mid"], 3, 8.0, 8), "null": (["mid"], 3, 8.0, 4), "pair": (["mid"], 4, 8.0, 2), "outside": (["mid"], 4, 8.0, 3)},
     "day": {
-        "single": (["low", "mid", "high"], 5, 10.0, 66),
-        "null": (["low", "mid", "high"], 3, 8.0, 60),
-        "pair": (["low", "mid", "high"], 5, 10.0, 24),
-        "outside": (["low", "mid", "high"], 5, 10.0, 30),
+        "single": (["low", "mid", "high"], 5, 10.0, 132),
+        "null": (["low", "mid", "high"], 3, 8.0, 84),
+        "pair": (["low", "mid", "high"], 5, 10.0, 48),
+        "outside": (["low", "mid", "high"], 5, 10.0, 48),
     },
     "full": {
         "single": (["low", "mid", "high"], 5, 10.0, 1100),
@@ -41,16 +43,31 @@ SIZES = {
 
 
 def plan(kind, setting, seed):
-    """The cases of a kind: every effect and object in turn, the noises by turns, seeds from `seed` on."""
+    """The cases of a kind in an order drawn from the seed: every family once a turn, its objects and the noises by turns, so
+    that a suite that is cut short has met families, objects and noises alike."""
     noises, runs, duration, wanted = setting
+    draw = random.Random(f"{kind}/{seed}")
+    families = {}
+    for obj, effects, _, _ in generate.cases(kind, list(generate.OBJECTS), [], ["mid"], [seed]):
+        families.setdefault(effects, []).append((obj, effects))
+    if kind == "null":
+        families = {obj: [(obj, effects)] for (obj, effects) in families[()]}
+    cells = {}
+    for family, members in families.items():
+        # Every object with every noise, noises changing fastest over a shuffled start.
+        draw.shuffle(members)
+        levels = draw.sample(noises, len(noises))
+        count = math.lcm(len(members), len(levels))
+        blocks = range(len(members) * len(levels) // count)
+        cells[family] = [(*members[i % len(members)], levels[(i + block) % len(levels)]) for block in blocks for i in range(count)]
     cases, turn = [], 0
     while len(cases) < wanted:
-        for obj, effects, _, s in generate.cases(kind, list(generate.OBJECTS), [], ["mid"], [seed + turn]):
-            cases.append((obj, effects, s))
+        for family in draw.sample(sorted(families), len(families)):
+            own = cells[family]
+            obj, effects, noise = own[turn % len(own)]
+            cases.append((kind, obj, effects, noise, seed + turn // len(own), runs, duration))
         turn += 1
-    # Evenly over the list, so that a short suite still meets every family and object.
-    chosen = [cases[i * len(cases) // wanted] for i in range(wanted)]
-    return [(kind, obj, effects, noises[i % len(noises)], s, runs, duration) for i, (obj, effects, s) in enumerate(chosen)]
+    return cases[:wanted]
 
 
 def one(job):
