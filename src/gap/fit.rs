@@ -181,13 +181,13 @@ fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bo
     Evaluation { normal: Normal { blocks, hessian, gradient }, cost }
 }
 
-/// `rows' * rows` over the first `W` columns.
+/// `rows' * rows` over the first `W` columns; from the diagonal on.
 fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     let mut sums = [[0.0; W]; W];
     for row in rows {
         for i in 0..W {
             let x = row[i];
-            for j in 0..W {
+            for j in i & !1..W {
                 sums[i][j] += x * row[j];
             }
         }
@@ -317,7 +317,7 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
-        improve(problem, &model, &mut starts, &whitening, round == 0 || has_play);
+        improve(problem, &model, &mut starts, &whitening, pace.settles && (round == 0 || has_play));
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }

@@ -180,6 +180,21 @@ impl Layout {
     }
 }
 
+impl Layout {
+    /// Columns of what the measured effort goes through; `by_delay` is the derivative of the acting effort by the delay.
+    #[inline]
+    fn by_drive(&self, sum: &Sum, effort: f64, by_delay: f64, effort_p: &mut Row, friction_p: &mut Row) {
+        let by_u = 1.0 - sum.taken;
+        (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
+        if let Some(c) = self.delay_column {
+            (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
+        }
+        if let Some(c) = self.gain_column {
+            (effort_p[c], friction_p[c]) = (by_u * effort, sum.friction_u * effort);
+        }
+    }
+}
+
 /// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way through rest
 /// the larger one of both sides.
 fn bound_at_turn(model: &JointModel, catalogue: &Catalogue, at: &At, bound: f64, friction: &mut Row) -> f64 {
@@ -214,7 +229,8 @@ fn roll_columns<const W: usize>(
     out: &mut Rollout,
 ) -> Start {
     let sensor = model.sensor(catalogue);
-    let Layout { gain, gain_column, inverse, inertia_column, delay_column, sensors } = Layout::of(model, catalogue);
+    let layout = Layout::of(model, catalogue);
+    let Layout { gain, inverse, inertia_column, sensors, .. } = layout;
     let (mut q, mut v) = (start.position, start.velocity);
     let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     (dq[0], dv[1]) = (1.0, 1.0);
@@ -245,15 +261,7 @@ fn roll_columns<const W: usize>(
             let direction = if v != 0.0 { v.signum() } else { 1.0 };
             let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0 };
             let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
-            let by_u = 1.0 - sum.taken;
-            let by_delay = gain * drive.by_delay[index];
-            (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
-            if let Some(c) = delay_column {
-                (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
-            }
-            if let Some(c) = gain_column {
-                (effort_p[c], friction_p[c]) = (by_u * drive.effort[index], sum.friction_u * drive.effort[index]);
-            }
+            layout.by_drive(&sum, drive.effort[index], gain * drive.by_delay[index], &mut effort_p, &mut friction_p);
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
             if let Some(c) = inertia_column {

@@ -167,7 +167,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
         let smaller: Vec<Candidate> =
-            if size > 1 { sets.iter().take(2).flat_map(|c| without_one(problem, c)).collect() } else { Vec::new() };
+            if size > 1 { sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect() } else { Vec::new() };
         by_size.push(sets);
         if !smaller.is_empty() {
             let known = std::mem::take(&mut by_size[size - 1]);
@@ -180,14 +180,20 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
     Search { by_size, disturbance }
 }
 
-/// The candidate with each of its effects taken away in turn, refitted.
-fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
+/// The candidate with each of its effects taken away in turn, refitted; not what is known already.
+fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -> Vec<Candidate> {
+    let is_new = |i: &usize| {
+        let mut left: Vec<usize> = candidate_.fit.model.terms.iter().map(|t| t.effect).collect();
+        left.remove(*i);
+        left.sort_unstable();
+        !known.iter().any(|k| k.effects() == left)
+    };
     let one = |i: usize| {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
         candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::thorough(3)))
     };
-    (0..candidate_.fit.model.terms.len()).into_par_iter().map(one).collect()
+    (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
 
 /// Share of the gain so far that one more effect must add to be looked into.
@@ -230,7 +236,7 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
     };
     // Who gains little beside the leader will not catch up.
     let leading = fits.first().map_or(found, |c| c.score.max(found)) - parent.score;
-    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading || has_play(c);
+    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading || (has_play(c) && parent.fit.model.terms.is_empty());
     let end = |c: &Candidate| if is_close(c) { last(c) } else { c.clone() };
     let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(end).collect();
     fits.splice(..ended.len(), ended);

@@ -257,17 +257,17 @@ fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
 fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
     let problem = &problem.refined();
     let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false };
-    let at = |settle_s: f64, from: &Fit| {
+    let at = |settle_s: f64, from: &Fit, steps: usize| {
         let model = JointModel { settle_s, ..from.model.clone() };
-        fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, pace)
+        fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, Pace { steps, ..pace })
     };
-    let fine = at(coarse.model.settle_s, coarse);
+    let fine = at(coarse.model.settle_s, coarse, pace.steps);
     let mut fits = vec![fine.clone()];
     if fine.model.has_friction(problem.catalogue) {
         let own = fine.model.settle_s;
         let between = SETTLE_S.iter().copied().filter(|s| *s != own);
         let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
-        let more: Vec<Fit> = between.chain(near).collect::<Vec<_>>().par_iter().map(|s| at(*s, &fine)).collect();
+        let more: Vec<Fit> = between.chain(near).collect::<Vec<_>>().par_iter().map(|s| at(*s, &fine, pace.steps / 2)).collect();
         fits.extend(more);
     }
     let best = fits.iter().map(|f| f.log_likelihood).fold(f64::NEG_INFINITY, f64::max);

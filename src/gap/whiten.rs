@@ -73,10 +73,15 @@ pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut
     out.clear();
     let (r, w) = (sigma_y * sigma_y, sigma_u * sigma_u);
     let (mut qq, mut qv, mut vv) = (0.0, 0.0, 0.0);
-    let mut log_variance = 0.0;
+    // Logarithms of products: variances of positions are far from the bounds of a double.
+    let (mut log_variance, mut product) = (0.0, 1.0f64);
     for local in &locals[span.start..span.start + span.len] {
         let s = qq + r;
-        log_variance += s.ln();
+        product *= s;
+        if !(1e-200..1e200).contains(&product) {
+            log_variance += product.ln();
+            product = 1.0;
+        }
         let (kq, kv) = (qq / s, qv / s);
         out.push(Gain { scale: 1.0 / s.sqrt(), kq, kv });
         let (uqq, uqv, uvv) = (qq * (1.0 - kq), qv * (1.0 - kq), vv - kv * qv);
@@ -87,7 +92,7 @@ pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut
         qv = m00 * a[2] + m01 * a[3] + w * g[0] * g[1];
         vv = m10 * a[2] + m11 * a[3] + w * g[1] * g[1];
     }
-    log_variance
+    log_variance + product.ln()
 }
 
 /// Passes the first `W` columns of rows through the filter.
