@@ -317,7 +317,7 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
-        improve(problem, &model, &mut starts, &whitening, pace.settles && (round == 0 || has_play));
+        improve(problem, &model, &mut starts, &whitening, round == 0 || has_play);
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }
