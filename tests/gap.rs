@@ -98,3 +98,24 @@ fn a_damper_of_one_way_and_place_is_unknown() {
     assert_eq!(report["verdict"], "unknown", "{report:#}");
     assert!(!report["where"].as_array().unwrap().is_empty());
 }
+
+#[test]
+fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() {
+    let temp = Temp::new("chain");
+    let Some(python) = venv::python() else { return };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/chain.py");
+    let case = temp.0.join("arm");
+    let output = Command::new(python).arg(script).arg(&case).args(["--friction", "0.4", "--seed", "3"]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let runs = (0..3).map(|i| case.join(format!("run_{i}")));
+    let mut program = Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    let output = program.arg("diagnose").arg(case.join("twin.urdf")).args(runs).arg("--out").arg(temp.0.join("result")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
+    let findings = report["findings"].as_array().unwrap();
+    assert_eq!(findings.len(), 1, "{report:#}");
+    assert_eq!((&findings[0]["joint"], &findings[0]["effect"]), (&"lower_joint".into(), &"coulomb_friction".into()), "{report:#}");
+    let friction = findings[0]["parameters"][0]["value"].as_f64().unwrap();
+    assert!((friction - 0.4).abs() < 0.02, "{friction}");
+}

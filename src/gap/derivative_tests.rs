@@ -24,6 +24,7 @@ fn coverage() -> Coverage {
         others: 1,
         turns: true,
         has_load_slope: true,
+        in_chain: false,
     }
 }
 
@@ -61,6 +62,7 @@ fn effects_have_the_derivatives_that_they_claim() {
                 direction: 1.0,
                 others: &[0.4],
                 load: 2.0 - x,
+                carried: None,
             };
             let mut r = Response::default();
             effect.respond(&at, &p, &mut r);
@@ -97,7 +99,14 @@ fn log() -> JointLog {
     let n = 200;
     let time_s: Vec<f64> = (0..n).map(|k| 0.005 * f64::from(k)).collect();
     let effort = time_s.iter().map(|t| 6.0 * (7.0 * t).sin() + 2.0).collect();
-    JointLog { run: "r".into(), position: vec![0.0; time_s.len()], effort, others: vec![vec![0.2; time_s.len()]], time_s }
+    JointLog {
+        run: "r".into(),
+        position: vec![0.0; time_s.len()],
+        effort,
+        others: vec![vec![0.2; time_s.len()]],
+        carried: Vec::new(),
+        time_s,
+    }
 }
 
 fn plant() -> Plant {

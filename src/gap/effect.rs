@@ -1,6 +1,6 @@
 //! What an effect is: its equation, the derivatives of it, the shapes it is looked for with, and its place in the formats.
 
-use super::log::JointLog;
+use super::{chain::Carried, log::JointLog};
 
 /// Most parameters of one effect.
 pub const MAX_PARAMETERS: usize = 5;
@@ -106,6 +106,8 @@ pub struct At<'a> {
     pub others: &'a [f64],
     /// Sum of the smooth efforts, what acts included; only for [`Place::Contact`].
     pub load: f64,
+    /// What the other joints of a chain make of this one.
+    pub carried: Option<&'a Carried>,
 }
 
 /// Value of an effect and its derivatives.
@@ -152,6 +154,8 @@ pub struct Coverage {
     pub turns: bool,
     /// The twin's load depends on the position.
     pub has_load_slope: bool,
+    /// The joint shares a chain with other moving joints.
+    pub in_chain: bool,
 }
 
 /// Distance between the runs on the common time axis, seconds.

@@ -1,5 +1,7 @@
 //! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
 
+use super::chain::Carried;
+
 /// One recorded run of one joint, stamps strictly increasing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointLog {
@@ -13,6 +15,8 @@ pub struct JointLog {
     pub effort: Vec<f64>,
     /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
     pub others: Vec<Vec<f64>>,
+    /// What the other joints of its chain make of the joint, from each sample to the next; empty where it has none.
+    pub carried: Vec<Carried>,
 }
 
 /// Consecutive samples without a gap.
@@ -65,6 +69,7 @@ impl JointLog {
             position: self.position[from..to].to_vec(),
             effort: self.effort[from..to].to_vec(),
             others: self.others.iter().map(|o| o[from..to].to_vec()).collect(),
+            carried: self.carried.get(from..to).map(<[Carried]>::to_vec).unwrap_or_default(),
         }
     }
 

@@ -2,6 +2,9 @@
 
 pub mod assess;
 pub mod camera;
+pub mod chain;
+#[cfg(test)]
+mod chain_tests;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;
@@ -13,6 +16,7 @@ pub mod joint_model;
 pub mod locate;
 pub mod log;
 pub mod mjcf;
+pub mod motion;
 pub mod noise;
 pub mod plant;
 pub mod problem;

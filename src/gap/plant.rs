@@ -1,6 +1,9 @@
 //! One joint of the twin as a single degree of freedom: what stands in front of its acceleration, and what resists it.
 
-use super::twin_tree::{Motion, TwinTree};
+use super::{
+    chain::Carried,
+    twin_tree::{Motion, TwinTree},
+};
 
 /// `inertia * acceleration = effort - damping * velocity - friction * Sgn(velocity) - load(position)`.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,9 +53,9 @@ pub enum PlantError {
     /// No mass moves with the joint.
     #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
     NoMass(String),
-    /// Its inertia or load depends on other joints.
+    /// Its inertia or load depends on a joint of which nothing is recorded.
     #[error(
-        "joint '{0}' shares a chain with other moving joints; only joints that hang on a fixed base are diagnosed: hold the others still and give a twin in which they are fixed"
+        "joint '{0}' shares a chain with a joint that follows another one (<mimic>); such chains are not diagnosed: hold the others still and give a twin in which they are fixed"
     )]
     Coupled(String),
     /// A number of the twin is not usable.
@@ -61,14 +64,26 @@ pub enum PlantError {
 }
 
 impl Plant {
-    /// The plant of a joint, its index in `tree.joints`.
+    /// Load and its slope at a position, in a chain under the motion of the others.
+    #[must_use]
+    pub fn load_at(&self, carried: Option<&Carried>, position: f64) -> (f64, f64) {
+        carried.map_or_else(|| self.load.at(position), |c| c.at(position))
+    }
+
+    /// Inertia, and its rate.
+    #[must_use]
+    pub fn inertia_at(&self, carried: Option<&Carried>) -> (f64, f64) {
+        carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
+    }
+
+    /// The plant of a joint, its index in `tree.joints`; in a chain, with the others at 0.
     ///
     /// # Errors
-    /// [`PlantError`] where the joint moves no mass, hangs on other moving joints, or its dynamics are no numbers.
+    /// [`PlantError`] where the joint moves no mass, shares a chain with a joint that follows another one, or its dynamics are no numbers.
     pub fn of(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
         let name = || spec.name.clone();
-        if tree.is_coupled(joint) {
+        if tree.chain(joint).iter().any(|&j| tree.joints[j].is_mimic) {
             return Err(PlantError::Coupled(name()));
         }
         let sane = |x: f64| x.is_finite() && x >= 0.0;

@@ -138,7 +138,10 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
         let [lo, hi] = t.position.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
         hi - lo
     };
-    let slope = (0..9).map(|i| plant.load.at(low + (high - low) * f64::from(i) / 8.0).1.abs()).fold(0.0, f64::max);
+    let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
+    let seen: Vec<_> = std::iter::once(None).filter(|_| logs.iter().all(|l| l.carried.is_empty())).chain(carried).collect();
+    let slopes = (0..9).map(|i| low + (high - low) * f64::from(i) / 8.0).flat_map(|q| seen.iter().map(move |c| plant.load_at(*c, q).1));
+    let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
     Coverage {
         position: (low, high),
         travel: traces.iter().map(range).fold(0.0, f64::max),
@@ -152,5 +155,6 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
         others: logs.first().map_or(0, |l| l.others.len()),
         turns,
         has_load_slope: slope > 1e-6,
+        in_chain: logs.iter().any(|l| !l.carried.is_empty()),
     }
 }

@@ -1,6 +1,9 @@
 //! What a bag says about joints, before it is cut down to one joint: checks that name what is missing.
 
-use super::log::JointLog;
+use super::{
+    log::{JointLog, position_noise},
+    motion::SmoothMotion,
+};
 
 /// Samples of one joint as they were recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -77,6 +80,34 @@ const MIN_SAMPLES: usize = 100;
 const OTHERS_HALF_WIDTH: usize = 4;
 
 impl Recording {
+    /// Motion of a joint from its positions; repeated and backward stamps and positions that are not numbers are left out.
+    ///
+    /// # Errors
+    /// [`RecordingError`] where the run has no position of the joint.
+    pub fn motion(&self, name: &str) -> Result<SmoothMotion, RecordingError> {
+        let (run, joint) = (self.name.clone(), name.to_owned());
+        let Some(samples) = self.joints.iter().find(|j| j.name == name) else {
+            return Err(RecordingError::NoJoint { run, joint, has: self.names() });
+        };
+        let mut log = JointLog::default();
+        for (t, q) in samples.time_s.iter().zip(&samples.position) {
+            if q.is_finite() && log.time_s.last().is_none_or(|last| *t > last + 1e-7) {
+                log.time_s.push(*t);
+                log.position.push(*q);
+            }
+        }
+        if log.time_s.len() < MIN_SAMPLES {
+            return Err(RecordingError::NoPosition { run, joint });
+        }
+        let logs = [log];
+        let sigma = position_noise(&logs).max(1e-9);
+        Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, sigma, &[]))
+    }
+
+    fn names(&self) -> String {
+        self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ")
+    }
+
     /// The log of one joint; positions of `others` are brought to its stamps. Repeated and backward stamps and samples
     /// with NaN are left out, each with a warning.
     ///
@@ -84,7 +115,7 @@ impl Recording {
     /// [`RecordingError`] where the run does not say enough about the joint.
     pub fn joint(&self, name: &str, others: &[String], warnings: &mut Vec<String>) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
-        let has = || self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ");
+        let has = || self.names();
         let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
             run: run(),
             joint: joint(),

@@ -63,8 +63,9 @@ pub struct Sum {
 #[inline]
 fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
     let plant = &model.plant;
-    let (load, slope) = plant.load.at(at.q);
-    let mut sum = Sum { effort: -load - plant.damping * at.v, q: -slope, v: -plant.damping, friction: plant.friction, ..Sum::default() };
+    let (load, slope) = plant.load_at(at.carried, at.q);
+    let damping = plant.damping + plant.inertia_at(at.carried).1;
+    let mut sum = Sum { effort: -load - damping * at.v, q: -slope, v: -damping, friction: plant.friction, ..Sum::default() };
     let mut column = 3;
     for term in &model.terms {
         let effect = &catalogue[term.effect];
@@ -156,8 +157,8 @@ pub fn roll_starts(
 struct Layout {
     gain: f64,
     gain_column: Option<usize>,
-    /// One over the inertia.
-    inverse: f64,
+    /// Added inertia.
+    added: f64,
     inertia_column: Option<usize>,
     delay_column: Option<usize>,
     /// Offset, scale and play of the sensor.
@@ -172,7 +173,7 @@ impl Layout {
         Self {
             gain,
             gain_column,
-            inverse: 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia),
+            added,
             inertia_column,
             delay_column: scalar(Place::Delay, 0.0).1,
             sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
@@ -209,6 +210,12 @@ fn bound_at_turn(model: &JointModel, catalogue: &Catalogue, at: &At, bound: f64,
     bound.max(add_up(model, catalogue, &turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
 }
 
+/// One over an inertia and what is added to it.
+#[must_use]
+pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
+    1.0 / (inertia + added).max(1e-3 * inertia)
+}
+
 /// Moves the position at a constant velocity.
 #[inline]
 fn drift<const W: usize>(h: f64, q: &mut f64, dq: &mut Row, v: f64, dv: &Row) {
@@ -230,7 +237,8 @@ fn roll_columns<const W: usize>(
 ) -> Start {
     let sensor = model.sensor(catalogue);
     let layout = Layout::of(model, catalogue);
-    let Layout { gain, inverse, inertia_column, sensors, .. } = layout;
+    let Layout { gain, added, inertia_column, sensors, .. } = layout;
+    let mut inverse = inverse_inertia(model.plant.inertia, added);
     let (mut q, mut v) = (start.position, start.velocity);
     let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     (dq[0], dv[1]) = (1.0, 1.0);
@@ -254,12 +262,16 @@ fn roll_columns<const W: usize>(
         for (now, other) in others_now.iter_mut().zip(&others) {
             *now = 0.5 * (other[k] + other[k + 1]);
         }
+        let carried = log.carried.get(k);
+        if let Some(c) = carried {
+            inverse = inverse_inertia(c.inertia, added);
+        }
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
             let u = gain * drive.effort[index];
             drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
             let direction = if v != 0.0 { v.signum() } else { 1.0 };
-            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0 };
+            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0, carried };
             let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
             layout.by_drive(&sum, drive.effort[index], gain * drive.by_delay[index], &mut effort_p, &mut friction_p);
             let total = u + sum.effort;

@@ -271,6 +271,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                         direction: if v < 0.0 { -1.0 } else { 1.0 },
                         others: &now,
                         load: 0.0,
+                        carried: log.carried.get(k),
                     };
                     let mut r = Response::default();
                     effect.respond(&at, shape, &mut r);
@@ -278,9 +279,9 @@ impl<'p, 'c> Screen<'p, 'c> {
                 }
                 Place::Inertia => -m.acceleration[k],
                 Place::Gain => u,
-                Place::Bias => problem.plant.load.at(q).1,
+                Place::Bias => problem.plant.load_at(log.carried.get(k), q).1,
                 Place::Scale => {
-                    let (load, slope) = problem.plant.load.at(q);
+                    let (load, slope) = problem.plant.load_at(log.carried.get(k), q);
                     u - load + slope * q
                 }
                 Place::Delay | Place::Play => 0.0,
@@ -308,7 +309,16 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             }
             let (q, v) = (0.5 * (trace.position[k] + trace.position[next]), 0.5 * (trace.velocity[k] + trace.velocity[next]));
             let u = gain * trace.effort[k];
-            let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0 };
+            let at = At {
+                q,
+                v,
+                u,
+                t: run_time_s(index, log, k),
+                direction: if v < 0.0 { -1.0 } else { 1.0 },
+                others: &now,
+                load: 0.0,
+                carried: log.carried.get(k),
+            };
             let sum = efforts_at(model, catalogue, &at);
             let free = u + sum.effort;
             let slow = 0.01 * problem.coverage.speed.1;
@@ -316,7 +326,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             m.position.push(q);
             m.velocity.push(v);
             m.effort.push(trace.effort[k]);
-            m.acceleration.push((free - friction) / (problem.plant.inertia + added));
+            m.acceleration.push((free - friction) / (problem.plant.inertia_at(log.carried.get(k)).0 + added));
         }
         m
     };

@@ -119,7 +119,16 @@ fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
             }
             let direction = if trace.velocity[k] < 0.0 { -1.0 } else { 1.0 };
             let t = run_time_s(index, log, k);
-            let at = At { q: trace.position[k], v: trace.velocity[k], u: trace.effort[k], t, direction, others: &others, load: 0.0 };
+            let at = At {
+                q: trace.position[k],
+                v: trace.velocity[k],
+                u: trace.effort[k],
+                t,
+                direction,
+                others: &others,
+                load: 0.0,
+                carried: log.carried.get(k),
+            };
             let mut response = Response::default();
             effect.respond(&at, &term.p, &mut response);
             response.value.abs() >= least

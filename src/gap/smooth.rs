@@ -1,6 +1,7 @@
 //! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white effort noise.
 
 use super::{
+    chain::Carried,
     drive::Drive,
     log::{JointLog, Span},
     plant::Plant,
@@ -38,16 +39,17 @@ struct Predict<'a> {
 
 impl Predict<'_> {
     /// Transition matrix and effect of an effort over `dt` at a position.
-    fn matrices(&self, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
-        let i = 1.0 / self.plant.inertia;
-        let (k, b) = (self.plant.load.at(q).1 * i, self.plant.damping * i);
+    fn matrices(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
+        let (inertia, rate) = self.plant.inertia_at(carried);
+        let i = 1.0 / inertia;
+        let (k, b) = (self.plant.load_at(carried, q).1 * i, (self.plant.damping + rate) * i);
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
 
-    fn step(&self, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
-        let (a, g) = self.matrices(s.q, dt);
-        let (load, slope) = self.plant.load.at(s.q);
+    fn step(&self, carried: Option<&Carried>, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
+        let (a, g) = self.matrices(carried, s.q, dt);
+        let (load, slope) = self.plant.load_at(carried, s.q);
         let push = effort - load + slope * s.q;
         let w = self.noise * self.noise;
         let (m00, m01) = (a[0] * s.qq + a[1] * s.qv, a[0] * s.qv + a[1] * s.vv);
@@ -100,7 +102,7 @@ fn forward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sigm
         let mut passed = Vec::with_capacity(span.len);
         for k in span.start..span.start + span.len {
             if k > span.start {
-                (belief, transition) = predict.step(&belief, effort[k - 1], log.time_s[k] - log.time_s[k - 1]);
+                (belief, transition) = predict.step(log.carried.get(k - 1), &belief, effort[k - 1], log.time_s[k] - log.time_s[k - 1]);
             }
             let predicted = belief;
             let s = predicted.qq + sigma * sigma;
@@ -161,7 +163,9 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sig
     let mut last = 0.0;
     for k in 0..n {
         let (q, v) = (trace.position[k], trace.velocity[k]);
-        trace.acceleration[k] = (effort[k] - plant.damping * v - plant.load.at(q).0) / plant.inertia;
+        let carried = log.carried.get(k);
+        let (inertia, rate) = plant.inertia_at(carried);
+        trace.acceleration[k] = (effort[k] - (plant.damping + rate) * v - plant.load_at(carried, q).0) / inertia;
         if v.abs() > 0.02 * top {
             last = v.signum();
         }

@@ -202,7 +202,7 @@ mod tests {
         for model in [stop, play] {
             let time_s: Vec<f64> = (0..800).map(|k| 0.005 * f64::from(k)).collect();
             let effort: Vec<f64> = time_s.iter().map(|t| 0.9 * (7.0 * t).sin() + 0.3 * (23.0 * t).cos()).collect();
-            let mut log = JointLog { run: "r".into(), position: vec![0.0; 800], effort, others: Vec::new(), time_s };
+            let mut log = JointLog { run: "r".into(), position: vec![0.0; 800], effort, others: Vec::new(), carried: Vec::new(), time_s };
             let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
             let mut out = Rollout::default();
             roll_starts(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 800 }, Start::default(), &mut out);

@@ -130,11 +130,11 @@ impl TwinTree {
         self.inverse_dynamics(position, &zero, &zero, true)
     }
 
-    /// Whether another moving joint lies between a joint and the root, or beyond it.
+    /// The other moving joints that lie between a joint and the root, or beyond it.
     #[must_use]
-    pub fn is_coupled(&self, joint: usize) -> bool {
+    pub fn chain(&self, joint: usize) -> Vec<usize> {
         let moves = |j: usize| self.joints[j].motion != Motion::Fixed;
-        (0..self.joints.len()).any(|k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k)))
+        (0..self.joints.len()).filter(|&k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
     }
 
     /// Whether joint `upper` lies between the root and joint `lower`.

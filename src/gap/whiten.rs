@@ -5,7 +5,7 @@ use super::{
     effect::{At, Place, run_time_s},
     joint_model::{Catalogue, JointModel, Settling},
     log::{JointLog, Span},
-    rollout::{Row, efforts_at},
+    rollout::{Row, efforts_at, inverse_inertia},
     smooth::Trace,
 };
 
@@ -24,7 +24,6 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
     let n = log.time_s.len();
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
-    let inverse = 1.0 / (model.plant.inertia + added).max(1e-3 * model.plant.inertia);
     let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
     let mut now = [0.0; 8];
     let still = 0.003 * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
@@ -35,7 +34,10 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
             *x = other[k];
         }
         let (q, v, u) = (trace.position[k], trace.velocity[k], gain * trace.effort[k]);
-        let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0 };
+        let carried = log.carried.get(k);
+        let inverse = inverse_inertia(model.plant.inertia_at(carried).0, added);
+        let at =
+            At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0, carried };
         let sum = efforts_at(model, catalogue, &at);
         let settling = Settling::over(model.settle_s, dt);
         let held = if settling.keep > 0.0 { v / (model.settle_s * inverse) + u + sum.effort } else { u + sum.effort };

@@ -6,6 +6,7 @@ use super::{Event, Monitor, RunError, stage_rng};
 use crate::{
     gap::{
         assess::{Runs, assess},
+        chain::{carried, motions},
         drive::Hold,
         effects::catalogue,
         log::JointLog,
@@ -13,7 +14,7 @@ use crate::{
         plant::Plant,
         recording::Recording,
         report::{self, JointReport},
-        twin_tree::Motion,
+        twin_tree::{Motion, TwinTree},
         update,
         verdict::Verdict,
     },
@@ -96,7 +97,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         let stage = format!("diagnose/{name}");
         monitor.tell(Event::StageStarted { stage: stage.clone(), steps: None });
         let ready = Plant::of(&tree, j).map_err(|e| e.to_string());
-        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, &name, &names, &mut warnings)?)));
+        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, &tree, j, request.hold, &names, &mut warnings)?)));
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
@@ -137,10 +138,25 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
 }
 
 /// Logs of one joint. A single run gives its last third to the proof.
-fn split(recordings: &[(Recording, bool)], name: &str, names: &[String], warnings: &mut Vec<String>) -> Result<Split, String> {
+fn split(
+    recordings: &[(Recording, bool)],
+    tree: &TwinTree,
+    joint: usize,
+    hold: Hold,
+    names: &[String],
+    warnings: &mut Vec<String>,
+) -> Result<Split, String> {
+    let name = &tree.joints[joint].name;
+    let chain = tree.chain(joint);
+    let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
     let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
     for (recording, held) in recordings {
-        let log = recording.joint(name, names, warnings).map_err(|e| e.to_string())?;
+        let mut log = recording.joint(name, names, warnings).map_err(|e| e.to_string())?;
+        if !chain.is_empty() {
+            let mut all = motions(tree, &moving, recording, hold).map_err(|e| format!("joint '{name}': {e}"))?;
+            all.retain(|(j, _)| chain.contains(j));
+            log.carried = carried(tree, joint, &all, &log.time_s);
+        }
         if *held { held_out.push(log) } else { fitted.push(log) }
     }
     if held_out.is_empty() && fitted.len() == 1 {

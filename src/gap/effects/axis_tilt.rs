@@ -30,7 +30,7 @@ impl Effect for AxisTilt {
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        // A sliding joint sees gravity as a constant.
-        if coverage.turns { vec![vec![0.0, 0.0]] } else { Vec::new() }
+        // A sliding joint sees gravity as a constant; along a chain no single joint is tilted.
+        if coverage.turns && !coverage.in_chain { vec![vec![0.0, 0.0]] } else { Vec::new() }
     }
 }
