@@ -111,8 +111,7 @@ fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() {
     let mut program = Command::new(env!("CARGO_BIN_EXE_artitwin"));
     let output = program.arg("diagnose").arg(case.join("twin.urdf")).args(runs).arg("--out").arg(temp.0.join("result")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let report: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
     let findings = report["findings"].as_array().unwrap();
     assert_eq!(findings.len(), 1, "{report:#}");
     assert_eq!((&findings[0]["joint"], &findings[0]["effect"]), (&"lower_joint".into(), &"coulomb_friction".into()), "{report:#}");

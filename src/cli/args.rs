@@ -173,6 +173,9 @@ pub struct DiagnoseArgs {
     /// How the effort runs between samples
     #[arg(long, value_parser = ["zero", "linear"], default_value = "zero")]
     pub effort_hold: String,
+    /// Effects to fit at every joint instead of searching for them, such as viscous_friction,inertia
+    #[arg(long, value_name = "EFFECT", value_delimiter = ',')]
+    pub effects: Vec<String>,
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,

@@ -22,6 +22,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         gravity: args.gravity,
         hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
         seed: args.seed,
+        effects: args.effects.clone(),
     };
     let outcome = if args.frames.is_empty() {
         run::diagnose(&request, &Monitor::silent())?

@@ -26,6 +26,8 @@ pub struct Runs {
     pub turns: bool,
     /// How the effort runs between samples.
     pub hold: Hold,
+    /// Effects to fit instead of searching, indices in the catalogue.
+    pub effects: Vec<usize>,
 }
 
 /// Diagnoses a joint and proves the result.
@@ -33,7 +35,7 @@ pub struct Runs {
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
     let turns = runs.turns;
     let problem = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
-    let mut diagnosis = diagnose(&problem, rng);
+    let mut diagnosis = diagnose(&problem, &runs.effects, rng);
     let mut report = JointReport {
         joint: name.to_owned(),
         turns,

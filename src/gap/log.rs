@@ -60,6 +60,16 @@ impl JointLog {
         spans
     }
 
+    /// Positions of the other joints between a sample and the next, the first eight.
+    #[must_use]
+    pub fn others_after(&self, k: usize) -> [f64; 8] {
+        let mut now = [0.0; 8];
+        for (now, other) in now.iter_mut().zip(&self.others) {
+            *now = 0.5 * (other[k] + other[k + 1]);
+        }
+        now
+    }
+
     /// A part of it.
     #[must_use]
     pub fn part(&self, from: usize, to: usize) -> Self {

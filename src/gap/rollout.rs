@@ -248,8 +248,6 @@ fn roll_columns<const W: usize>(
     }
     out.position.clear();
     out.rows.clear();
-    let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
-    let mut others_now = [0.0; 8];
     let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     for k in span.start..span.start + span.len {
         measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
@@ -259,9 +257,7 @@ fn roll_columns<const W: usize>(
         let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
         let t = run_time_s(span.log, log, k);
         let settling = Settling::over(model.settle_s, h);
-        for (now, other) in others_now.iter_mut().zip(&others) {
-            *now = 0.5 * (other[k] + other[k + 1]);
-        }
+        let others_now = log.others_after(k);
         let carried = log.carried.get(k);
         if let Some(c) = carried {
             inverse = inverse_inertia(c.inertia, added);

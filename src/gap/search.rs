@@ -189,6 +189,22 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
     Search { by_size, disturbance }
 }
 
+/// A set of effects that is given, fitted one after the other.
+#[must_use]
+pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
+    let mut by_size = vec![vec![baseline(problem)]];
+    let mut chosen = by_size[0][0].clone();
+    for effect in effects {
+        let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
+        let grown = best_of_each_set(grow(problem, &chosen, &[hits], f64::NEG_INFINITY));
+        // Alone, an effect may say nothing beside the others that are still to come.
+        let Some(next) = grown.into_iter().next() else { continue };
+        chosen = next;
+        by_size.push(Vec::new());
+    }
+    (Search { by_size, disturbance: None }, chosen)
+}
+
 /// The candidate with each of its effects taken away in turn, refitted; not what is known already.
 fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -> Vec<Candidate> {
     let is_new = |i: &usize| {

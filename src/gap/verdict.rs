@@ -11,7 +11,7 @@ use super::{
     locate::{Dependence, locate},
     problem::Problem,
     screen::Screen,
-    search::{Breadth, Candidate, Search, search},
+    search::{Breadth, Candidate, Search, given, search},
     simplify::simplified,
 };
 
@@ -147,9 +147,10 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     lacks
 }
 
-/// Diagnoses a joint from its fitting runs.
+/// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are fitted and no others
+/// are looked for.
 #[must_use]
-pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
+pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Diagnosis {
     let twin = JointModel::of(&problem.plant);
     let lacks = lacks(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
@@ -164,8 +165,14 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
             nearest: None,
         };
     }
-    let found = search(problem, &Breadth::default());
-    let chosen = &simplified(problem, found.accepted());
+    let (found, chosen) = if effects.is_empty() {
+        let found = search(problem, &Breadth::default());
+        let chosen = simplified(problem, found.accepted());
+        (found, chosen)
+    } else {
+        given(problem, effects)
+    };
+    let chosen = &chosen;
     let base = &found.by_size[0][0];
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise = fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, Pace::thorough(1));
@@ -191,7 +198,8 @@ pub fn diagnose(problem: &Problem, rng: &mut impl Rng) -> Diagnosis {
     let (model, covariance) = refined(problem, &chosen.fit);
     diagnosis.findings = findings(problem, &model, &covariance, &rivals, total);
     diagnosis.model = model;
-    if diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen) {
+    // What was given stands or falls with the held-out runs alone.
+    if effects.is_empty() && (diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen)) {
         diagnosis.withdraw();
     }
     diagnosis

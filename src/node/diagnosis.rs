@@ -89,6 +89,7 @@ impl Diagnoser {
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,
+            effects: Vec::new(),
         })
     }
 

@@ -9,6 +9,7 @@ use crate::{
         chain::{carried, motions},
         drive::Hold,
         effects::catalogue,
+        joint_model::Catalogue,
         log::JointLog,
         mjcf,
         plant::Plant,
@@ -38,6 +39,8 @@ pub struct DiagnoseRequest {
     pub hold: Hold,
     /// Seed of the permutation tests.
     pub seed: u64,
+    /// Effects to fit at every joint instead of searching for them, by name.
+    pub effects: Vec<String>,
 }
 
 /// What a diagnosis gives back.
@@ -89,6 +92,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
+    let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
     let mut joints: Vec<JointReport> = Vec::new();
     let mut refused: Vec<String> = Vec::new();
     for &j in &moving {
@@ -101,7 +105,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
-                let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold };
+                let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold, effects: wanted.clone() };
                 let mut rng = stage_rng(request.seed, &stage, 0);
                 joints.push(assess(&effects, &plant, &name, runs, &mut rng));
             }
@@ -135,6 +139,15 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         monitor.warn(warning.clone());
     }
     Ok(DiagnoseOutcome { folder, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
+}
+
+/// Indices of effects that are named.
+fn indices(catalogue: &Catalogue, names: &[String]) -> Result<Vec<usize>, String> {
+    let all = || catalogue.iter().map(|e| e.name()).collect::<Vec<_>>().join(", ");
+    let find = |name: &String| {
+        catalogue.iter().position(|e| e.name() == name).ok_or_else(|| format!("no effect is called '{name}'; there are {}", all()))
+    };
+    names.iter().map(find).collect()
 }
 
 /// Logs of one joint. A single run gives its last third to the proof.
