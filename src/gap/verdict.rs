@@ -114,6 +114,9 @@ impl Diagnosis {
     }
 }
 
+/// Half width of a 95 % interval in standard deviations of the fit. 1.96 of them hold the truth in 87 % of recordings made with
+/// other steps and shapes than the model's, this many in 95 %.
+const HALF_WIDTH: f64 = 2.35;
 /// Weight that a set of effects needs to be named.
 const NAME_WEIGHT: f64 = 0.95;
 /// Weight below which an alternative is not worth a word.
@@ -313,7 +316,7 @@ fn findings(problem: &Problem, model: &JointModel, covariance: &DMatrix<f64>, ri
         let estimate = |r: super::effect::Reported| {
             let variance: f64 =
                 (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
-            let half = 1.96 * variance.max(0.0).sqrt();
+            let half = HALF_WIDTH * variance.max(0.0).sqrt();
             let value = if r.name == "time" { r.value % super::effect::RUN_SPACING_S } else { r.value };
             ParameterEstimate {
                 name: r.name.to_owned(),
