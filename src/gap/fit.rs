@@ -237,8 +237,8 @@ fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointMod
     model.with_parameters(&parameters)
 }
 
-/// Shares of the effort noise that a fit with play runs through first: under the noise of the twin, which takes the
-/// missing play for noise, a window that starts on the wrong side of the gap would never leave it.
+/// Shares of the effort noise that a fit with play, and the last fits with a contact, run through first: under the noise of
+/// the twin, which takes what is missing for noise, a window that starts on the wrong side of the gap would never leave it.
 const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
 
 /// How long a fit goes on.
@@ -304,7 +304,8 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
     let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
     let mut whitening = Whitening::new(problem, &model, sigma_u);
-    let anneal = if free == Free::All && has_play { ANNEALING } else { &[] };
+    let has_contact = model.terms.iter().any(|t| problem.catalogue[t.effect].place() == Place::Contact);
+    let anneal = if free == Free::All && (has_play || (has_contact && pace.settles)) { ANNEALING } else { &[] };
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
         improve(problem, &model, &mut starts, &whitening, true);

@@ -162,7 +162,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         // One more effect must bring a share of what the others brought: an inexact shape is no further effect.
         let wanted = MIN_GAIN.max(LOOK_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
-        for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
+        for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
             // A worse parent has to make up for what it lacks, of which the first order foretells a part.
             let lacks = 0.5 * (best_before - parent.score);
             let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
@@ -187,6 +187,26 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         }
     }
     Search { by_size, disturbance }
+}
+
+/// The best candidates, of those that differ by an effect and one that contains it the better one.
+fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
+    let names = |c: &Candidate| c.effects().into_iter().map(|e| problem.catalogue[e].spec()).collect::<Vec<_>>();
+    let related = |a: &Candidate, b: &Candidate| {
+        let (a, b) = (names(a), names(b));
+        let only = |x: &[&'static super::effect::Spec], y: &[&'static super::effect::Spec]| -> Vec<&'static super::effect::Spec> {
+            x.iter().copied().filter(|s| !y.iter().any(|o| o.name == s.name)).collect()
+        };
+        let (own, other) = (only(&a, &b), only(&b, &a));
+        matches!((own.as_slice(), other.as_slice()), ([x], [y]) if x.contains.contains(&y.name) || y.contains.contains(&x.name))
+    };
+    let mut chosen: Vec<&Candidate> = Vec::new();
+    for c in candidates {
+        if chosen.len() < count && !chosen.iter().any(|o| related(o, c)) {
+            chosen.push(c);
+        }
+    }
+    chosen
 }
 
 /// A set of effects that is given, fitted one after the other.
