@@ -123,11 +123,15 @@ impl Run<'_> {
         }
     }
 
-    /// Of the weakest motions the one without which the others explain most.
+    /// Of the weakest motions the one without which the others explain most. Matches to a wrong place do not come in numbers:
+    /// motions that have the least evidence in matches alone go last.
     fn dispensable(&self, motions: &[Pose], scores: &[f64]) -> usize {
+        let matched = self.match_cells(motions);
+        let told = |k: usize| matched[k] - CHANCE >= self.config.least_score;
         let mut weakest: Vec<usize> = (1..motions.len()).collect();
-        weakest.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-        weakest.truncate(RIVALS);
+        weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
+        let untold = weakest.iter().filter(|k| !told(**k)).count();
+        weakest.truncate(if untold > 0 { untold.min(RIVALS) } else { RIVALS });
         let without = |&k: &usize| {
             let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
             (self.weighed(&others).0[1..].iter().sum::<f64>(), k)
