@@ -259,10 +259,10 @@ impl Run<'_> {
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
-/// explains alone, and with it the sum, falls. Its weakest motion may take from the others no more than it has.
+/// explains alone, and with it the sum, falls.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
     let smaller = || curve.iter().filter(|p| p.parts < point.parts);
-    let takes = |p: &EvidencePoint| point.evidence + point.weakest.unwrap_or(0.0) < p.evidence;
+    let takes = |p: &EvidencePoint| point.evidence < p.evidence;
     smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
 }
 
