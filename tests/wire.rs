@@ -20,6 +20,7 @@ use artitwin::io::{
         definitions::{RosMessage, definitions},
         diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
         encode,
+        gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapFinding, GapParameter, GapReport},
         markers::{Color, Marker, MarkerArray},
         odometry::FullOdometry,
         point_cloud::PointCloud2,
@@ -176,18 +177,18 @@ fn outputs() -> Vec<String> {
             json!({"success": true, "message": "m", "keyframes": 9}),
         ),
         line(
-            "artitwin_msgs/msg/SendGoal_Request",
+            "artitwin_msgs/msg/Reconstruct_SendGoal_Request",
             &([7u8; 16], ReconstructGoal { parts: 2, name: "n".into() }),
             json!({"goal_id": vec![7; 16], "parts": 2, "name": "n"}),
         ),
         line(
-            "artitwin_msgs/msg/GetResult_Response",
+            "artitwin_msgs/msg/Reconstruct_GetResult_Response",
             &(4i8, result),
             json!({"status": 4, "success": true, "folder": "f", "joints": ["j", "jj"],
             "motions": [1.5, 2.5]}),
         ),
         line(
-            "artitwin_msgs/msg/FeedbackMessage",
+            "artitwin_msgs/msg/Reconstruct_FeedbackMessage",
             &feedback,
             json!({"stage": "fusion", "fraction": 0.5, "loss": 0.25, "seconds_left": 9.0}),
         ),
@@ -199,10 +200,61 @@ fn outputs() -> Vec<String> {
     ]
 }
 
+fn diagnoses() -> Vec<String> {
+    let parameter = GapParameter { name: "damping".into(), value: 1.0, lower: 0.5, upper: 1.5, unit: "N m s".into() };
+    let finding = GapFinding { joint: "j".into(), effect: "viscous_friction".into(), weight: 0.75, parameters: vec![parameter] };
+    let report = GapReport {
+        header: header(),
+        twin: "t".into(),
+        folder: "f".into(),
+        verdict: "named".into(),
+        findings: vec![finding],
+        gap_before: 2.0,
+        gap_after: 3.0,
+        noise_floor: 4.0,
+        unit: "rad".into(),
+        summary: "s".into(),
+        report: "{}".into(),
+    };
+    let goal = DiagnoseGoal {
+        twin: "t".into(),
+        runs: vec!["a".into(), "bb".into()],
+        held_out: vec!["c".into()],
+        gravity: [1.0, 2.0, 3.0],
+        linear_effort: true,
+        seed: 7,
+    };
+    let result = DiagnoseResult { success: true, message: "m".into(), folder: "f".into(), verdict: "none".into() };
+    let feedback = DiagnoseFeedback { stage: "diagnose/j".into(), fraction: 0.5, seconds_left: 9.0 };
+    vec![
+        case(
+            &report,
+            json!({"twin": "t", "folder": "f", "verdict": "named", "findings.0.joint": "j", "findings.0.effect": "viscous_friction",
+            "findings.0.weight": 0.75, "findings.0.parameters.0.lower": 0.5, "findings.0.parameters.0.unit": "N m s", "gap_before": 2.0,
+            "gap_after": 3.0, "noise_floor": 4.0, "unit": "rad", "summary": "s", "report": "{}"}),
+        ),
+        line(
+            "artitwin_msgs/msg/Diagnose_SendGoal_Request",
+            &([7u8; 16], goal),
+            json!({"twin": "t", "runs": ["a", "bb"], "held_out": ["c"], "gravity": [1.0, 2.0, 3.0], "linear_effort": true, "seed": 7}),
+        ),
+        line(
+            "artitwin_msgs/msg/Diagnose_GetResult_Response",
+            &(4i8, result),
+            json!({"status": 4, "success": true, "message": "m", "folder": "f", "verdict": "none"}),
+        ),
+        line(
+            "artitwin_msgs/msg/Diagnose_FeedbackMessage",
+            &([3u8; 16], feedback),
+            json!({"stage": "diagnose/j", "fraction": 0.5, "seconds_left": 9.0}),
+        ),
+    ]
+}
+
 #[test]
 fn every_message_has_the_bytes_of_rosbags() {
     let Some(python) = venv::ros_python() else { return };
-    let cases = [inputs(), outputs()].concat();
+    let cases = [inputs(), outputs(), diagnoses()].concat();
     let mut child =
         Command::new(python).arg(script("wire.py")).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(cases.join("\n").as_bytes()).unwrap();
@@ -267,6 +319,6 @@ fn package_and_launch_files_are_sound() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     assert_eq!(
         succeed(Command::new(python).arg(script("packages.py")).arg(root)).trim(),
-        "artitwin artitwin_msgs 3 interfaces 3 launch files"
+        "artitwin artitwin_msgs 7 interfaces 3 launch files"
     );
 }

@@ -16,6 +16,8 @@ from PIL import Image
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation, Slerp
 
+TRUNCATION_VOXELS = 4.0
+
 
 def matrix(t):
     pose = np.eye(4)
@@ -80,15 +82,17 @@ def main():
     voxel = (high - low).max() / 160
     out.mkdir(parents=True, exist_ok=True)
     for s, state in enumerate(states):
-        volume = o3d.pipelines.integration.ScalableTSDFVolume(
-            voxel_length=voxel, sdf_trunc=4 * voxel, color_type=o3d.pipelines.integration.TSDFVolumeColorType.RGB8)
+        # The legacy ScalableTSDFVolume of the 0.20.0 wheel gives no vertices here; this is the API that followed it.
+        grid = o3d.t.geometry.VoxelBlockGrid(
+            attr_names=("tsdf", "weight", "color"), attr_dtypes=(o3d.core.float32,) * 3, attr_channels=((1), (1), (3)),
+            voxel_size=voxel, block_resolution=16, block_count=20000)
         for k, pose, color, depth in state:
-            height, width = depth.shape
-            camera = o3d.camera.PinholeCameraIntrinsic(width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
-            image = o3d.geometry.RGBDImage.create_from_color_and_depth(
-                o3d.geometry.Image(color), o3d.geometry.Image(depth), depth_scale=1.0, depth_trunc=10.0, convert_rgb_to_intensity=False)
-            volume.integrate(image, camera, np.linalg.inv(pose))
-        o3d.io.write_triangle_mesh(str(out / f"state{s}.ply"), volume.extract_triangle_mesh())
+            k, pose = o3d.core.Tensor(k), o3d.core.Tensor(np.linalg.inv(pose))
+            depth = o3d.t.geometry.Image(o3d.core.Tensor(depth))
+            color = o3d.t.geometry.Image(o3d.core.Tensor(color.astype(np.float32) / 255))
+            blocks = grid.compute_unique_block_coordinates(depth, k, pose, 1.0, 10.0, TRUNCATION_VOXELS)
+            grid.integrate(blocks, depth, color, k, k, pose, 1.0, 10.0, TRUNCATION_VOXELS)
+        o3d.io.write_triangle_mesh(str(out / f"state{s}.ply"), grid.extract_triangle_mesh(weight_threshold=2.0).to_legacy())
     fused = time.perf_counter()
     print(json.dumps({"decode_s": decoded - begin, "fuse_s": fused - decoded, "voxel_m": voxel}))
 

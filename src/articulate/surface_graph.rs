@@ -113,29 +113,35 @@ impl SurfaceGraph {
         let n = self.neighbors.len();
         let mut pull: Vec<f32> = (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
         self.pull_of_patches(&mut beliefs, &mut pull, labels);
-        let mut reached = vec![0.0f32; n * labels];
-        let mut mean = vec![0.0f32; labels];
+        // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
+        let quads = labels.div_ceil(4);
+        let mut reached = vec![[0.0f32; 4]; n * quads];
         for round in 0..FILL_ROUNDS {
-            let mut change = 0.0f32;
+            let mut change = [0.0f32; 4];
             for k in 0..n {
                 // Forth and back, so that labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
-                mean.iter_mut().zip(&beliefs[i * labels..]).for_each(|(m, b)| *m = pull[i] * b);
-                for &(j, w) in &self.neighbors[i] {
-                    mean.iter_mut().zip(&reached[j as usize * labels..]).for_each(|(m, o)| *m += w * o);
-                }
-                for (r, m) in reached[i * labels..(i + 1) * labels].iter_mut().zip(&mean) {
-                    let new = m / (1.0 + pull[i]);
-                    change = change.max((new - *r).abs());
-                    *r = new;
+                for quad in 0..quads {
+                    let own = &beliefs[i * labels + 4 * quad..((i + 1) * labels).min(i * labels + 4 * quad + 4)];
+                    let mut mean: [f32; 4] = std::array::from_fn(|lane| own.get(lane).map_or(0.0, |b| pull[i] * b));
+                    for &(j, w) in &self.neighbors[i] {
+                        let other = reached[j as usize * quads + quad];
+                        mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
+                    }
+                    let old = &mut reached[i * quads + quad];
+                    for lane in 0..4 {
+                        let new = mean[lane] / (1.0 + pull[i]);
+                        change[lane] = change[lane].max((new - old[lane]).abs());
+                        old[lane] = new;
+                    }
                 }
             }
-            if change < FILL_CHANGE {
+            if change.into_iter().fold(0.0, f32::max) < FILL_CHANGE {
                 break;
             }
         }
         let best = |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
-        reached.chunks_exact(labels).map(best).collect()
+        reached.chunks_exact(quads).map(|row| best(row.as_flattened())).collect()
     }
 
     /// Samples without evidence on a patch whose evidence is for one label get that label.

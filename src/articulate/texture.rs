@@ -103,7 +103,7 @@ impl<'a> GrayFrames<'a> {
         }
         let (u, v) = f.intrinsics.project(&in_camera)?;
         let (w, h) = (f.intrinsics.width, f.intrinsics.height);
-        let (x, y) = (u.floor().max(0.0) as usize, v.floor().max(0.0) as usize);
+        let (x, y) = (u.max(0.0) as usize, v.max(0.0) as usize);
         if x + 1 >= w || y + 1 >= h {
             return None;
         }

@@ -46,29 +46,65 @@ struct Plane {
     variance: f64,
 }
 
+/// Pixels of a row whose planes are fitted together: a register of the oldest x86-64 and of aarch64.
+const LANES: usize = 4;
+/// Pixels without a reading around the image, so that windows need no bounds.
+const MARGIN: usize = WINDOWS[WINDOWS.len() - 1].radius as usize;
+
+/// A value for each of the pixels that are fitted together.
+type Lanes = [f32; LANES];
+
+/// Inverse depth inside a margin without readings.
+struct InverseDepth {
+    values: Vec<f32>,
+    stride: usize,
+}
+
+impl InverseDepth {
+    fn new(frame: &RgbdFrame) -> Self {
+        let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        let stride = width + 2 * MARGIN + LANES;
+        let mut values = vec![0.0; stride * (height + 2 * MARGIN)];
+        for (row, depths) in values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width)) {
+            row[MARGIN..].iter_mut().zip(depths).for_each(|(value, &d)| *value = if d > 0.0 { 1.0 / d } else { 0.0 });
+        }
+        Self { values, stride }
+    }
+
+    /// Index of a pixel's value.
+    fn at(&self, x: usize, y: usize) -> usize {
+        (y + MARGIN) * self.stride + x + MARGIN
+    }
+}
+
 /// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths that have too
 /// few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
-    let inverse: Vec<f32> = frame.depth_m.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
-    let width = frame.intrinsics.width;
-    let cleaned: Vec<(f32, f32)> = (0..inverse.len())
-        .into_par_iter()
-        .with_min_len(width)
-        .map(|pixel| {
-            let depth_m = frame.depth_m[pixel];
-            if depth_m <= 0.0 || !frame.is_object(pixel) {
-                return (depth_m, 1.0);
+    let inverse = InverseDepth::new(frame);
+    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let of_row = |y: usize| {
+        let mut row: Vec<(f32, f32)> = frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
+        for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
+            let first = block * LANES;
+            let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
+                let depth_m = f64::from(cleaned.get(lane)?.0);
+                (depth_m > 0.0 && frame.is_object(y * width + first + lane)).then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
+            });
+            let planes = local_planes(&inverse, inverse.at(first, y), &sigmas);
+            for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
+                let Some(sigma) = sigma else { continue };
+                *cleaned = match plane {
+                    Some(p) if p.inverse[0] > 0.0 => {
+                        ((1.0 / p.inverse[0]) as f32, (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32)
+                    }
+                    _ => (0.0, 0.0),
+                };
             }
-            let sigma = noise.sigma_m(f64::from(depth_m)) / f64::from(depth_m).powi(2);
-            match local_plane(&inverse, width, pixel, sigma) {
-                Some(p) if p.inverse[0] > 0.0 => {
-                    ((1.0 / p.inverse[0]) as f32, (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32)
-                }
-                _ => (0.0, 0.0),
-            }
-        })
-        .collect();
-    (frame.depth_m, frame.readings) = cleaned.into_iter().unzip();
+        }
+        row
+    };
+    let cleaned: Vec<Vec<(f32, f32)>> = (0..height).into_par_iter().map(of_row).collect();
+    (frame.depth_m, frame.readings) = cleaned.into_iter().flatten().unzip();
 }
 
 /// Over which distance on the object the errors of denoised depth are alike, metres: half a side of the largest window at
@@ -80,54 +116,109 @@ pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
-/// The plane of the largest window that holds one.
-fn local_plane(inverse: &[f32], width: usize, pixel: usize, sigma: f64) -> Option<Plane> {
-    let mut best: Option<Plane> = None;
-    let mut interval = [f64::NEG_INFINITY, f64::INFINITY];
+/// The plane of the largest window that holds one, for every pixel from `first` on that has a standard deviation.
+fn local_planes(inverse: &InverseDepth, first: usize, sigmas: &[Option<f64>; LANES]) -> [Option<Plane>; LANES] {
+    let mut best = [None; LANES];
+    let mut intervals = [[f64::NEG_INFINITY, f64::INFINITY]; LANES];
+    let mut growing = *sigmas;
     for window in &WINDOWS {
-        let start = best.map_or(Vector3::new(f64::from(inverse[pixel]), 0.0, 0.0), |b| b.inverse);
-        let Some(plane) = fit(inverse, width, pixel, sigma, window, &start, best.is_none()) else { break };
-        let half = CONFIDENCE * plane.variance.sqrt();
-        interval = [interval[0].max(plane.inverse[0] - half), interval[1].min(plane.inverse[0] + half)];
-        if interval[0] > interval[1] {
+        if growing.iter().all(Option::is_none) {
             break;
         }
-        best = Some(plane);
+        let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
+            Some(Plane { inverse, .. }) => inverse,
+            None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
+        });
+        let is_first = window.radius == WINDOWS[0].radius;
+        let gate = if is_first { FIRST_GATE } else { GATE };
+        let sums = sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
+        for lane in 0..LANES {
+            let Some(sigma) = growing[lane] else { continue };
+            let plane = sums.plane(lane, sigma, window, &starts[lane], is_first);
+            let interval = plane.map(|p| {
+                let half = CONFIDENCE * p.variance.sqrt();
+                [intervals[lane][0].max(p.inverse[0] - half), intervals[lane][1].min(p.inverse[0] + half)]
+            });
+            match interval {
+                Some(interval) if interval[0] <= interval[1] => (best[lane], intervals[lane]) = (plane, interval),
+                _ => growing[lane] = None,
+            }
+        }
     }
     best
 }
 
-/// Least-squares plane of the readings near `start`; `None` if they are too few or do not lie on one.
-fn fit(inverse: &[f32], width: usize, pixel: usize, sigma: f64, window: &Window, start: &Vector3<f64>, first: bool) -> Option<Plane> {
-    let gate = if first { FIRST_GATE } else { GATE } * sigma;
-    let (x, y) = ((pixel % width) as i32, (pixel / width) as i32);
-    let (columns, rows) = (width as i32, (inverse.len() / width) as i32);
-    // Sums of 1, u, v, uu, uv, vv and of residual times 1, u, v; squared residuals.
-    let (mut s, mut b, mut squares) = ([0.0f64; 6], Vector3::<f64>::zeros(), 0.0);
-    let side = 2 * (window.radius / window.stride) + 1;
-    for dv in (0..side).map(|k| (k - side / 2) * window.stride).filter(|dv| (0..rows).contains(&(y + dv))) {
-        for du in (0..side).map(|k| (k - side / 2) * window.stride).filter(|du| (0..columns).contains(&(x + du))) {
-            let reading = f64::from(inverse[((y + dv) * columns + x + du) as usize]);
-            let (u, v) = (f64::from(du), f64::from(dv));
-            let residual = reading - (start[0] + start[1] * u + start[2] * v);
-            if reading > 0.0 && residual.abs() < gate {
-                s = [s[0] + 1.0, s[1] + u, s[2] + v, s[3] + u * u, s[4] + u * v, s[5] + v * v];
-                b += residual * Vector3::new(1.0, u, v);
-                squares += residual * residual;
+/// Sums over a window's readings that are within the gate.
+#[derive(Default)]
+struct Sums {
+    /// Of 1, u, v, uu, uv, vv.
+    moments: [Lanes; 6],
+    /// Of the residual against `start` times 1, u, v.
+    residuals: [Lanes; 3],
+    /// Of the squared residuals.
+    squares: Lanes,
+}
+
+/// The sums of neighboring pixels, `starts` being their planes so far.
+fn sums(inverse: &InverseDepth, first: usize, window: &Window, starts: &[Vector3<f64>; LANES], gates: &Lanes) -> Sums {
+    let start = [0, 1, 2].map(|k| starts.map(|s| s[k] as f32));
+    let mut sums = Sums::default();
+    for dv in offsets(window) {
+        let row = first.wrapping_add_signed(dv as isize * inverse.stride as isize);
+        let v = dv as f32;
+        // Of 1, u, uu; of the residual times 1, u.
+        let (mut n, mut nu, mut nuu, mut r, mut ru) =
+            (Lanes::default(), Lanes::default(), Lanes::default(), Lanes::default(), Lanes::default());
+        for du in offsets(window) {
+            let at = row.wrapping_add_signed(du as isize);
+            let readings = &inverse.values[at..at + LANES];
+            let u = du as f32;
+            for lane in 0..LANES {
+                let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
+                let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
+                let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
+                n[lane] += one;
+                nu[lane] += one * u;
+                nuu[lane] += one * u * u;
+                r[lane] += residual;
+                ru[lane] += residual * u;
+                sums.squares[lane] += residual * residual;
             }
         }
+        for lane in 0..LANES {
+            let of_row = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
+            (0..6).for_each(|k| sums.moments[k][lane] += of_row[k]);
+            [r[lane], ru[lane], v * r[lane]].iter().enumerate().for_each(|(k, x)| sums.residuals[k][lane] += x);
+        }
     }
-    if s[0] < MIN_SHARE[usize::from(!first)] * f64::from(side * side) {
-        return None;
+    sums
+}
+
+/// Offsets of the readings that a window uses, pixels.
+fn offsets(window: &Window) -> impl Iterator<Item = i32> {
+    let half = window.radius / window.stride;
+    let stride = window.stride;
+    (-half..=half).map(move |k| k * stride)
+}
+
+impl Sums {
+    /// Least-squares plane of one pixel's readings; `None` if they are too few or do not lie on one.
+    fn plane(&self, lane: usize, sigma: f64, window: &Window, start: &Vector3<f64>, first: bool) -> Option<Plane> {
+        let s = self.moments.map(|m| f64::from(m[lane]));
+        let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
+        let side = offsets(window).count();
+        if s[0] < MIN_SHARE[usize::from(!first)] * (side * side) as f64 {
+            return None;
+        }
+        let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
+        let change = covariance * b;
+        let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
+        let freedom = (s[0] / window.correlated - 3.0).max(1.0);
+        if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
+            return None;
+        }
+        Some(Plane { inverse: start + change, variance: covariance[(0, 0)] * window.correlated * sigma * sigma })
     }
-    let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
-    let change = covariance * b;
-    let misfit = (squares - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
-    let freedom = (s[0] / window.correlated - 3.0).max(1.0);
-    if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
-        return None;
-    }
-    Some(Plane { inverse: start + change, variance: covariance[(0, 0)] * window.correlated * sigma * sigma })
 }
 
 #[cfg(test)]

@@ -153,8 +153,14 @@ pub struct DiagnoseArgs {
     #[arg(value_name = "TWIN.urdf")]
     pub twin: PathBuf,
     /// Bags with sensor_msgs/JointState: positions and efforts
-    #[arg(value_name = "RUN", required = true)]
+    #[arg(value_name = "RUN", required_unless_present = "frames")]
     pub runs: Vec<PathBuf>,
+    /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's root; may be repeated
+    #[arg(long, value_name = "BAG")]
+    pub frames: Vec<PathBuf>,
+    /// Errors of the twin's surface that get no name, millimeters
+    #[arg(long, value_name = "MM", default_value_t = 1.5)]
+    pub accuracy: f64,
     /// Folder of the result
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -202,6 +208,9 @@ pub struct SynthArgs {
     /// By how much the world of state 1 is off, millimeters and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
     pub drift: PoseSpread,
+    /// States to film; those beyond two have other joint positions, in state2, state3, ...
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
+    pub states: u8,
     /// Views of each state
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().views)]
     pub views: usize,

@@ -5,7 +5,7 @@ use super::{
     exit::{CliError, Exit},
 };
 use crate::{
-    gap::{drive::Hold, verdict::Verdict},
+    gap::{camera::assess::FrameOptions, drive::Hold, verdict::Verdict},
     run::{self, DiagnoseRequest, Monitor},
 };
 
@@ -23,7 +23,12 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
         seed: args.seed,
     };
-    let outcome = run::diagnose(&request, &Monitor::silent())?;
+    let outcome = if args.frames.is_empty() {
+        run::diagnose(&request, &Monitor::silent())?
+    } else {
+        let options = FrameOptions { accuracy_m: 1e-3 * args.accuracy, ..FrameOptions::default() };
+        run::diagnose_frames(&request, &args.frames, &options, &Monitor::silent())?
+    };
     for warning in &outcome.warnings {
         super::tell(&format!("warning: {warning}"));
     }

@@ -24,11 +24,11 @@ pub use mjcf::mjcf;
 pub use obj::{mtl, solid_obj, textured_obj};
 pub use package::{ExportConfig, ExportFile, package, urdf_package};
 pub use part_count::{EvidencePointReport, PartCountReport};
-pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, part_color};
+pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{
-    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, ParentReport, Quantity, REPORT_FORMAT, Rendering, Report, RunFacts,
-    StageTime, StateReport,
+    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, ParentReport, Quantity, REPORT_FORMAT, RecordedCamera, Rendering,
+    Report, RunFacts, StageTime, StateReport,
 };
 pub use sdf::sdf;
 pub use start::{InitialMotion, compare_starts, nearest_starts};

@@ -183,6 +183,17 @@ impl Picture {
     }
 }
 
+/// A PNG of the pixels for which `shown` holds, the others transparent; empty for a size that is not that of the pixels.
+#[must_use]
+pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(usize) -> bool) -> Vec<u8> {
+    let pixel = |(i, c): (usize, &[u8; 3])| if shown(i) { [c[0], c[1], c[2], 255] } else { [0; 4] };
+    let rgba: Vec<u8> = rgb.iter().enumerate().flat_map(pixel).collect();
+    let mut bytes = Vec::new();
+    // Writing to memory fails only for a size that does not fit its pixels.
+    PngEncoder::new(&mut bytes).write_image(&rgba, width as u32, height as u32, ExtendedColorType::Rgba8).ok();
+    bytes
+}
+
 /// Arrows with a white rim, so that they stand out on any ground; labels beside the heads.
 fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     let size = width.max(height) as f64 / 640.0;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::{
     number::{decimal, significant},
     picture::{Picture, PictureError, part_color},
-    report_json::{JointReport, Quantity, Report},
+    report_json::{JointReport, Quantity, RecordedCamera, Report},
     urdf::escape,
 };
 
@@ -35,6 +35,8 @@ pub struct PhotoAndTwin {
     pub photo: Picture,
     /// The rendered model.
     pub twin: Picture,
+    /// The object alone as the camera saw it, and that camera; where the object's pixels are known.
+    pub cutout: Option<(Vec<u8>, RecordedCamera)>,
 }
 
 /// The page of a report.

@@ -6,7 +6,10 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{number::round_significant, part_count::PartCountReport, start::InitialMotion};
-use crate::model::{ArticulatedModel, Joint, JointKind, LimitSource, ParentScore};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    model::{ArticulatedModel, Joint, JointKind, LimitSource, ParentScore},
+};
 
 /// Version of the layout of `report.json`.
 pub const REPORT_FORMAT: &str = "artitwin-report/1";
@@ -210,6 +213,30 @@ pub struct Rendering {
     pub view: String,
     /// Peak signal-to-noise ratio over the object's pixels, dB.
     pub psnr_db: f64,
+    /// PNG of the object's pixels, all others transparent, relative to the run folder.
+    #[serde(default)]
+    pub photo: String,
+    /// What took the photo.
+    #[serde(default)]
+    pub camera: Option<RecordedCamera>,
+}
+
+/// A camera of the recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedCamera {
+    /// Pinhole model, pixels.
+    pub intrinsics: Intrinsics,
+    /// Homogeneous matrix, row-major, metres; the optical frame has x right, y down, z forward.
+    pub world_from_camera: [[f64; 4]; 4],
+}
+
+impl RecordedCamera {
+    /// A camera at a pose.
+    #[must_use]
+    pub fn new(intrinsics: Intrinsics, world_from_camera: &Pose) -> Self {
+        let matrix = world_from_camera.to_homogeneous();
+        Self { intrinsics, world_from_camera: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])) }
+    }
 }
 
 /// What was read.

@@ -137,3 +137,47 @@ fn a_joint_that_sticks_stands_still() {
     roll(&JointModel::of(&held), &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
     assert!(out.position.iter().all(|q| *q == 0.3));
 }
+
+#[test]
+fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
+    let effects = catalogue(0);
+    let mut log = log();
+    log.effort = vec![0.5; 200];
+    let held = Plant { inertia: 2.0, damping: 0.0, friction: 2.0, load: Load::default() };
+    let settle_s = 0.01;
+    let model = JointModel { settle_s, ..JointModel::of(&held) };
+    let velocity = |finer: usize, at: usize| {
+        let drive = Drive::new(&log, Hold::Zero, 0.0, finer);
+        let mut out = Rollout::default();
+        let start = Start { position: 0.3, velocity: 0.004, play: 0.0 };
+        roll(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+        (out.position[at + 1] - out.position[at]) / 0.005
+    };
+    // The solution of dv/dt = -v / settle + 0.1 a, averaged over an interval.
+    let creep = 0.1 * settle_s * 0.5 / 2.0;
+    let mean = |from: f64| creep + (0.004 - creep) * settle_s / 0.005 * ((-from / settle_s).exp() - (-(from + 0.005) / settle_s).exp());
+    for (finer, allowed) in [(1, 0.05), (8, 0.002)] {
+        for at in [0, 1, 3, 6, 150] {
+            let (v, wanted) = (velocity(finer, at), mean(0.005 * at as f64));
+            assert!((v - wanted).abs() < allowed * 0.004, "interval {at}: {v} {wanted}");
+        }
+    }
+}
+
+#[test]
+fn sensitivities_hold_where_friction_settles() {
+    let index = catalogue(1).iter().position(|e| e.name() == "coulomb_friction").unwrap();
+    let model = JointModel { settle_s: 0.03, ..JointModel::of(&plant()).with(index, &[0.7]) };
+    let start = Start { position: 0.3, velocity: 0.4, play: 0.0 };
+    let row = last(&model, start).1;
+    for i in 0..2 {
+        let h = 1e-5;
+        let shifted = |by: f64| {
+            let mut p = model.parameters();
+            p[i] += by;
+            last(&model.with_parameters(&p), start).0
+        };
+        let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
+        assert!((row[2 + i] - slope).abs() < 0.02 * (0.02 + slope.abs()), "column {i}: {} {slope}", row[2 + i]);
+    }
+}

@@ -13,7 +13,7 @@ pub enum Hold {
 }
 
 /// Longest step of a rollout, seconds.
-const MAX_STEP_S: f64 = 2.6e-3;
+const MAX_STEP_S: f64 = 5.2e-3;
 
 /// Mean effort of every step, and its derivative by the delay.
 #[derive(Clone, Debug, Default)]

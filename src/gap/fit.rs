@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use super::{
     drive::Drive,
     effect::Place,
-    joint_model::JointModel,
+    joint_model::{JointModel, SETTLE_S},
+    noise::most_likely_noise,
     problem::Problem,
     rollout::{MAX_COLUMNS, MAX_FREE, Rollout, Row, Start, roll, width},
     whiten::{Gain, Local, gains, linearize, whiten},
@@ -72,6 +73,7 @@ impl Whitening {
 #[derive(Clone)]
 struct Block {
     cost: f64,
+    hessian: DMatrix<f64>,
     start: Matrix2<f64>,
     cross: DMatrix<f64>,
     start_gradient: Vector2<f64>,
@@ -106,7 +108,8 @@ pub enum Free {
 }
 
 /// Start-state prior that only keeps a stuck joint's velocity from being undetermined.
-fn start_ridge(problem: &Problem) -> Matrix2<f64> {
+#[must_use]
+pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let (q, v) = ((range + problem.sigma_y).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
@@ -138,8 +141,6 @@ fn evaluate_columns<const W: usize>(
     let drives = problem.drives(model);
     let free = model.free();
     let mut rollout = Rollout::default();
-    let mut hessian = DMatrix::zeros(free, free);
-    let mut gradient = DVector::zeros(free);
     let mut blocks = Vec::with_capacity(starts.len());
     let ridge = start_ridge(problem);
     let residual = residual_column(free);
@@ -148,20 +149,26 @@ fn evaluate_columns<const W: usize>(
         let span = problem.windows[w];
         whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
         let sums = products::<W>(&rollout.rows);
-        let cross = DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] });
-        for i in (0..free).filter(|&i| !frozen[i]) {
-            gradient[i] += sums[2 + i][residual];
-            for j in (0..free).filter(|&j| !frozen[j]) {
-                hessian[(i, j)] += if i <= j { sums[2 + i][2 + j] } else { sums[2 + j][2 + i] };
-            }
-        }
+        let held = |i: usize, j: usize| frozen[i] || frozen[j];
         blocks.push(Block {
             cost: sums[residual][residual],
+            hessian: DMatrix::from_fn(free, free, |i, j| if held(i, j) { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }),
             start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
-            cross,
+            cross: DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] }),
             start_gradient: Vector2::new(sums[0][residual], sums[1][residual]),
             gradient: DVector::from_fn(free, |i, _| if frozen[i] { 0.0 } else { sums[2 + i][residual] }),
         });
+    }
+    total(problem, model, blocks, frozen)
+}
+
+/// Adds the windows up, with the prior of the lag.
+fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bool]) -> Evaluation {
+    let free = model.free();
+    let (mut hessian, mut gradient) = (DMatrix::zeros(free, free), DVector::zeros(free));
+    for b in &blocks {
+        hessian += &b.hessian;
+        gradient += &b.gradient;
     }
     let lag = model.lag_s / problem.lag_sigma_s;
     let cost = blocks.iter().map(|b| b.cost).sum::<f64>() + lag * lag;
@@ -242,43 +249,80 @@ pub struct Pace {
     pub steps: usize,
     /// A step that gains less, and less than this share of 15 000 times the cost, is the last.
     pub enough: f64,
+    /// The settle time of friction is chosen as well.
+    pub settles: bool,
 }
+
+/// Most steps of one round.
+const MAX_STEPS: usize = 14;
 
 impl Pace {
     /// To the end.
     #[must_use]
     pub const fn thorough(rounds: usize) -> Self {
-        Self { rounds, steps: MAX_STEPS, enough: 0.05 }
+        Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true }
     }
 
     /// Far enough to tell which candidates lead.
-    pub const QUICK: Self = Self { rounds: 2, steps: 5, enough: 1.0 };
+    pub const QUICK: Self = Self { rounds: 2, steps: 4, enough: 2.0, settles: false };
 }
 
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
 #[must_use]
 pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, pace: Pace) -> Fit {
+    let mut best = fit_settled(problem, model, starts, sigma_u, free, pace);
+    if !pace.settles || free != Free::All || !model.has_friction(problem.catalogue) {
+        return best;
+    }
+    // Longer settle times first, as far as they help; then shorter ones.
+    let at = |fit: &Fit| SETTLE_S.iter().position(|s| *s >= fit.model.settle_s).unwrap_or(0);
+    for longer in [true, false] {
+        loop {
+            let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
+            let Some(&settle_s) = SETTLE_S.get(next) else { break };
+            let trial = JointModel { settle_s, ..best.model.clone() };
+            let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, Pace { rounds: 2, steps: 4, ..pace });
+            if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
+                break;
+            }
+            best = trial;
+        }
+    }
+    best
+}
+
+/// Log likelihood that another settle time must gain.
+const ENOUGH_TO_SETTLE: f64 = 2.0;
+
+/// Fits at the settle time that the model has.
+fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigma_u: f64, free: Free, pace: Pace) -> Fit {
     let mut model = model.clone();
     let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
     let mut sigma_u = sigma_u.max(problem.min_sigma_u);
     let mut frozen = vec![free == Free::Starts; model.free()];
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
+    let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
     let mut whitening = Whitening::new(problem, &model, sigma_u);
-    let anneal = if free == Free::All && model.sensor(problem.catalogue).half_gap > 0.0 { ANNEALING } else { &[] };
+    let anneal = if free == Free::All && has_play { ANNEALING } else { &[] };
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
-        restart(problem, &model, &mut starts, &whitening, &frozen);
-        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace);
+        let now = restart(problem, &model, &mut starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now);
     }
+    let mut end = None;
     for round in 0..pace.rounds.max(1) {
         if round > 0 || !anneal.is_empty() {
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
-        restart(problem, &model, &mut starts, &whitening, &frozen);
-        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace);
+        let now = if round == 0 || has_play {
+            restart(problem, &model, &mut starts, &whitening, &frozen)
+        } else {
+            evaluate(problem, &model, &starts, &whitening, &frozen)
+        };
+        end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }
-    let end = evaluate(problem, &model, &starts, &whitening, &frozen);
+    let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let covariance = covariance(&end.normal, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
@@ -287,7 +331,7 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
 
 /// Takes the smoothed motion's start state for every window that it serves better: an earlier model may have pulled a
 /// start state far away.
-fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitening: &Whitening, frozen: &[bool]) {
+fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitening: &Whitening, frozen: &[bool]) -> Evaluation {
     let mut trials = vec![problem.starts(model)];
     let half_gap = model.sensor(problem.catalogue).half_gap;
     if half_gap > 0.0 {
@@ -301,48 +345,53 @@ fn restart(problem: &Problem, model: &JointModel, starts: &mut [Start], whitenin
             trials.push(at_play(starts, play));
         }
     }
+    trials.retain(|t| t.as_slice() != starts);
     // What one step of the start state alone would still gain counts.
     let reach = |b: &Block| b.cost - b.start.try_inverse().map_or(0.0, |i| b.start_gradient.dot(&(i * b.start_gradient)));
-    let mut best: Vec<f64> = evaluate(problem, model, starts, whitening, frozen).normal.blocks.iter().map(reach).collect();
+    let mut blocks = evaluate(problem, model, starts, whitening, frozen).normal.blocks;
     for trial in trials {
-        let blocks = evaluate(problem, model, &trial, whitening, frozen).normal.blocks;
-        for w in 0..starts.len() {
-            let other = reach(&blocks[w]);
-            if !(best[w] <= other) {
-                (best[w], starts[w]) = (other, trial[w]);
+        for (w, other) in evaluate(problem, model, &trial, whitening, frozen).normal.blocks.into_iter().enumerate() {
+            if !(reach(&blocks[w]) <= reach(&other)) {
+                (blocks[w], starts[w]) = (other, trial[w]);
             }
         }
     }
+    total(problem, model, blocks, frozen)
 }
 
-/// Most steps of one round.
-const MAX_STEPS: usize = 14;
-
-fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, whitening: &Whitening, frozen: &[bool], pace: Pace) {
+/// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.
+fn iterate(
+    problem: &Problem,
+    model: &mut JointModel,
+    starts: &mut Vec<Start>,
+    whitening: &Whitening,
+    frozen: &[bool],
+    pace: Pace,
+    mut now: Evaluation,
+) -> Evaluation {
     let mut damping = 1e-4;
-    let mut now = evaluate(problem, model, starts, whitening, frozen);
     for _ in 0..pace.steps {
         let Some(step) = solve(&now.normal, frozen, damping) else {
             damping = (damping * 10.0).max(1e-4);
             continue;
         };
         let trial_model = moved(problem, model, &step.parameters);
-        let trial_starts: Vec<Start> = starts
+        let mut trial_starts: Vec<Start> = starts
             .iter()
             .zip(&step.starts)
             .map(|(s, d)| Start { position: s.position + d[0], velocity: s.velocity + d[1], play: s.play })
             .collect();
         let mut trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
-        let mut trial_starts = trial_starts;
         if !(trial.cost < now.cost) {
             // Window by window, the start state that serves the new parameters better.
-            let kept = evaluate(problem, &trial_model, starts, whitening, frozen);
-            for w in 0..starts.len() {
-                if !(trial.normal.blocks[w].cost <= kept.normal.blocks[w].cost) {
-                    trial_starts[w] = starts[w];
+            let kept = evaluate(problem, &trial_model, starts, whitening, frozen).normal.blocks;
+            let mut blocks = trial.normal.blocks;
+            for (w, own) in kept.into_iter().enumerate() {
+                if !(blocks[w].cost <= own.cost) {
+                    (blocks[w], trial_starts[w]) = (own, starts[w]);
                 }
             }
-            trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
+            trial = total(problem, &trial_model, blocks, frozen);
         }
         if trial.cost < now.cost {
             let gained = now.cost - trial.cost;
@@ -358,6 +407,7 @@ fn iterate(problem: &Problem, model: &mut JointModel, starts: &mut Vec<Start>, w
             }
         }
     }
+    now
 }
 
 /// Covariance of the parameters: that of the whitened residuals, widened where the windows disagree by more than that.
@@ -397,69 +447,4 @@ fn restricted(problem: &Problem, model: &JointModel, at: &Evaluation, whitening:
         twice += b.cost - b.start_gradient.dot(&(inverse * b.start_gradient)) + b.start.determinant().max(1e-300).ln();
     }
     -0.5 * twice
-}
-
-/// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
-fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &mut Whitening, around: f64) -> f64 {
-    let drives = problem.drives(model);
-    let mut rollouts = Vec::with_capacity(starts.len());
-    for (w, start) in starts.iter().enumerate() {
-        let mut rollout = Rollout::default();
-        predict(problem, model, &drives, w, *start, &mut rollout);
-        let residual = residual_column(model.free());
-        let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
-        rollouts.push(compact);
-    }
-    let mut score = |sigma: f64| {
-        whitening.set_noise(problem, sigma);
-        let mut twice = whitening.log_variance;
-        let ridge = start_ridge(problem);
-        for (w, rows) in rollouts.iter().enumerate() {
-            let span = problem.windows[w];
-            let (cost, start, gradient) = whiten_three(rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
-            let start = start + ridge;
-            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
-            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
-        }
-        -0.5 * twice
-    };
-    let mut best = (score(around), around);
-    let mut factor = 4.0;
-    while factor > 1.08 {
-        let center = best.1;
-        let mut improved = false;
-        for trial in [center / factor, center * factor] {
-            let trial = trial.max(problem.min_sigma_u);
-            let s = score(trial);
-            if s > best.0 {
-                best = (s, trial);
-                improved = true;
-            }
-        }
-        if !improved {
-            factor = factor.sqrt();
-        }
-    }
-    best.1
-}
-
-/// Whitens (start position, start velocity, residual) and gives their products.
-fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
-    let (mut q, mut v) = ([0.0; 3], [0.0; 3]);
-    let mut sums = [0.0; 6];
-    for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
-        let mut white = [0.0; 3];
-        for c in 0..3 {
-            let innovation = row[c] - q[c];
-            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
-            white[c] = innovation * gain.scale;
-            q[c] = local.a[0] * uq + local.a[1] * uv;
-            v[c] = local.a[2] * uq + local.a[3] * uv;
-        }
-        let [x, y, e] = white;
-        for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
-            *sum += term;
-        }
-    }
-    (sums[5], Matrix2::new(sums[0], sums[1], sums[1], sums[2]), Vector2::new(sums[3], sums[4]))
 }

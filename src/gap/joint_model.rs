@@ -26,13 +26,50 @@ pub struct JointModel {
     pub terms: Vec<Term>,
     /// Time by which stamps of effort and position disagree, seconds: a nuisance with a tight prior, never reported.
     pub lag_s: f64,
+    /// Time in which friction brings the joint to rest, seconds; 0 is exact stick. A nuisance, see [`SETTLE_S`].
+    pub settle_s: f64,
+}
+
+/// Settle times of friction that are tried. Exact stick is the ideal; friction of compliant contacts and of simulators
+/// that soften it acts against the velocity that the joint will have a few milliseconds later.
+pub const SETTLE_S: [f64; 4] = [0.0, 0.005, 0.01, 0.02];
+
+/// Share of the load under which friction that settles creeps on, as of a soft constraint of impedance 0.9.
+const CREEP: f64 = 0.1;
+
+/// Friction that has the strength to hold a joint takes it over a step to `keep * v + creep * kick`, where `kick` is
+/// what the other efforts would add to the velocity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settling {
+    /// Share of the velocity that is left.
+    pub keep: f64,
+    /// Share of the other efforts that still acts.
+    pub creep: f64,
+}
+
+impl Settling {
+    /// Of a settle time over a step, seconds.
+    #[must_use]
+    pub fn over(settle_s: f64, step_s: f64) -> Self {
+        if !(settle_s > 0.0 && step_s > 0.0) {
+            return Self::default();
+        }
+        let keep = (-step_s / settle_s).exp();
+        Self { keep, creep: CREEP * settle_s * (1.0 - keep) / step_s }
+    }
 }
 
 impl JointModel {
     /// The twin as it is.
     #[must_use]
     pub fn of(plant: &Plant) -> Self {
-        Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0 }
+        Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
+    }
+
+    /// Whether friction acts on the joint.
+    #[must_use]
+    pub fn has_friction(&self, catalogue: &Catalogue) -> bool {
+        self.plant.friction > 0.0 || self.terms.iter().any(|t| catalogue[t.effect].place() == Place::Friction)
     }
 
     /// Number of free parameters, the lag included.

@@ -10,11 +10,14 @@ use super::{
     update::{exported, note},
 };
 
-/// Step of the file, seconds; a delay is a whole number of steps to MuJoCo, so that one asks for finer ones.
+/// Step of the file, seconds; a delayed effort is read between steps, so that a delay asks for finer ones.
 const TIMESTEP_S: f64 = 5e-4;
 const DELAY_TIMESTEP_S: f64 = 1e-4;
 /// Solver impedance of an end stop: the contact's acceleration is that of the fitted spring and damper.
 const STOP_IMPEDANCE: f64 = 0.9995;
+
+/// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.
+const SOFT_IMPEDANCE: f64 = 0.9;
 
 /// What is written about one joint.
 struct Attributes {
@@ -112,6 +115,13 @@ impl Writer<'_> {
             parent_from_joint: joint.parent_from_joint,
         };
         let Some(report) = self.joints.iter().find(|j| j.joint == joint.name) else { return a };
+        let model = &report.diagnosis.model;
+        if model.has_friction(self.catalogue) {
+            let (settle, impedance) = if model.settle_s > 0.0 { (model.settle_s, SOFT_IMPEDANCE) } else { (0.0, STOP_IMPEDANCE) };
+            // MuJoCo keeps time constants of constraints above two steps.
+            let constant_s = (2.0 * settle).max(2.0 * TIMESTEP_S);
+            let _ = write!(a.more, " solreffriction=\"{constant_s} 1\" solimpfriction=\"{impedance} {impedance} 0.001\"");
+        }
         for finding in exported(report) {
             let Some(term) = report.diagnosis.model.terms.iter().find(|t| t.effect == finding.index) else { continue };
             let (p, plant) = (&term.p, &report.diagnosis.model.plant);
@@ -142,8 +152,10 @@ impl Writer<'_> {
             "constant_bias" => a.bias += p[0],
             "torque_gain" => a.gear *= p[0],
             "delay" => {
-                let kept = (p[0] / DELAY_TIMESTEP_S).ceil() as usize + 2;
-                return write!(a.actuator, " delay=\"{}\" nsample=\"{kept}\"", p[0]).is_ok();
+                // Read between its samples, a held effort changes half a step early.
+                let delay_s = p[0] + 0.5 * DELAY_TIMESTEP_S;
+                let kept = (delay_s / DELAY_TIMESTEP_S).ceil() as usize + 2;
+                return write!(a.actuator, " delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"").is_ok();
             }
             "end_stop" => {
                 let upper = joint_end(self.catalogue, self.joints, joint);

@@ -1,6 +1,7 @@
 //! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it closes.
 
 pub mod assess;
+pub mod camera;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;
@@ -12,6 +13,7 @@ pub mod joint_model;
 pub mod locate;
 pub mod log;
 pub mod mjcf;
+pub mod noise;
 pub mod plant;
 pub mod problem;
 pub mod proof;

@@ -15,6 +15,9 @@ const LAG_SHARE: f64 = 0.06;
 /// Least relative noise of the effort.
 const MIN_EFFORT_NOISE: f64 = 2e-4;
 
+/// Steps of the last fit and of the proof for each step of the search.
+const FINER: usize = 4;
+
 /// Logs of one joint, prepared.
 #[derive(Clone)]
 pub struct Problem<'c> {
@@ -40,7 +43,7 @@ pub struct Problem<'c> {
     pub lag_sigma_s: f64,
     /// Least standard deviation of the effort.
     pub min_sigma_u: f64,
-    /// Steps of a rollout for each usual one.
+    /// Steps of a rollout for each one of the search.
     pub finer: usize,
 }
 
@@ -86,13 +89,14 @@ impl<'c> Problem<'c> {
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
         let mut problem = Self::new(fitted.catalogue, &fitted.plant, fitted.turns, logs, fitted.hold);
         problem.sigma_y = fitted.sigma_y;
+        problem.finer = FINER;
         problem
     }
 
-    /// The same with rollouts of half the step.
+    /// The same with the small steps that parameters are reported from.
     #[must_use]
     pub fn refined(&self) -> Self {
-        Self { finer: 2 * self.finer, ..self.clone() }
+        Self { finer: FINER, ..self.clone() }
     }
 
     /// Start states of all windows from the smoothed motion, as the model's sensor sees it.

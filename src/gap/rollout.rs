@@ -1,13 +1,13 @@
 //! Forward simulation of one joint with its sensitivities to the start state and to every parameter.
 //!
 //! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent efforts are
-//! taken linearly implicit, friction is set-valued: a velocity that the friction bound can take away within the step is
-//! taken away, so that a joint that sticks stands still exactly.
+//! taken linearly implicit, friction is set-valued: where its bound can slow the joint down to rest within the model's settle
+//! time (within the step, where that is 0), it does, so that a joint that sticks stands still.
 
 use super::{
     drive::Drive,
     effect::{At, Place, Response, run_time_s},
-    joint_model::{Catalogue, JointModel},
+    joint_model::{Catalogue, JointModel, Settling},
     log::{JointLog, Span},
 };
 
@@ -176,8 +176,7 @@ fn roll_columns<const W: usize>(
     let (mut q, mut v) = (start.position, start.velocity);
     let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     (dq[0], dv[1]) = (1.0, 1.0);
-    let mut gauge = q + start.play * sensor.half_gap;
-    let mut dgauge = dq;
+    let (mut gauge, mut dgauge) = (q + start.play * sensor.half_gap, dq);
     if let Some(c) = sensors[2] {
         dgauge[c] = start.play;
     }
@@ -187,12 +186,13 @@ fn roll_columns<const W: usize>(
     let mut others_now = [0.0; 8];
     let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     for k in span.start..span.start + span.len {
-        measure(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
+        measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
         if k + 1 == span.start + span.len {
             break;
         }
         let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
         let t = run_time_s(span.log, log, k);
+        let settling = Settling::over(model.settle_s, h);
         for (now, other) in others_now.iter_mut().zip(&others) {
             *now = 0.5 * (other[k] + other[k + 1]);
         }
@@ -209,8 +209,7 @@ fn roll_columns<const W: usize>(
                 (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
             }
             if let Some(c) = gain_column {
-                effort_p[c] = drive.effort[index];
-                friction_p[c] = sum.friction_u * drive.effort[index];
+                (effort_p[c], friction_p[c]) = (drive.effort[index], sum.friction_u * drive.effort[index]);
             }
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
@@ -222,11 +221,16 @@ fn roll_columns<const W: usize>(
                 sum.friction = bound_at_turn(model, catalogue, &at, sum.friction, &mut friction_p);
             }
             let bound = kick * sum.friction;
-            if free.abs() <= bound {
-                v = 0.0;
-                dv = [0.0; MAX_COLUMNS];
+            let target = settling.keep * v + settling.creep * kick * total;
+            let taken = free - target;
+            if taken.abs() <= bound {
+                v = target;
+                let creep = settling.creep * kick;
+                for c in 0..W {
+                    dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + effort_p[c]);
+                }
             } else {
-                let sign = free.signum();
+                let sign = taken.signum();
                 v = free - sign * bound;
                 let by_q = kick * (sum.q - sign * sum.friction_q);
                 let by_v = 1.0 + kick * sum.v;
@@ -241,7 +245,7 @@ fn roll_columns<const W: usize>(
 
 /// Passes the position through play, scale and offset of the sensor.
 #[inline]
-fn measure(
+fn measure<const W: usize>(
     q: f64,
     dq: &Row,
     sensor: &super::joint_model::Sensor,
@@ -262,9 +266,9 @@ fn measure(
             dgauge[c] += 1.0;
         }
     }
-    let mut row = *dgauge;
-    for x in &mut row {
-        *x *= sensor.scale;
+    let mut row = [0.0; MAX_COLUMNS];
+    for i in 0..W {
+        row[i] = sensor.scale * dgauge[i];
     }
     if let Some(c) = columns[0] {
         row[c] += 1.0;

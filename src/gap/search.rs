@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{
     effect::{At, Place, Response, run_time_s},
     fit::{Fit, Free, MAX_FIT_FREE, Pace, fit},
-    joint_model::JointModel,
+    joint_model::{JointModel, SETTLE_S},
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
@@ -55,6 +55,8 @@ impl Default for Breadth {
 pub struct Search {
     /// Candidates by the number of effects.
     pub by_size: Vec<Vec<Candidate>>,
+    /// Index of the disturbance in the catalogue.
+    pub disturbance: Option<usize>,
 }
 
 impl Search {
@@ -64,9 +66,11 @@ impl Search {
         let nothing = self.by_size[0][0].score;
         let mut best = &self.by_size[0][0];
         for sets in self.by_size.iter().skip(1) {
-            if let Some(first) = sets.first()
-                && first.score > best.score + MIN_GAIN.max(MIN_SHARE * (best.score - nothing))
-            {
+            let gained = best.score - nothing;
+            let is_push = |c: &Candidate| c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d));
+            let wanted = |c: &Candidate| MIN_GAIN.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE });
+            let enough = |c: &&Candidate| c.score > best.score + wanted(c);
+            if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
                 best = first;
             }
         }
@@ -134,6 +138,7 @@ pub fn baseline(problem: &Problem) -> Candidate {
 /// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
 #[must_use]
 pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
+    let disturbance = problem.catalogue.iter().position(|e| e.name() == "disturbance");
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
@@ -149,10 +154,10 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         let wanted = MIN_GAIN.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in by_size[size - 1].iter().take(grown).enumerate() {
-            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             if rank == 0 && hope < MIN_GAIN {
-                return Search { by_size };
+                return Search { by_size, disturbance };
             }
             found.extend(grow(problem, parent, &hits));
         }
@@ -169,7 +174,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             break;
         }
     }
-    Search { by_size }
+    Search { by_size, disturbance }
 }
 
 /// The candidate with each of its effects taken away in turn, refitted.
@@ -184,6 +189,8 @@ fn without_one(problem: &Problem, candidate_: &Candidate) -> Vec<Candidate> {
 
 /// Share of the gain so far that one more effect must add to be looked into.
 const MIN_SHARE: f64 = 0.03;
+/// The same for a push: one window that was misread looks like one.
+const MIN_SHARE_OF_PUSH: f64 = 0.15;
 /// Candidates that are fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 
@@ -218,8 +225,13 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
     fits
 }
 
-/// Best shapes, so many of each, of the effects that score best beside a candidate.
-fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) -> Vec<Vec<Hit>> {
+/// Multiple of its first-order gain that a fit may bring, and what it may bring above that.
+const HOPE: (f64, f64) = (3.0, 20.0);
+/// Share of the best first-order gain below which an effect is not fitted.
+const MIN_SHARE_OF_BEST: f64 = 0.1;
+
+/// Best shapes, so many of each, of the effects that score best beside a candidate and may bring what is wanted.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wanted: f64) -> Vec<Vec<Hit>> {
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
@@ -232,6 +244,9 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) ->
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);
+    let best = hits.iter().map(|h| h[0].gain).fold(0.0, f64::max);
+    let may = |h: &[Hit]| HOPE.0 * h[0].gain + HOPE.1 >= wanted + n.ln() * h[0].p.len() as f64;
+    hits.retain(|h| may(h) && h[0].gain >= MIN_SHARE_OF_BEST * best);
     hits
 }
 
@@ -256,7 +271,13 @@ fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel
         }
         model
     };
-    effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect()
+    let models: Vec<JointModel> = effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect();
+    // The first friction brings its settle time along.
+    if effect.place() != Place::Friction || parent.fit.model.has_friction(problem.catalogue) {
+        return models;
+    }
+    let softly = |m: &JointModel| JointModel { settle_s: SETTLE_S[2], ..m.clone() };
+    models.iter().map(softly).chain(models.clone()).collect()
 }
 
 /// One candidate a set of effects, the best of each; best set first.

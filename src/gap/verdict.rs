@@ -2,11 +2,12 @@
 
 use nalgebra::DMatrix;
 use rand_core::Rng;
+use rayon::prelude::*;
 
 use super::{
     effect::{Coverage, Place},
     fit::{Fit, Free, Pace, fit},
-    joint_model::JointModel,
+    joint_model::{JointModel, SETTLE_S},
     locate::{Dependence, locate},
     problem::Problem,
     screen::Screen,
@@ -250,19 +251,47 @@ fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
     })
 }
 
-/// The model fitted with half the step, and its covariance with what the parameters still moved by that: the
-/// discretization is not known better. A delay is not known better than the stamps.
+/// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its covariance
+/// with what the parameters moved by the small steps and with the settle time: neither is known better. A delay is not
+/// known better than the stamps.
 fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
-    let fine = fit(&problem.refined(), &coarse.model, Some(&coarse.starts), coarse.sigma_u, Free::All, Pace::thorough(1));
-    let mut covariance = fine.covariance;
-    for (i, (a, b)) in fine.model.parameters().iter().zip(coarse.model.parameters()).enumerate() {
-        covariance[(i, i)] += (a - b) * (a - b);
+    let problem = &problem.refined();
+    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false };
+    let at = |settle_s: f64, from: &Fit| {
+        let model = JointModel { settle_s, ..from.model.clone() };
+        fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, pace)
+    };
+    let fine = at(coarse.model.settle_s, coarse);
+    let mut fits = vec![fine.clone()];
+    if fine.model.has_friction(problem.catalogue) {
+        let own = fine.model.settle_s;
+        let between = SETTLE_S.iter().copied().filter(|s| *s != own);
+        let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
+        let more: Vec<Fit> = between.chain(near).collect::<Vec<_>>().par_iter().map(|s| at(*s, &fine)).collect();
+        fits.extend(more);
     }
-    if let Some((_, at)) = fine.model.scalar(problem.catalogue, Place::Delay) {
+    let best = fits.iter().map(|f| f.log_likelihood).fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = fits.iter().map(|f| (f.log_likelihood - best).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let mean = |of: &dyn Fn(&Fit) -> f64| fits.iter().zip(&weights).map(|(f, w)| w * of(f)).sum::<f64>() / total;
+    let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.parameters()).collect();
+    let parameters: Vec<f64> = (0..own[0].len()).map(|i| own.iter().zip(&weights).map(|(p, w)| w * p[i]).sum::<f64>() / total).collect();
+    let mut covariance =
+        fits.iter().zip(&weights).fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
+    for (i, before) in coarse.model.parameters().into_iter().enumerate() {
+        let spread: f64 = own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
+        covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
+    }
+    let model = JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
+    if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
-    (fine.model, covariance)
+    (model, covariance)
 }
+
+/// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is left: the
+/// error of a step is of first order at worst, and the last one is a quarter.
+const STEP_RATIO: f64 = 9.0;
 
 fn findings(problem: &Problem, model: &JointModel, covariance: &DMatrix<f64>, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
     let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();

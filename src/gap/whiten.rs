@@ -3,7 +3,7 @@
 
 use super::{
     effect::{At, Place, run_time_s},
-    joint_model::{Catalogue, JointModel},
+    joint_model::{Catalogue, JointModel, Settling},
     log::{JointLog, Span},
     rollout::{Row, efforts_at},
     smooth::Trace,
@@ -37,9 +37,12 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
         let (q, v, u) = (trace.position[k], trace.velocity[k], gain * trace.effort[k]);
         let at = At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now };
         let sum = efforts_at(model, catalogue, &at);
-        let sticks = v.abs() <= still && (u + sum.effort).abs() < sum.friction;
-        if sticks {
-            locals.push(Local { a: [1.0, 0.0, 0.0, 0.0], g: [0.0, 0.0] });
+        let settling = Settling::over(model.settle_s, dt);
+        let held = if settling.keep > 0.0 { v / (model.settle_s * inverse) + u + sum.effort } else { u + sum.effort };
+        let slow = settling.keep > 0.0 || v.abs() <= still;
+        if slow && held.abs() < sum.friction {
+            let g = settling.creep * dt * inverse;
+            locals.push(Local { a: [1.0, 0.5 * dt * settling.keep, 0.0, settling.keep], g: [0.5 * dt * g, g] });
             continue;
         }
         let spring = (-sum.q * inverse * dt * dt).clamp(-0.2, 1.0);

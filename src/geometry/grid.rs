@@ -60,7 +60,7 @@ impl<T> Grid3<T> {
         let g = (point - self.origin) / self.spacing_m;
         let mut c = [0; 3];
         for k in 0..3 {
-            let r = g[k].round();
+            let r = g[k] + 0.5;
             if !(r >= 0.0 && r < self.dims[k] as f64) {
                 return None;
             }
@@ -78,7 +78,7 @@ fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool
         let last = (grid.dims[k] - 1) as f64;
         let x = g[k].clamp(0.0, last);
         inside[k] = g[k] >= 0.0 && g[k] <= last;
-        let b = (x.floor() as usize).min(grid.dims[k].saturating_sub(2));
+        let b = (x as usize).min(grid.dims[k].saturating_sub(2));
         base[k] = b;
         frac[k] = (x - b as f64) as f32;
     }

@@ -1,5 +1,7 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
+mod frame_run;
+mod gap_report;
 mod joint_log;
 mod mesh_files;
 mod model_folder;
@@ -7,15 +9,19 @@ mod npy;
 mod ply;
 mod run_dir;
 mod run_summary;
+mod seen_twin;
 mod twin_file;
 mod urdf;
 
+pub use frame_run::read_frame_run;
+pub use gap_report::read_gap_report;
 pub use joint_log::read_joint_log;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
 pub use run_dir::{RunDir, RunDirError};
 pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
+pub use seen_twin::read_seen_twin;
 pub use twin_file::{read_twin, twin_of};
 pub use urdf::{UrdfError, read_urdf};
 pub mod image_codec;
@@ -39,6 +45,7 @@ mod recording;
 mod source;
 mod synth_bag;
 mod synth_folder;
+mod synth_twin;
 mod topics;
 mod views;
 
@@ -51,5 +58,5 @@ pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open};
-pub use synth_folder::{SynthError, write_synth};
+pub use synth_folder::{SynthError, write_synth, write_synth_bag, write_true_twin};
 pub use views::check_size;

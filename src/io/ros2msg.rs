@@ -5,6 +5,7 @@
 
 pub mod definitions;
 pub mod diagnostic;
+pub mod gap;
 pub mod markers;
 pub mod odometry;
 pub mod point_cloud;

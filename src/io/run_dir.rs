@@ -106,7 +106,8 @@ impl RunDir {
     }
 
     /// Where the files are until [`Self::commit`].
-    pub(super) fn working(&self) -> &Path {
+    #[must_use]
+    pub fn working(&self) -> &Path {
         &self.partial
     }
 

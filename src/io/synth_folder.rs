@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::{RunDir, RunDirError, bag_writer::BagWriteError, ros2msg::DecodeError, synth_bag::synth_bag};
+use super::{RunDir, RunDirError, bag_writer::BagWriteError, ros2msg::DecodeError, synth_bag::synth_bag, synth_twin::put_twin};
 use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
-    synth::{Object, PartJointKind, SeenSample, SynthConfig, SynthState, generate, record},
+    synth::{Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record},
 };
 
 /// Why an object could not be made or written.
@@ -47,6 +47,9 @@ struct TruthFile<'a> {
     /// Where the true world stands in the world of each recording.
     recorded_from_world: [[[f64; 4]; 4]; 2],
     parts: Vec<PartEntry<'a>>,
+    /// Positions of the parts' joints in the states behind the first two, null for the static part.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    further: Vec<Vec<Option<f64>>>,
 }
 
 #[derive(Serialize)]
@@ -74,8 +77,26 @@ struct JointEntry {
     state1_from_state0: [[f64; 4]; 4],
 }
 
-/// Makes an object, films it in both states and writes `state0/`, `state1/`, `truth.json` and `truth/` into a folder that
-/// appears when it is whole. Returns the folder and the object.
+/// Writes the true twin of an object, `truth/twin.urdf` and its meshes, into a new folder.
+///
+/// # Errors
+/// A folder that exists and is not empty; a disk that refuses.
+pub fn write_true_twin(out: &Path, object: &Object) -> Result<PathBuf, SynthError> {
+    let folder = RunDir::replace(out)?;
+    put_twin(&folder, object)?;
+    Ok(folder.commit()?)
+}
+
+/// Writes the bag of a state into a new folder.
+///
+/// # Errors
+/// If an image cannot be compressed or the disk refuses.
+pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> Result<(), SynthError> {
+    synth_bag(folder, state, recording)
+}
+
+/// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`, ...,
+/// `truth.json` and `truth/` into a folder that appears when it is whole. Returns the folder and the object.
 ///
 /// # Errors
 /// Settings that cannot be used; a folder that exists and is not empty; a disk that refuses.
@@ -92,6 +113,11 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
         synth_bag(&folder.working().join(format!("state{state}")), state, &recording)?;
         put_truth(&folder, &object, state, &recording)?;
     }
+    put_twin(&folder, &object)?;
+    let further = further_states(&object, config.further, config).map_err(SynthError::Object)?;
+    for (k, state) in further.iter().enumerate() {
+        synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &film(state, 1, k + 2, config))?;
+    }
     let truth = TruthFile {
         unit: "metre, radian; true world frame, which is that of state 0; axes and origins as they stand in state 0",
         made_by: format!("artitwin {} synth", env!("CARGO_PKG_VERSION")),
@@ -99,6 +125,7 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
         seed: config.seed,
         recorded_from_world: recorded_from_world.map(|p| rows(&p)),
         parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, k, *seen)).collect(),
+        further: further.iter().map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect()).collect(),
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))

@@ -8,7 +8,7 @@ use super::{
     clear_paths, solids_inertial, swept_interval,
 };
 use crate::{
-    geometry::Pose,
+    geometry::{Grid3, Pose},
     surface::{ConvexConfig, ShellInertia, TriangleMesh, convex_shell, shell_inertia},
 };
 
@@ -93,16 +93,23 @@ pub struct MovingPart {
     pub evidence: JointEvidence,
     /// Surface in the world in state 0.
     pub surface: TriangleMesh,
+    /// Signed distance around it in the world in state 0, NaN where no view saw anything; none where all was seen.
+    pub field: Option<Grid3<f32>>,
 }
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids follow the
 /// surfaces and leave the observed paths free; masses come from the solids; the limits are the observed interval or the
 /// one that the solids allow.
 #[must_use]
-pub fn build(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
+pub fn build(name: &str, base: TriangleMesh, mut parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
+    // Of moving parts only: what the static one hides, a moving part may need.
+    let fields: Vec<_> = std::iter::once(None).chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords)))).collect();
     let mut model = tree(name, base, parts, config);
-    for link in &mut model.links {
-        link.collision = convex_shell(&link.visual, config.wall_thickness_m, &config.collision);
+    for (link, field) in model.links.iter_mut().zip(&fields) {
+        let hidden = |p: &nalgebra::Point3<f64>| {
+            field.as_ref().is_some_and(|(field, origin)| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan()))
+        };
+        link.collision = convex_shell(&link.visual, config.wall_thickness_m, &hidden, &config.collision);
     }
     // Before they are shrunk and cut: that is for the simulator, the walls are whole.
     for (i, link) in model.links.iter_mut().enumerate() {
@@ -171,7 +178,9 @@ fn link(name: String, visual: TriangleMesh) -> Link {
 fn inertial(link: &Link, part: usize, config: &ModelConfig) -> Inertial {
     let ([usual, lowest, highest], density) = config.density(part);
     let wall_mm = 1e3 * config.wall_thickness_m;
-    let solid = format!("collision solids (walls {wall_mm} mm where the other side was not seen), {density}");
+    let solid = format!(
+        "collision solids (walls {wall_mm} mm where the other side was not seen; flat walls of moving parts go on where no view looked), {density}"
+    );
     let shell = || {
         let ShellInertia { mass_kg, center_of_mass, inertia } = shell_inertia(&link.visual, config.wall_thickness_m, usual)?;
         let assumption = format!("shell of the seen surface, {wall_mm} mm thick, {density}");

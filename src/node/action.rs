@@ -1,45 +1,32 @@
-//! The action `~/reconstruct`: one goal at a time, with feedback and cancel.
+//! Actions of the node: one goal of each at a time, with feedback and cancel.
 
-use std::{
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{sync::Arc, time::Duration};
 
 use ros2_client::{
-    ActionTypeName, Message, ServiceMapping,
+    ActionTypeName, ServiceMapping,
     action::{ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle, GoalEndStatus, NewGoalHandle},
 };
 
 use super::{
     error::NodeError,
+    job::{Finished, Job, News},
     participant::{Participant, latched, reliable},
-    reconstruction::{Finished, News, Reconstructor},
 };
-use crate::io::{
-    SummaryJoint,
-    ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
-};
-
-impl Message for ReconstructGoal {}
-impl Message for ReconstructResult {}
-impl Message for ReconstructFeedback {}
 
 /// Requests that wait.
 const DEPTH: usize = 10;
 /// How long a client may take to fetch its result.
 const RESULT_WAIT: Duration = Duration::from_secs(900);
-/// Least time between two feedbacks of one stage.
-const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
 
-type Server = AsyncActionServer<ReconstructGoal, ReconstructResult, ReconstructFeedback>;
-type Goal = ExecutingGoalHandle<ReconstructGoal>;
+type Server<J> = AsyncActionServer<<J as Job>::Goal, <J as Job>::Result, <J as Job>::Feedback>;
+type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 
-/// Offers the action.
+/// Offers an action.
 ///
 /// # Errors
 /// If the name cannot be used or the network refuses.
-pub fn offer(participant: &mut Participant, mapping: ServiceMapping, reconstructor: Arc<Reconstructor>) -> Result<(), NodeError> {
-    let name = participant.name("~/reconstruct")?;
+pub fn offer<J: Job>(participant: &mut Participant, mapping: ServiceMapping, job: Arc<J>) -> Result<(), NodeError> {
+    let name = participant.name(J::NAME)?;
     let qos = ActionServerQosPolicies {
         goal_service: reliable(DEPTH),
         result_service: reliable(DEPTH),
@@ -49,23 +36,22 @@ pub fn offer(participant: &mut Participant, mapping: ServiceMapping, reconstruct
     };
     let server = participant
         .node()
-        .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", "Reconstruct"), qos)
-        .map_err(|e| NodeError::network("offering ~/reconstruct", e))?;
-    tokio::spawn(serve(AsyncActionServer::new(server), reconstructor));
+        .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
+        .map_err(|e| NodeError::network(&format!("offering {}", J::NAME), e))?;
+    tokio::spawn(serve(AsyncActionServer::new(server), job));
     Ok(())
 }
 
 /// A goal that ended, and its result, which waits for the client to ask.
-#[derive(Clone)]
-struct Ended {
-    goal: Goal,
+struct Ended<J: Job> {
+    goal: Goal<J>,
     status: GoalEndStatus,
-    result: ReconstructResult,
+    result: J::Result,
     until: tokio::time::Instant,
 }
 
-async fn serve(server: Server, reconstructor: Arc<Reconstructor>) {
-    let mut ended: Option<Ended> = None;
+async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
+    let mut ended: Option<Ended<J>> = None;
     loop {
         tokio::select! {
             new = server.receive_new_goal() => match new {
@@ -75,16 +61,15 @@ async fn serve(server: Server, reconstructor: Arc<Reconstructor>) {
                         server.abort_executing_goal(old.goal).await.ok();
                     }
                     let Some(request) = server.get_new_goal(new.clone()) else { continue };
-                    match accept(&server, new).await {
+                    match accept::<J>(&server, new).await {
                         Ok(goal) => {
-                            let (status, result) = execute(&server, &reconstructor, &goal, request).await;
-                            log::info!("~/reconstruct: {}", result.message);
+                            let (status, result) = execute(&server, &job, &goal, request).await;
                             ended = Some(Ended { goal, status, result, until: tokio::time::Instant::now() + RESULT_WAIT });
                         }
-                        Err(error) => log::warn!("~/reconstruct: the goal was not accepted: {error}"),
+                        Err(error) => log::warn!("{}: the goal was not accepted: {error}", J::NAME),
                     }
                 }
-                Err(error) => log::debug!("~/reconstruct: a goal could not be read: {error}"),
+                Err(error) => log::debug!("{}: a goal could not be read: {error}", J::NAME),
             },
             cancel = server.receive_cancel_request() => {
                 // Nothing runs, so nothing is canceled.
@@ -92,63 +77,53 @@ async fn serve(server: Server, reconstructor: Arc<Reconstructor>) {
                     server.respond_to_cancel_requests(&cancel, std::iter::empty()).await.ok();
                 }
             }
-            () = deliver(&server, ended.clone()), if ended.is_some() => ended = None,
+            () = deliver(&server, ended.as_ref()), if ended.is_some() => ended = None,
         }
     }
 }
 
-async fn accept(server: &Server, new: NewGoalHandle<ReconstructGoal>) -> Result<Goal, String> {
+async fn accept<J: Job>(server: &Server<J>, new: NewGoalHandle<J::Goal>) -> Result<Goal<J>, String> {
     let accepted = server.accept_goal(new).await.map_err(|e| format!("{e:?}"))?;
     server.start_executing_goal(accepted).await.map_err(|e| format!("{e:?}"))
 }
 
 /// Waits for the client to ask for its result, and sends it.
-async fn deliver(server: &Server, ended: Option<Ended>) {
+async fn deliver<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
     let Some(Ended { goal, status, result, until }) = ended else { return };
-    match tokio::time::timeout_at(until, server.send_result_response(goal.clone(), status, result)).await {
+    match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone())).await {
         Ok(Ok(())) => {}
-        Ok(Err(error)) => log::warn!("~/reconstruct: the result was not sent: {error:?}"),
+        Ok(Err(error)) => log::warn!("{}: the result was not sent: {error:?}", J::NAME),
         Err(_) => {
-            log::warn!("~/reconstruct: nobody asked for the result");
-            server.abort_executing_goal(goal).await.ok();
+            log::warn!("{}: nobody asked for the result", J::NAME);
+            server.abort_executing_goal(goal.clone()).await.ok();
         }
     }
 }
 
 /// Runs a goal to its end; meanwhile other goals are rejected and cancels are heard.
-async fn execute(
-    server: &Server,
-    reconstructor: &Arc<Reconstructor>,
-    goal: &Goal,
-    request: ReconstructGoal,
-) -> (GoalEndStatus, ReconstructResult) {
-    let mut run = match reconstructor.begin(&request) {
-        Ok(run) => run,
-        Err(message) => return (GoalEndStatus::Aborted, ReconstructResult { message, ..ReconstructResult::default() }),
+async fn execute<J: Job>(server: &Server<J>, job: &Arc<J>, goal: &Goal<J>, request: J::Goal) -> (GoalEndStatus, J::Result) {
+    let mut work = match job.begin(&request) {
+        Ok(work) => work,
+        Err(message) => return outcome::<J>(Finished::Failed(message)),
     };
-    let mut told = FeedbackGate::default();
     loop {
         tokio::select! {
-            news = run.next() => match news {
-                News::Feedback(feedback) => {
-                    if told.opens(&feedback) {
-                        server.publish_feedback(goal.clone(), feedback).await.ok();
-                    }
-                }
-                News::Ended(finished) => return outcome(finished),
+            news = work.next() => match news {
+                News::Feedback(feedback) => _ = server.publish_feedback(goal.clone(), feedback).await,
+                News::Ended(finished) => return outcome::<J>(finished),
             },
             cancel = server.receive_cancel_request() => {
                 let Ok(cancel) = cancel else { continue };
                 let ours = cancel.contains_goal(&goal.goal_id());
                 if ours {
-                    run.cancel();
+                    work.cancel();
                 }
                 let canceled = cancel.goals().filter(|id| *id == goal.goal_id());
                 server.respond_to_cancel_requests(&cancel, canceled).await.ok();
             }
             other = server.receive_new_goal() => {
                 if let Ok(other) = other {
-                    log::warn!("~/reconstruct: a goal was rejected, as another runs");
+                    log::warn!("{}: a goal was rejected, as another runs", J::NAME);
                     server.reject_goal(other).await.ok();
                 }
             }
@@ -156,42 +131,16 @@ async fn execute(
     }
 }
 
-fn outcome(finished: Finished) -> (GoalEndStatus, ReconstructResult) {
+fn outcome<J: Job>(finished: Finished<J::Result>) -> (GoalEndStatus, J::Result) {
     match finished {
-        Finished::Twin(twin, message) => {
-            let motion = |j: &SummaryJoint| j.states.last().copied().unwrap_or_default() - j.states.first().copied().unwrap_or_default();
-            let result = ReconstructResult {
-                success: true,
-                message,
-                folder: twin.summary.folder.display().to_string(),
-                joints: twin.summary.joints.iter().map(|j| j.name.clone()).collect(),
-                motions: twin.summary.joints.iter().map(motion).collect(),
-            };
-            (GoalEndStatus::Succeeded, result)
-        }
+        Finished::Done(result) => (GoalEndStatus::Succeeded, result),
         Finished::Canceled => {
-            let message = "canceled".to_owned();
-            (GoalEndStatus::Canceled, ReconstructResult { message, ..ReconstructResult::default() })
+            log::info!("{}: canceled", J::NAME);
+            (GoalEndStatus::Canceled, J::nothing("canceled".to_owned()))
         }
-        Finished::Failed(message) => (GoalEndStatus::Aborted, ReconstructResult { message, ..ReconstructResult::default() }),
-    }
-}
-
-/// Lets through the first feedback of every stage, and then not too many.
-#[derive(Default)]
-struct FeedbackGate {
-    stage: String,
-    last: Option<Instant>,
-}
-
-impl FeedbackGate {
-    fn opens(&mut self, feedback: &ReconstructFeedback) -> bool {
-        let late = self.last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY);
-        let opens = late || feedback.stage != self.stage;
-        if opens {
-            self.stage.clone_from(&feedback.stage);
-            self.last = Some(Instant::now());
+        Finished::Failed(message) => {
+            log::warn!("{}: {message}", J::NAME);
+            (GoalEndStatus::Aborted, J::nothing(message))
         }
-        opens
     }
 }

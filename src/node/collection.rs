@@ -179,7 +179,7 @@ impl Core {
             Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(|e| e.to_string())),
             Command::TimeJump => {
                 log::warn!("time went back: what waited was dropped");
-                self.collector.clear();
+                self.collector.jump_back(self.clock.now_nanos());
                 self.watch = self.watch.take().map(MotionWatch::renewed);
             }
             Command::Stop(_) => {}

@@ -298,7 +298,9 @@ impl Collector {
         let Some((stamp, _)) = picture.header().checked() else { return };
         if role == 0 {
             if stamp < self.newest_nanos.saturating_sub(JUMP_NANOS) {
-                self.jump(stamp);
+                let back = stamp_secs(self.newest_nanos - stamp);
+                self.problem = Some(format!("the stamps of the images went back by {back:.3} s; what waited was dropped"));
+                self.jump_back(stamp);
             }
             self.newest_nanos = self.newest_nanos.max(stamp);
         }
@@ -311,21 +313,16 @@ impl Collector {
         }
     }
 
-    /// Forgets what waits, as the time went back.
-    fn jump(&mut self, stamp_nanos: i64) {
-        let back = stamp_secs(self.newest_nanos - stamp_nanos);
-        self.problem = Some(format!("the stamps of the images went back by {back:.3} s; what waited was dropped"));
-        self.clear();
-    }
-
-    /// Forgets what waits and the transforms that change: the time went back.
-    pub fn clear(&mut self) {
+    /// The time went back to this: forgets the images that wait and the transforms that change, where they are later.
+    pub fn jump_back(&mut self, now_nanos: i64) {
+        let latest = now_nanos.saturating_add(self.settings.slop_nanos);
         self.counts.jumps += 1;
-        self.counts.without_pose += self.waiting.len() as u64;
-        self.sync.clear();
-        self.waiting.clear();
-        self.tf.forget_moving();
-        self.newest_nanos = i64::MIN;
+        self.sync.forget_after(latest);
+        let before = self.waiting.len();
+        self.waiting.retain(|set| set.stamp_nanos <= latest);
+        self.counts.without_pose += (before - self.waiting.len()) as u64;
+        self.tf.forget_after(latest);
+        self.newest_nanos = self.newest_nanos.min(latest);
     }
 
     fn pose(&mut self, m: PoseStamped) {

@@ -126,6 +126,8 @@ fn known_views_and_a_second_replay_add_nothing() {
     let recordings = std::fs::read_dir(&folder.0).unwrap().count();
     collector.start(0).unwrap();
     assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), recordings + 1, "what was collected before is kept");
+    feed(&mut collector, 0);
+    assert_eq!(collector.kept()[0], 16, "the transforms before the first image after a jump are there");
 }
 
 #[test]

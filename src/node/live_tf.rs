@@ -57,7 +57,7 @@ impl LiveTf {
         // As tf2 does, time that runs backwards makes everything before it worthless.
         if stamp < self.newest_nanos - MEMORY_NANOS {
             self.jumps += 1;
-            self.forget_moving();
+            self.forget_after(i64::MIN);
         }
         self.newest_nanos = self.newest_nanos.max(stamp);
         self.fixed.remove(&child);
@@ -91,16 +91,26 @@ impl LiveTf {
         room
     }
 
-    /// Forgets what changes, after a jump in time.
-    pub fn forget_moving(&mut self) {
-        self.moving.clear();
-        self.newest_nanos = 0;
+    /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not be
+    /// interpolated towards them.
+    pub fn forget_after(&mut self, stamp_nanos: i64) {
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
             if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
                 self.buffer.add_static(&parent, child, pose);
             }
         }
+        self.newest_nanos = 0;
+        self.moving.retain(|child, samples| {
+            samples.retain(|stamp, _| *stamp <= stamp_nanos);
+            for (stamp, t) in &*samples {
+                if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
+                    self.buffer.add(&parent, child, *stamp, pose);
+                    self.newest_nanos = self.newest_nanos.max(*stamp);
+                }
+            }
+            !samples.is_empty()
+        });
     }
 
     /// The frame at the top of a frame's chain, if something moves on the way there.
@@ -203,6 +213,17 @@ mod tests {
         assert_eq!(tf.jumps, 1);
         assert!((tf.lookup("world", "optical", 50 * S + S / 2, 2 * S).unwrap().translation.vector.x - 1.5).abs() < 1e-12);
         assert!(tf.lookup("world", "optical", 122 * S + S / 2, 2 * S).is_err());
+    }
+
+    #[test]
+    fn what_is_later_than_a_jump_is_forgotten_and_the_rest_stays() {
+        let mut tf = live();
+        tf.forget_after(120 * S);
+        assert!(tf.lookup("world", "optical", 120 * S + S / 2, 2 * S).is_err());
+        assert!((tf.lookup("world", "optical", 119 * S + S / 2, 2 * S).unwrap().translation.vector.x - 20.5).abs() < 1e-12);
+        // Another path from here on.
+        tf.add_one(&sample("world", "link", 121 * S, 0.0));
+        assert!((tf.lookup("world", "optical", 120 * S + S / 2, 2 * S).unwrap().translation.vector.x - 11.0).abs() < 1e-12);
     }
 
     #[test]

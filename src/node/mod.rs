@@ -3,7 +3,8 @@
 //!
 //! ```text
 //! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)
-//! services, action -> collection, run::reconstruct(session) -> outputs
+//! services -> collection
+//! actions -> run::reconstruct(session), run::diagnose -> outputs
 //! ```
 
 mod action;
@@ -11,11 +12,13 @@ mod clock;
 mod collection;
 mod collector;
 mod counts;
+mod diagnosis;
 mod diagnostics;
 mod environment;
 mod error;
 mod input_count;
 mod inputs;
+mod job;
 mod keyframes;
 mod live_tf;
 mod logger;

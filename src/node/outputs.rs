@@ -19,8 +19,8 @@ use super::{
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
 use crate::io::ros2msg::{
-    Header, JointState, TfMessage, diagnostic::DiagnosticArray, markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus,
-    text::Text,
+    Header, JointState, TfMessage, diagnostic::DiagnosticArray, gap::GapReport, markers::MarkerArray, point_cloud::PointCloud2,
+    status::CollectionStatus, text::Text,
 };
 
 /// Values of `CollectionStatus.phase`.
@@ -33,6 +33,14 @@ mod phase {
     pub const DONE: u8 = 5;
 }
 
+/// What the actions made.
+pub struct News {
+    /// The last twin.
+    pub twin: watch::Receiver<Option<Arc<Twin>>>,
+    /// The last diagnosis.
+    pub report: watch::Receiver<Option<Arc<GapReport>>>,
+}
+
 /// All publishers.
 pub struct Outputs {
     description: Publisher<Text>,
@@ -43,6 +51,7 @@ pub struct Outputs {
     cloud: Publisher<PointCloud2>,
     diagnostics: Publisher<DiagnosticArray>,
     status: Publisher<CollectionStatus>,
+    gap_report: Publisher<GapReport>,
     settings: OutputSettings,
     clock: Arc<NodeClock>,
 }
@@ -69,6 +78,7 @@ impl Outputs {
             cloud: participant.publisher("~/points", &sensor_data(1))?,
             diagnostics: participant.publisher("/diagnostics", &reliable(10))?,
             status: participant.publisher("~/status", &latched(1))?,
+            gap_report: participant.publisher("~/gap_report", &latched(1))?,
             settings: OutputSettings {
                 rate_hz: p.joint_state_rate_hz,
                 prefix: p.frame_prefix.clone(),
@@ -82,7 +92,7 @@ impl Outputs {
     /// Publishes until the node ends.
     pub async fn run(
         self,
-        mut twins: watch::Receiver<Option<Arc<Twin>>>,
+        News { twin: mut twins, mut report }: News,
         shared: Arc<Shared>,
         reconstructor: Arc<Reconstructor>,
         mut diagnostics: Diagnostics,
@@ -100,6 +110,16 @@ impl Outputs {
                     let twin = twins.borrow_and_update().clone();
                     if let Some(twin) = twin {
                         self.announce(&twin).await;
+                    }
+                }
+                changed = report.changed() => {
+                    if changed.is_err() {
+                        return;
+                    }
+                    let found = report.borrow_and_update().clone();
+                    if let Some(found) = found {
+                        let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
+                        tell(self.gap_report.async_publish(GapReport { header, ..GapReport::clone(&found) }).await, "gap_report");
                     }
                 }
                 _ = fast.tick() => {

@@ -1,4 +1,4 @@
-//! Runs the pipeline of the command line on the recordings of a session, on a thread of its own.
+//! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
 
 use std::{
     path::Path,
@@ -6,20 +6,28 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    time::Instant,
 };
 
-use tokio::sync::{mpsc, watch};
+use ros2_client::Message;
+use tokio::sync::watch;
 
-use super::{collection::Shared, progress::RunProgress};
+use super::{
+    collection::Shared,
+    job::{Finished, Job, Work},
+    progress::RunProgress,
+};
 use crate::{
     config::{Config, Origins},
     io::{
-        RunSummary, read_run_summary,
-        ros2msg::status::{ReconstructFeedback, ReconstructGoal},
+        RunSummary, SummaryJoint, read_run_summary,
+        ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
     },
-    run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError},
+    run::{self, Outcome, ReconstructRequest, RunError},
 };
+
+impl Message for ReconstructGoal {}
+impl Message for ReconstructResult {}
+impl Message for ReconstructFeedback {}
 
 /// A finished twin, as it is published.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +40,7 @@ pub struct Twin {
     pub world_frame: String,
 }
 
-/// Starts runs.
+/// Makes twins.
 pub struct Reconstructor {
     /// Settings but for what a goal gives.
     pub config: Config,
@@ -48,88 +56,45 @@ pub struct Reconstructor {
     pub busy: AtomicBool,
 }
 
-/// How a run ended.
-#[derive(Debug)]
-pub enum Finished {
-    /// With a twin; a sentence about it.
-    Twin(Arc<Twin>, String),
-    /// It was asked to stop.
-    Canceled,
-    /// Without a twin; why.
-    Failed(String),
-}
+impl Job for Reconstructor {
+    type Goal = ReconstructGoal;
+    type Result = ReconstructResult;
+    type Feedback = ReconstructFeedback;
+    const NAME: &'static str = "~/reconstruct";
+    const TYPE: &'static str = "Reconstruct";
 
-/// What a run tells.
-#[derive(Debug)]
-pub enum News {
-    /// How far it is.
-    Feedback(ReconstructFeedback),
-    /// It is over. The last news.
-    Ended(Finished),
-}
-
-/// A run that goes on.
-pub struct Reconstruction {
-    news: mpsc::Receiver<News>,
-    cancel: Arc<AtomicBool>,
-}
-
-impl Reconstruction {
-    /// Waits for news.
-    pub async fn next(&mut self) -> News {
-        let lost = || News::Ended(Finished::Failed("the run ended without a word".into()));
-        self.news.recv().await.unwrap_or_else(lost)
+    fn begin(self: &Arc<Self>, goal: &ReconstructGoal) -> Result<Work<ReconstructResult, ReconstructFeedback>, String> {
+        let request = self.request(goal)?;
+        let busy = Busy::new(self);
+        let mut progress = RunProgress::new(request.config.trains_fields());
+        Ok(Work::start(
+            move |event, elapsed| progress.take(event).then(|| progress.feedback(elapsed)),
+            move |monitor| busy.0.finish(run::reconstruct(&request, monitor)),
+        ))
     }
 
-    /// Asks it to stop after its present step.
-    pub fn cancel(&self) {
-        self.cancel.store(true, Ordering::Relaxed);
+    fn nothing(message: String) -> ReconstructResult {
+        ReconstructResult { message, ..ReconstructResult::default() }
     }
 }
 
-impl Drop for Reconstruction {
+/// Says that a run goes on, until it is dropped.
+struct Busy(Arc<Reconstructor>);
+
+impl Busy {
+    fn new(reconstructor: &Arc<Reconstructor>) -> Self {
+        reconstructor.busy.store(true, Ordering::Release);
+        Self(Arc::clone(reconstructor))
+    }
+}
+
+impl Drop for Busy {
     fn drop(&mut self) {
-        self.cancel();
+        self.0.busy.store(false, Ordering::Release);
     }
 }
 
 impl Reconstructor {
-    /// Starts a run on what was collected.
-    ///
-    /// # Errors
-    /// A sentence: a state is missing, or the number of parts.
-    pub fn begin(self: &Arc<Self>, goal: &ReconstructGoal) -> Result<Reconstruction, String> {
-        let request = self.request(goal)?;
-        if self.busy.swap(true, Ordering::AcqRel) {
-            return Err("another run goes on; wait for it or cancel it".into());
-        }
-        let cancel = Arc::new(AtomicBool::new(false));
-        let (send, news) = mpsc::channel(256);
-        let (events, listener) = std::sync::mpsc::channel();
-        let mut progress = RunProgress::new(request.config.trains_fields());
-        let feedback = send.clone();
-        std::thread::spawn(move || {
-            let start = Instant::now();
-            for event in listener {
-                if let Event::Warning { message } = &event {
-                    log::warn!("{message}");
-                }
-                if progress.take(&event) {
-                    // A client that is slow misses some; the end is sent apart.
-                    feedback.try_send(News::Feedback(progress.feedback(start.elapsed()))).ok();
-                }
-            }
-        });
-        let (this, stop) = (Arc::clone(self), Arc::clone(&cancel));
-        std::thread::spawn(move || {
-            let result = run::reconstruct(&request, &Monitor::new(events, stop));
-            let finished = this.finish(result);
-            this.busy.store(false, Ordering::Release);
-            send.blocking_send(News::Ended(finished)).ok();
-        });
-        Ok(Reconstruction { news, cancel })
-    }
-
     fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, String> {
         let snapshot = self.shared.snapshot();
         let Some(recordings) = snapshot.recordings else {
@@ -148,11 +113,11 @@ impl Reconstructor {
         Ok(ReconstructRequest { sources: recordings.into(), out, name: Some(name), config, origins: self.origins.clone(), resume: false })
     }
 
-    fn finish(&self, result: Result<Outcome, RunError>) -> Finished {
+    fn finish(&self, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
         let outcome = match result {
             Ok(outcome) => outcome,
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
-            Err(error) => return Finished::Failed(chain(&error)),
+            Err(error) => return Finished::Failed(run::chain(&error)),
         };
         let summary = match read_run_summary(&outcome.folder) {
             Ok(summary) => summary,
@@ -162,10 +127,18 @@ impl Reconstructor {
             None => format!("{} joints", summary.joints.len()),
             Some(first) => format!("{} joints; {} warnings, the first: {first}", summary.joints.len(), outcome.warnings.len()),
         };
+        log::info!("{}: {message}", Self::NAME);
+        let motion = |j: &SummaryJoint| j.states.last().copied().unwrap_or_default() - j.states.first().copied().unwrap_or_default();
+        let done = ReconstructResult {
+            success: true,
+            message,
+            folder: summary.folder.display().to_string(),
+            joints: summary.joints.iter().map(|j| j.name.clone()).collect(),
+            motions: summary.joints.iter().map(motion).collect(),
+        };
         let world_frame = self.shared.snapshot().world_frame.unwrap_or_else(|| "world".into());
-        let twin = Arc::new(Twin { summary, state: 1, world_frame });
-        self.twins.send_replace(Some(Arc::clone(&twin)));
-        Finished::Twin(twin, message)
+        self.twins.send_replace(Some(Arc::new(Twin { summary, state: 1, world_frame })));
+        Finished::Done(done)
     }
 }
 
@@ -173,18 +146,4 @@ impl Reconstructor {
 fn write_settings(path: &Path, config: &Config) -> Result<(), String> {
     let text = serde_norway::to_string(config).map_err(|e| e.to_string())?;
     std::fs::write(path, text).map_err(|e| format!("cannot write `{}`: {e}", path.display()))
-}
-
-/// An error and what led to it, on one line.
-fn chain(error: &RunError) -> String {
-    let mut text = error.to_string();
-    let mut cause = std::error::Error::source(error);
-    while let Some(error) = cause {
-        let told = error.to_string();
-        if !text.ends_with(&told) {
-            text = format!("{text}: {told}");
-        }
-        cause = error.source();
-    }
-    text
 }

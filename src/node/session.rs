@@ -13,13 +13,14 @@ use super::{
     clock::NodeClock,
     collection::{Command, Core, IMAGE_QUEUE, Inbox, SMALL_QUEUE, Shared},
     collector::Collector,
+    diagnosis::Diagnoser,
     diagnostics::Diagnostics,
     environment::Environment,
     error::NodeError,
     inputs::{self, Outbox},
     logger,
     motion_watch::MotionWatch,
-    outputs::Outputs,
+    outputs::{News, Outputs},
     parameters::Parameters,
     participant::{Participant, small_buffer_warning},
     reconstruction::Reconstructor,
@@ -125,14 +126,17 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         busy: AtomicBool::new(false),
     });
     let mapping = environment.service_mapping(&p.service_mapping);
+    let (reports, report) = watch::channel(None);
+    let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
+    action::offer(&mut participant, mapping, diagnoser)?;
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
-    tokio::spawn(outputs.run(twin, shared, reconstructor, diagnostics));
+    tokio::spawn(outputs.run(News { twin, report }, shared, reconstructor, diagnostics));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;
@@ -154,7 +158,7 @@ pub(super) fn queues(images: usize) -> (Outbox, Inbox) {
 }
 
 /// A folder that is not there yet: by the name, or by the time.
-fn free_folder(out: &Path, name: &str) -> PathBuf {
+pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
     let base = if name.is_empty() {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         format!("session_{seconds}")

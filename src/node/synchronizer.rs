@@ -48,13 +48,14 @@ impl<T> Synchronizer<T> {
         }
     }
 
-    /// Forgets what waits, after a jump in time; it counts as unmatched.
-    pub fn clear(&mut self) {
-        for (queue, count) in self.queues.iter_mut().zip(&mut self.unmatched) {
-            *count += queue.len() as u64;
-            queue.clear();
+    /// Forgets what waits with a later stamp, as the time went back to this one; it counts as unmatched.
+    pub fn forget_after(&mut self, stamp_nanos: i64) {
+        for (role, queue) in self.queues.iter_mut().enumerate() {
+            let before = queue.len();
+            queue.retain(|e| e.0 <= stamp_nanos);
+            self.unmatched[role] += (before - queue.len()) as u64;
+            self.newest[role] = queue.iter().map(|e| e.0).max();
         }
-        self.newest = [None; ROLES];
     }
 
     /// Images that wait.
@@ -200,7 +201,7 @@ mod tests {
             sync.push(0, 200 + i, 4);
         }
         assert_eq!((sync.unmatched[0], sync.waiting()), (16, 10));
-        sync.clear();
+        sync.forget_after(i64::MIN);
         assert_eq!((sync.unmatched[0], sync.waiting()), (26, 0));
     }
 

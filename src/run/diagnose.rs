@@ -107,6 +107,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
             Err(why) => refused.push(why),
         }
     }
+    monitor.check()?;
     if joints.is_empty() {
         let why = if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
         return Err(RunError::stage("diagnose", why));

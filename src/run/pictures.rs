@@ -2,7 +2,7 @@
 
 use crate::{
     capture::{Capture, RgbdFrame},
-    export::{PhotoAndTwin, Picture, PictureKind, ReportPictures, Window, axis_arrows, part_color},
+    export::{PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows, cutout_png, part_color},
     model::{ArticulatedModel, Link},
     surface::{RenderItem, render},
 };
@@ -23,7 +23,11 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
                 twin.caption = format!("{}, {db:.1} dB", twin.caption);
             }
             let seen = photo(frame, false, caption("photo")).cropped(&window);
-            out.states.push(PhotoAndTwin { state, view: frame.id.clone(), psnr_db, photo: seen, twin: twin.cropped(&window) });
+            let cutout = frame.mask.is_some().then(|| {
+                let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
+                (cutout_png(&frame.rgb, k.width, k.height, is_object), RecordedCamera::new(k, &frame.world_from_camera))
+            });
+            out.states.push(PhotoAndTwin { state, view: frame.id.clone(), psnr_db, photo: seen, twin: twin.cropped(&window), cutout });
             if view == 0 {
                 let mut parts = draw(model, state, frame, true, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);

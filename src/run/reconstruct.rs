@@ -240,7 +240,10 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
     };
-    let rendering = |p: &PhotoAndTwin| Some(Rendering { state: p.state, view: p.view.clone(), psnr_db: p.psnr_db? });
+    let rendering = |p: &PhotoAndTwin| {
+        let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
+        Some(Rendering { state: p.state, view: p.view.clone(), psnr_db: p.psnr_db?, photo: photo_path(p), camera })
+    };
     let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
     RunFacts {
         input: InputFacts {
@@ -259,6 +262,12 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         notes: capture.notes.iter().chain(&twin.notes).chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
+}
+
+/// Where the run folder holds the object as a view saw it.
+fn photo_path(pair: &PhotoAndTwin) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' };
+    format!("preview/photo_state{}_{}.png", pair.state, pair.view.chars().map(plain).collect::<String>())
 }
 
 /// A preset and what it costs.
@@ -301,6 +310,11 @@ fn write(
     let dir = io::RunDir::create(&request.out, &name).map_err(|e| failed(e.into()))?;
     for file in files {
         dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
+    }
+    for pair in &images.states {
+        if let Some((png, _)) = &pair.cutout {
+            dir.put(&photo_path(pair), png).map_err(|e| failed(e.into()))?;
+        }
     }
     let html = report_html(report, images).map_err(|e| failed(e.into()))?;
     dir.put("report.json", report.to_json().as_bytes()).map_err(|e| failed(e.into()))?;

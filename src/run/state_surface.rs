@@ -1,6 +1,7 @@
 //! The surface of one state: field, mesh, distance field, visibility, points.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::RunError;
 use crate::{
@@ -61,10 +62,10 @@ pub struct StateSurface {
 pub fn fuse(frames: &[RgbdFrame], scene: &SceneBox, band: &Band, noise: &NoiseConfig, nodes: usize) -> TsdfVolume {
     let grid = Grid3::over(scene, nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
-    for frame in frames {
-        let weights = pixel_weights(frame, noise);
-        let roles = object_roles(frame, &weights);
-        volume.integrate(&TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() }, noise);
+    let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
+    for (frame, weights) in frames.iter().zip(&weights) {
+        let roles = object_roles(frame, weights);
+        volume.integrate(&TsdfView { frame, weights, roles: &roles, volume_from_world: Pose::identity() }, noise);
     }
     volume
 }

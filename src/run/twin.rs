@@ -78,20 +78,21 @@ pub(super) fn assemble(
     });
     let colors = [0, 1].map(|s| ColorLookup::new(surfaces[s]));
     let part_surface = |part: usize, motion: &Pose| {
-        let mut mesh = keep_components(&marching_cubes(&part_tsdf(part as u8, motion, &states), 0.0), config.surface.min_component);
+        let field = part_tsdf(part as u8, motion, &states);
+        let mut mesh = keep_components(&marching_cubes(&field, 0.0), config.surface.min_component);
         if mesh.is_empty() {
             let message = format!("part {part} has no surface: nothing was seen of it; ask for fewer parts or record more views of it");
             return Err(RunError::stage("assemble", message));
         }
         paint(&mut mesh, motion, &states, &colors);
-        Ok(mesh)
+        Ok((mesh, field))
     };
-    let base = part_surface(0, &Pose::identity())?;
+    let (base, _) = part_surface(0, &Pose::identity())?;
     let mut parts = Vec::with_capacity(joints.len());
     for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {
-        let surface = part_surface(i + 1, &joint.state1_from_state0)?;
+        let (surface, field) = part_surface(i + 1, &joint.state1_from_state0)?;
         let JointEstimate { kind, axis, point, motion, evidence, .. } = joint;
-        parts.push(MovingPart { parent, kind, axis, point, motion, evidence, surface });
+        parts.push(MovingPart { parent, kind, axis, point, motion, evidence, surface, field: Some(field) });
     }
     Ok(build(name, base, parts, &config.model))
 }

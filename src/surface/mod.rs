@@ -33,7 +33,7 @@ pub use bake::{BakeView, bake};
 pub use closest::{ClosestPoint, MeshDistance};
 pub use components::{components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
-pub use convex::{ConvexConfig, ConvexSolid, Plane, convex_hull, convex_shell};
+pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, convex_hull, convex_shell};
 pub use distance::{DistanceError, DistanceOptions, signed_distance};
 pub use inertia::{ShellInertia, shell_inertia};
 pub use marching_cubes::marching_cubes;

@@ -98,6 +98,8 @@ pub struct SynthConfig {
     pub pose_noise: PoseSpread,
     /// By how much the world of state 1 is off that of state 0, in a random direction and about a random axis.
     pub drift: PoseSpread,
+    /// States filmed beyond the first two, at other positions of the joints.
+    pub further: usize,
     /// Views of each state.
     pub views: usize,
     /// Image width, pixels.
@@ -116,6 +118,7 @@ impl Default for SynthConfig {
             noise: 1.0,
             pose_noise: PoseSpread::default(),
             drift: PoseSpread::default(),
+            further: 0,
             views: 30,
             width: 640,
             height: 480,
@@ -141,6 +144,9 @@ impl SynthConfig {
         }
         if !(2..=1000).contains(&self.views) {
             return Err(format!("{} views: give 2 to 1000", self.views));
+        }
+        if self.further > 98 {
+            return Err(format!("{} states: give 2 to 100", self.further + 2));
         }
         if ![self.width, self.height].iter().all(|s| (64..=4096).contains(s)) {
             return Err(format!("images of {}x{}: give 64 to 4096 pixels a side", self.width, self.height));

@@ -29,6 +29,8 @@ pub struct SynthFrame {
     pub told: [Pose; 2],
     /// True pose at the view: optical frame in the true world.
     pub world_from_camera: Pose,
+    /// Velocity of the camera in its optical frame: translation, m/s, and rotation, rad/s.
+    pub velocity: [Vector3<f64>; 2],
 }
 
 impl SynthFrame {
@@ -54,15 +56,21 @@ pub struct SynthState {
 /// Films an object in a state. The same configuration gives the same values, whatever the number of threads.
 #[must_use]
 pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState {
-    let rng = |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{state}/{what}"), step as u64);
+    film(object, state, state, config)
+}
+
+/// Films take number `take` of an object in a state: every take has a camera path and noise of its own.
+#[must_use]
+pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
+    let rng = |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
     let intrinsics = intrinsics(config);
     let (_, radius_m) = object.bounding_sphere();
-    let path = camera_path(object, state, config);
+    let path = camera_path(object, take, config);
     // The floor and the lamp are the same in both states.
     let (floor, lamp) = surroundings(config.seed);
     let scene = Scene::new(object, state, &floor, (FLOOR_RADII * radius_m).max(MIN_FLOOR_M));
     let sensor = DepthCamera::scaled(config.noise);
-    let recorded_from_world = if state == 0 { Pose::identity() } else { drift(config) };
+    let recorded_from_world = if take == 0 { Pose::identity() } else { drift(config) };
     let time = |i: usize, offset: i64| (i as f64 + 0.5 + offset as f64 / SynthFrame::PERIOD_NANOS as f64) / config.views as f64;
     let frame = |i: usize| {
         let world_from_camera = path.pose(time(i, 0));
@@ -76,12 +84,21 @@ pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState
             mask: view.part.iter().map(Option::is_some).collect(),
             told,
             world_from_camera,
+            velocity: velocity(&path, time(i, 0), config.views),
         }
     };
     let frames: Vec<SynthFrame> = (0..config.views).map(frame).collect();
     let cameras: Vec<Pose> = frames.iter().map(|f| f.world_from_camera).collect();
     let seen = seen_points(object, state, &scene, &intrinsics, &cameras, SURFACE_POINTS, &mut rng("seen", 0));
     SynthState { intrinsics, frames, recorded_from_world, seen }
+}
+
+/// Velocity of the camera in its own frame.
+fn velocity(path: &CameraPath, time: f64, views: usize) -> [Vector3<f64>; 2] {
+    const STEP: f64 = 1e-5;
+    let seconds = 2.0 * STEP * views as f64 * SynthFrame::PERIOD_NANOS as f64 * 1e-9;
+    let step = path.pose(time - STEP).inverse() * path.pose(time + STEP);
+    [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds]
 }
 
 /// The camera of all views.

@@ -150,7 +150,7 @@ fn boards(boards: &[[[f64; 3]; 2]], color: [u8; 3]) -> TriangleMesh {
 /// A part as reconstruction gives it: a surface in the world and how it moves.
 fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: TriangleMesh) -> MovingPart {
     let evidence = joint("unused", kind, 0, 1, Pose::identity(), axis, [0.0, 1.0]).evidence;
-    MovingPart { parent: 0, kind, axis: Unit::new_normalize(axis.into()), point: point.into(), motion, evidence, surface }
+    MovingPart { parent: 0, kind, axis: Unit::new_normalize(axis.into()), point: point.into(), motion, evidence, surface, field: None }
 }
 
 /// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The

@@ -16,6 +16,11 @@ pub fn serial() -> MutexGuard<'static, ()> {
     SERIAL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Whether the neighbours are made of Fast DDS (`tests/fastdds/run.sh`), not of Cyclone DDS.
+pub fn with_fastdds() -> bool {
+    std::env::var_os("DDS_PEER").is_some_and(|peer| peer == "fastdds")
+}
+
 /// A running node; ended with it.
 pub struct Node {
     child: Option<Child>,
@@ -34,7 +39,8 @@ impl Node {
         for parameter in parameters {
             command.args(["-p", parameter]);
         }
-        command.env("ROS_DOMAIN_ID", domain.to_string()).env("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp");
+        let middleware = if with_fastdds() { "rmw_fastrtps_cpp" } else { "rmw_cyclonedds_cpp" };
+        command.env("ROS_DOMAIN_ID", domain.to_string()).env("RMW_IMPLEMENTATION", middleware);
         for variable in ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_SECURITY_ENABLE"] {
             command.env_remove(variable);
         }

@@ -134,11 +134,26 @@ def ball(folder, name, joint, observed):
     lower, upper = bounds(bare)
     bare.set(observed[0])
     closed_lower, closed_upper = bounds(bare)
-    # Above the middle of what stands out when open.
-    middle = (lower + upper) / 2
-    way = (lower + upper - closed_lower - closed_upper) / 2
-    front = np.where(way > 0.01, (closed_upper + upper) / 2, np.where(way < -0.01, (closed_lower + lower) / 2, middle))
-    start = [front[0], front[1], upper[2] + 2 * BALL_M]
+    # Above the middle of those places along the way that stand out when open and have the part's floor well below its rim.
+    bare.set(wide)
+    middle, way = (lower + upper) / 2, (lower + upper - closed_lower - closed_upper) / 2
+    front = np.where(way > 0.01, upper, np.where(way < -0.01, lower, middle))
+    hollow = []
+    body = bare.model.joint(joint).bodyid[0]
+
+    def room(place):
+        hit = np.array([-1], dtype=np.int32)
+        depth = bare.m.mj_ray(bare.model, bare.data, place, np.array([0.0, 0.0, -1.0]), None, 1, -1, hit)
+        return depth > 3 * BALL_M and bare.model.geom_bodyid[hit[0]] == body
+
+    for share in np.linspace(0, 1.5, 61):  # a handle lies before what stands out
+        place = np.array([*(front - share * way)[:2], upper[2] + 2 * BALL_M])
+        around = [(0, 0), (BALL_M, 0), (-BALL_M, 0), (0, BALL_M), (0, -BALL_M)]
+        if all(room(place + [x, y, 0]) for x, y in around):
+            hollow.append(place)
+    if not hollow:
+        return {"refused": "no floor below the rim of what stands out"}
+    start = hollow[len(hollow) // 2]
     simulator = MuJoCo(folder, name, ball=start)
     simulator.set(wide)
     simulator.run(3.0)

@@ -3,6 +3,7 @@
 use super::{CameraInfo, CompressedImage, Image, JointState, PoseStamped, TfMessage};
 use super::{
     diagnostic::DiagnosticArray,
+    gap::GapReport,
     markers::MarkerArray,
     odometry::FullOdometry,
     point_cloud::PointCloud2,
@@ -52,6 +53,7 @@ definitions! {
     Clock, "rosgraph_msgs", "Clock";
     Text, "std_msgs", "String";
     CollectionStatus, "artitwin_msgs", "CollectionStatus";
+    GapReport, "artitwin_msgs", "GapReport";
 }
 
 /// All types that are known.

@@ -2,10 +2,11 @@
 
 mod hull;
 
+mod raster;
 mod rectangles;
 mod shell;
 mod solid;
 
 pub use hull::convex_hull;
-pub use shell::{ConvexConfig, convex_shell};
+pub use shell::{ConvexConfig, Hidden, convex_shell};
 pub use solid::{ConvexSolid, Plane};

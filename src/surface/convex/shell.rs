@@ -6,10 +6,10 @@
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{ConvexSolid, rectangles::cover};
+use super::{ConvexSolid, raster::Raster};
 use crate::surface::{
     TriangleMesh, keep_components,
-    outline::{area, hull_2d, rectangle_direction, with_fewer_corners},
+    outline::{area, hull_2d, with_fewer_corners},
     patches::{Patch, patches},
     simplify,
 };
@@ -22,8 +22,10 @@ const MIN_COMPONENT: f64 = 0.03;
 const COVERED: f64 = 0.985;
 /// Share of its hull that a patch fills to count as convex.
 const CONVEX_FILL: f64 = 0.9;
-/// Cells along the longer side of a patch that is not convex.
-const CELLS: f64 = 96.0;
+/// Most solids of a patch.
+const PATCH_SOLIDS: usize = 10;
+/// Most samples along an edge of a face that is looked for near a patch.
+const MAX_STEPS: usize = 300;
 /// Most corners of a prism's outline.
 const CORNERS: usize = 12;
 /// A wall thicker than this many assumed walls is taken for two.
@@ -59,10 +61,14 @@ impl Default for ConvexConfig {
     }
 }
 
-/// Convex solids behind a surface, walls `wall_m` thick where the other side of a wall was not seen. At least one for a
-/// mesh with area, at most `max_solids`. Deterministic.
+/// Whether no view saw what a place (in the mesh's frame, metres) holds.
+pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
+
+/// Convex solids behind a surface, walls `wall_m` thick where the other side of a wall was not seen. A flat wall goes on
+/// through `hidden` places up to where it or another wall was seen again, as the floor of a drawer does behind its front.
+/// At least one solid for a mesh with area, at most `max_solids`. Deterministic.
 #[must_use]
-pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, hidden: Hidden<'_>, config: &ConvexConfig) -> Vec<ConvexSolid> {
     let Some((lower, upper)) = mesh.bounds() else { return Vec::new() };
     let extent_m = f64::from((upper - lower).norm());
     let whole = keep_components(mesh, MIN_COMPONENT);
@@ -74,7 +80,7 @@ pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, config: &ConvexConfig) -> 
         let found = covering_patches(&small, tolerance_m);
         // A patch may lie inside another's solid, but not most of them.
         if round == ROUNDS || found.len() <= MAX_PATCHES * config.max_solids {
-            solids = solids_of(&small, &found, tolerance_m, wall_m, config);
+            solids = solids_of(&small, &found, tolerance_m, wall_m, hidden, config);
             if solids.len() <= config.max_solids {
                 break;
             }
@@ -105,12 +111,19 @@ fn covering_patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     all.into_iter().take_while(needed).collect()
 }
 
-fn solids_of(mesh: &TriangleMesh, patches: &[Patch], tolerance_m: f64, wall_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+fn solids_of(
+    mesh: &TriangleMesh,
+    patches: &[Patch],
+    tolerance_m: f64,
+    wall_m: f64,
+    hidden: Hidden<'_>,
+    config: &ConvexConfig,
+) -> Vec<ConvexSolid> {
     let facets = facets(mesh);
     let mut solids: Vec<ConvexSolid> = Vec::new();
     for patch in patches {
         let depth_m = wall_depth(mesh, &facets, patch, wall_m);
-        for solid in patch_solids(mesh, patch, tolerance_m, depth_m, config) {
+        for solid in patch_solids(mesh, patch, [tolerance_m, depth_m, wall_m], hidden, config) {
             if !solids.iter().any(|other| holds(other, &solid, tolerance_m)) {
                 solids.push(solid);
             }
@@ -147,15 +160,25 @@ impl Flat {
         Self { world_from_flat, origin: patch.center, triangles, range_m }
     }
 
+    /// A place at a height above the plane.
+    fn place(&self, p: &Point2<f64>, height_m: f64) -> Point3<f64> {
+        self.origin + self.world_from_flat * Vector3::new(p.x, p.y, height_m)
+    }
+
     fn prism(&self, polygon: &[Point2<f64>], low_m: f64, high_m: f64) -> ConvexSolid {
-        let world = |p: &Point2<f64>| self.origin + self.world_from_flat * Vector3::new(p.x, p.y, 0.0);
-        let polygon: Vec<Point3<f64>> = polygon.iter().map(world).collect();
+        let polygon: Vec<Point3<f64>> = polygon.iter().map(|p| self.place(p, 0.0)).collect();
         ConvexSolid::prism(&polygon, &self.world_from_flat.column(2).into_owned(), low_m, high_m)
     }
 }
 
 /// The solids of one patch: a prism over its hull where it fills that, else rectangles over what it covers.
-fn patch_solids(mesh: &TriangleMesh, patch: &Patch, tolerance_m: f64, depth_m: f64, config: &ConvexConfig) -> Vec<ConvexSolid> {
+fn patch_solids(
+    mesh: &TriangleMesh,
+    patch: &Patch,
+    [tolerance_m, depth_m, wall_m]: [f64; 3],
+    hidden: Hidden<'_>,
+    config: &ConvexConfig,
+) -> Vec<ConvexSolid> {
     let flat = Flat::of(mesh, patch);
     let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
     let hull = hull_2d(&points);
@@ -166,53 +189,49 @@ fn patch_solids(mesh: &TriangleMesh, patch: &Patch, tolerance_m: f64, depth_m: f
     // The surface is the middle of what scatters around the plane; only a curved patch reaches further.
     let high = flat.range_m[1].min(0.5 * tolerance_m);
     let low = (high - depth_m.max(config.min_thickness_m)).min(flat.range_m[0].max(-tolerance_m));
-    let flat_area: f64 = flat.triangles.iter().map(|t| area(t).abs()).sum();
-    if flat_area >= CONVEX_FILL * hull_area {
-        return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
+    // Walls may end a little above or below the plane.
+    let walls = walls_across(mesh, &flat, &hull, [low - wall_m, high + wall_m], config.min_thickness_m);
+    let middle_m = 0.5 * (low + high);
+    let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
+    if !raster.close_gaps(&walls, |p| hidden(&flat.place(p, middle_m))) {
+        let flat_area: f64 = flat.triangles.iter().map(|t| area(t).abs()).sum();
+        if flat_area >= CONVEX_FILL * hull_area {
+            return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
+        }
+        raster = Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m);
     }
-    rectangles(&flat, &hull, config).iter().map(|corners| flat.prism(corners, low, high)).collect()
+    raster.close_holes(wall_m);
+    raster.rectangles(config.max_solids.min(PATCH_SOLIDS)).iter().map(|corners| flat.prism(corners, low, high)).collect()
 }
 
-/// Rectangles over the cells of a patch, along the smallest rectangle around it.
-fn rectangles(flat: &Flat, hull: &[Point2<f64>], config: &ConvexConfig) -> Vec<[Point2<f64>; 4]> {
-    let d = rectangle_direction(hull);
-    let turned = |p: &Point2<f64>| Point2::new(p.coords.dot(&d), d.perp(&p.coords));
-    let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
-    let (lower, upper) = hull.iter().map(turned).fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
-    let side = upper - lower;
-    let cell = (side.max() / CELLS).max(config.min_thickness_m);
-    let size = |x: f64| ((x / cell).ceil() as usize).max(1);
-    let (columns, rows) = (size(side.x), size(side.y));
-    let mut filled = vec![false; columns * rows];
-    for triangle in &flat.triangles {
-        fill(&triangle.map(|p| Point2::from((turned(&p) - lower) / cell)), columns, rows, &mut filled);
-    }
-    let most = config.max_solids.min(10);
-    let back = |x: usize, y: usize| {
-        let p = lower + nalgebra::Vector2::new(x as f64 * cell, y as f64 * cell).inf(&side);
-        Point2::from(d * p.x + nalgebra::Vector2::new(-d.y, d.x) * p.y)
-    };
-    let found = cover(&filled, columns, 3, 0.06, most);
-    let corners =
-        |r: &super::rectangles::Rectangle| [(r.x, r.y), (r.x + r.width, r.y), (r.x + r.width, r.y + r.height), (r.x, r.y + r.height)];
-    found.iter().map(|r| corners(r).map(|(x, y)| back(x, y))).collect()
-}
-
-/// Marks the cells whose middle lies in a triangle (corners in cells).
-fn fill(triangle: &[Point2<f64>; 3], columns: usize, rows: usize, filled: &mut [bool]) {
-    let turn = area(triangle);
-    let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
-    let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
-    let range = |lo: f64, hi: f64, n: usize| (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n));
-    for y in range(lo.y, hi.y, rows) {
-        for x in range(lo.x, hi.x, columns) {
-            let p = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
-            let inside = |a: &Point2<f64>, b: &Point2<f64>| (b - a).perp(&(p - a)) >= -1e-9;
-            if inside(&a, &b) && inside(&b, &c) && inside(&c, &a) {
-                filled[y * columns + x] = true;
+/// Points of a mesh's steep faces near a patch and its plane, in its frame: where a wall meets it.
+fn walls_across(mesh: &TriangleMesh, flat: &Flat, hull: &[Point2<f64>], range_m: [f64; 2], spacing_m: f64) -> Vec<Point2<f64>> {
+    let start = (hull[0], hull[0]);
+    let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    // A gap is never longer than what was seen.
+    let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
+    let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));
+    let mut points = Vec::new();
+    for t in 0..mesh.triangles.len() {
+        let corners = mesh.corners(t).map(|p| flat.world_from_flat.tr_mul(&(p.cast::<f64>() - flat.origin)));
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        let heights = corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
+        if normal.z.abs() > 0.5 * normal.norm() || heights[0] > range_m[1] || heights[1] < range_m[0] {
+            continue;
+        }
+        let longest = (0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()).fold(0.0, f64::max);
+        let steps = ((longest / spacing_m).ceil() as usize).clamp(1, MAX_STEPS);
+        for i in 0..=steps {
+            for j in 0..=steps - i {
+                let (a, b) = (i as f64 / steps as f64, j as f64 / steps as f64);
+                let p = corners[0] * a + corners[1] * b + corners[2] * (1.0 - a - b);
+                if (range_m[0]..=range_m[1]).contains(&p.z) && near(&p.xy().into()) {
+                    points.push(p.xy().into());
+                }
             }
         }
     }
+    points
 }
 
 /// How deep the wall behind a patch is: the median distance to where rays leave it, where that is a wall's; else
@@ -273,6 +292,10 @@ mod tests {
         shapes::{box_mesh, grid_of, sphere_mesh, torus},
     };
 
+    fn nothing(_: &Point3<f64>) -> bool {
+        false
+    }
+
     fn holds_point(solids: &[ConvexSolid], p: [f64; 3]) -> bool {
         solids.iter().any(|s| s.planes().iter().all(|q| q.distance_m(&Point3::from(p)) <= 0.0))
     }
@@ -293,7 +316,7 @@ mod tests {
 
     #[test]
     fn a_tray_is_made_of_slabs_and_stays_hollow() {
-        let solids = convex_shell(&tray(), 0.008, &ConvexConfig::default());
+        let solids = convex_shell(&tray(), 0.008, &nothing, &ConvexConfig::default());
         assert!((5..=10).contains(&solids.len()), "{}", solids.len());
         for hollow in [[0.0, 0.0, 0.0], [0.15, 0.1, -0.03], [-0.18, 0.0, 0.05]] {
             assert!(!holds_point(&solids, hollow), "{hollow:?}");
@@ -304,11 +327,36 @@ mod tests {
     }
 
     #[test]
+    fn a_floor_goes_on_where_no_view_saw_it_and_ends_where_one_saw_a_hole() {
+        // The floor between x = -0.19 and -0.12 is missing.
+        let mut mesh = marching_cubes(&grid_of(0.25, 126, |p: &Point3<f64>| tray_distance(p)), 0.0);
+        let missing = |p: &Point3<f32>| p.x < -0.12 && p.x > -0.185 && p.z < -0.03 && p.y.abs() < 0.135;
+        let vertices = mesh.vertices.clone();
+        mesh.triangles.retain(|t| !t.iter().all(|&i| missing(&vertices[i as usize])));
+        let config = ConvexConfig::default();
+        let behind = |p: &Point3<f64>| p.x < -0.11;
+        let gap = [-0.15, 0.03, -0.055];
+        assert!(!holds_point(&convex_shell(&mesh, 0.008, &nothing, &config), gap));
+        let closed = convex_shell(&mesh, 0.008, &behind, &config);
+        assert!(holds_point(&closed, gap));
+        assert!(!holds_point(&closed, [-0.15, 0.03, -0.03]) && !holds_point(&closed, [0.0, 0.0, 0.0]));
+    }
+
+    /// Distance to the tray of [`tray`].
+    fn tray_distance(p: &Point3<f64>) -> f64 {
+        let cuboid = |center: Vector3<f64>, half: Vector3<f64>| {
+            let q = (p.coords - center).abs() - half;
+            q.sup(&Vector3::zeros()).norm() + q.max().min(0.0)
+        };
+        cuboid(Vector3::zeros(), Vector3::new(0.2, 0.15, 0.06)).max(-cuboid(Vector3::new(0.0, 0.0, 0.05), Vector3::new(0.19, 0.14, 0.1)))
+    }
+
+    #[test]
     fn a_ring_keeps_its_hole_and_a_ball_is_covered() {
         let config = ConvexConfig::default();
-        let ring = convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, &config);
+        let ring = convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, &nothing, &config);
         assert!(!holds_point(&ring, [0.0; 3]) && ring.len() <= config.max_solids && ring.len() > 8);
-        let ball = convex_shell(&sphere_mesh(0.1, 40), 0.01, &config);
+        let ball = convex_shell(&sphere_mesh(0.1, 40), 0.01, &nothing, &config);
         assert!(ball.len() <= config.max_solids);
         for d in [Vector3::x(), Vector3::y(), -Vector3::z()] {
             assert!((0..20).any(|k| holds_point(&ball, (d * (0.101 - 0.001 * f64::from(k))).into())));
@@ -317,10 +365,10 @@ mod tests {
 
     #[test]
     fn every_solid_has_volume_and_a_mesh_without_area_has_none() {
-        let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, &ConvexConfig::default());
+        let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, &nothing, &ConvexConfig::default());
         assert!(!solids.is_empty() && solids.iter().all(|s| s.thickness_m() >= 0.0019 && s.volume_m3() > 0.0));
-        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, &ConvexConfig::default());
+        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, &nothing, &ConvexConfig::default());
         assert!(!speck.is_empty() && speck.iter().all(|s| s.thickness_m() >= 0.0019));
-        assert!(convex_shell(&TriangleMesh::default(), 0.008, &ConvexConfig::default()).is_empty());
+        assert!(convex_shell(&TriangleMesh::default(), 0.008, &nothing, &ConvexConfig::default()).is_empty());
     }
 }

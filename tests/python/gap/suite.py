@@ -104,7 +104,6 @@ def main():
     a.add_argument("--table", type=Path)
     a.add_argument("--only", nargs="*", default=[])
     o = a.parse_args()
-    os.nice(19)
     os.environ["RAYON_NUM_THREADS"] = "1"
     kinds = {k: v for k, v in SIZES[o.size].items() if not o.only or k in o.only}
     plans = [plan(kind, setting, o.seed) for kind, setting in kinds.items()]

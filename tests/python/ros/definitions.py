@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "src/io/ros2msg/definitions"
 DISTROS = [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, list(Stores)[-1]]
 TYPES = [
-    "artitwin_msgs/msg/CollectionStatus", "diagnostic_msgs/msg/DiagnosticArray", "geometry_msgs/msg/PoseStamped",
+    "artitwin_msgs/msg/CollectionStatus", "artitwin_msgs/msg/GapReport", "diagnostic_msgs/msg/DiagnosticArray", "geometry_msgs/msg/PoseStamped",
     "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/CompressedImage",
     "sensor_msgs/msg/Image", "sensor_msgs/msg/JointState", "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String",
     "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray",
@@ -20,8 +20,8 @@ TYPES = [
 
 def store(distro):
     found = get_typestore(distro)
-    text = (ROOT / "msg/msg/CollectionStatus.msg").read_text()
-    found.register(get_types_from_msg(text, "artitwin_msgs/msg/CollectionStatus"))
+    for path in sorted((ROOT / "msg/msg").glob("*.msg")):
+        found.register(get_types_from_msg(path.read_text(), f"artitwin_msgs/msg/{path.stem}"))
     return found
 
 

@@ -2,78 +2,12 @@
 import argparse
 import json
 import struct
-import sys
 import time
-from pathlib import Path
 
 import numpy
-from cyclone import ActionClient, Peer, Reader, profile, service
-from mcap.reader import NonSeekingReader
-
-NODE = "/artitwin"
-
-
-def messages(bag):
-    """Topic, type, time and bytes of every message of a bag, in the order of recording."""
-    found = []
-    for path in sorted(Path(bag).glob("*.mcap")):
-        with path.open("rb") as file:
-            for schema, channel, message in NonSeekingReader(file).iter_messages():
-                found.append((channel.topic, schema.name, message.log_time, message.data))
-    return sorted(found, key=lambda m: m[2])
-
-
-class Replay:
-    """Publishes bags at the pace of their recording."""
-
-    def __init__(self, peer, bags):
-        self.bags = [messages(bag) for bag in bags]
-        self.writers = {}
-        for topic, kind in sorted({(m[0], m[1]) for bag in self.bags for m in bag}):
-            latched = topic == "/tf_static"
-            self.writers[topic] = peer.publisher(topic, kind, reliable=True, latched=latched, depth=1 if latched else 100)
-
-    def wait(self, topics):
-        for topic in topics:
-            self.writers[topic].wait()
-        time.sleep(0.5)
-
-    def play(self, number, rate=1.0):
-        bag = self.bags[number]
-        start, first = time.time(), bag[0][2]
-        for topic, _, stamp, data in bag:
-            time.sleep(max(0.0, start + (stamp - first) * 1e-9 / rate - time.time()))
-            self.writers[topic].bytes(data)
-        return len(bag)
-
-
-def expect(condition, *what):
-    if not condition:
-        print("FAILED:", *what, file=sys.stderr)
-        sys.exit(1)
-
-
-def report(peer, reader, secs=5.0):
-    """The figures of the node's next diagnostics, by part."""
-    reader.take()  # What lies there is old.
-    message = peer.receive(reader, "diagnostic_msgs/msg/DiagnosticArray", secs)
-    return {
-        s.name.split(": ")[1]: {v.key: v.value for v in s.values} | {"message": s.message, "level": int(s.level)} for s in message.status
-    }
-
-
-def values(peer, reader, part):
-    return report(peer, reader)[part]
-
-
-def settled(peer, reader, part, key, wanted, secs=20.0):
-    """Waits until a figure is there, or rises no more."""
-    end, last = time.time() + secs, None
-    while True:
-        found = values(peer, reader, part)
-        if float(found[key]) >= wanted or found[key] == last or time.time() > end:
-            return found
-        last = found[key]
+from peer import ActionClient, Peer, matched, service
+from faults import NODE, diagnose, jumps, resets, restart
+from replay import Replay, as_poses, expect, report, settled, values
 
 
 def session(args):
@@ -85,12 +19,11 @@ def session(args):
     start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
     finish = service(peer, f"{NODE}/finish_state", "artitwin_msgs", "SetState")
     save = service(peer, f"{NODE}/save", "std_srvs", "Trigger")
-    action = ActionClient(peer, f"{NODE}/reconstruct")
-    for part in (start, finish, save, action):
-        part.wait()
+    action = ActionClient(peer, f"{NODE}/reconstruct", "Reconstruct")
+    matched(start, finish, save, action)
     replay.wait([color, "/tf", "/tf_static"])
     expect(not finish.call(0).success, "a state that was not begun cannot end")
-    goal, accepted = action.start(2)
+    goal, accepted = action.start(2, "")
     expect(accepted, "goals are taken")
     early = action.results.call(goal)
     expect(early.status == 6 and "both states" in early.message, early)
@@ -109,7 +42,7 @@ def session(args):
         kept.append(int(done.keyframes))
         expect(kept[-1] == images, f"state {state}: {kept[-1]} of {images} views", values(peer, diagnostics, "collection"))
     if args.cancel:
-        goal, accepted = action.start(2)
+        goal, accepted = action.start(2, "")
         expect(accepted)
         while not action.feedbacks():
             time.sleep(0.02)
@@ -118,9 +51,9 @@ def session(args):
         result = action.results.call(goal, secs=120)
         expect(result.status == 5 and not result.success, "canceled", result)
     action.feedbacks()
-    goal, accepted = action.start(2)
+    goal, accepted = action.start(2, "")
     expect(accepted)
-    other, accepted = action.start(2)
+    other, accepted = action.start(2, "")
     expect(not accepted, "a second goal is rejected while one runs")
     number = action.results.send(goal)
     feedback, result = [], None
@@ -173,8 +106,7 @@ def collecting(peer):
     tf = peer.publisher("/tf", "tf2_msgs/msg/TFMessage", depth=100)
     info = peer.publisher("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo")
     start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
-    for part in (tf, info, start):
-        part.wait()
+    matched(tf, info, start)
     expect(start.call(0).success, "state 0 begins")
 
     def place(i, stamp):
@@ -201,11 +133,10 @@ def rate(args):
 
     color, depth = image("rgb8", 1920), image("16UC1", 1280)
     writers = [
-        peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
-        peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=10),
+        peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
+        peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
     ]
-    for writer in writers:
-        writer.wait()
+    matched(*writers)
     place = collecting(peer) if args.collect else lambda i, stamp: None
     time.sleep(0.5)
     resident, asked = [], time.time()
@@ -237,8 +168,8 @@ def hostile(args):
     peer = Peer()
     random = numpy.random.default_rng(args.seed)
     diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-    replay = Replay(peer, args.bags[:1])
-    replay.wait([t for t in replay.writers if t != "/object_mask"])
+    replay = Replay(peer, args.bags[:1], latched_depth=100)
+    replay.wait_all(False)
     sent = dict.fromkeys(replay.writers, 0)
     bag = [m for m in replay.bags[0] if m[0] != "/object_mask"]
     start = time.time()
@@ -282,7 +213,7 @@ def clock(args):
     """Simulated time that runs, and jumps back."""
     peer = Peer()
     writer = peer.publisher("/clock", "rosgraph_msgs/msg/Clock", reliable=False, depth=1)
-    writer.wait()
+    matched(writer)
     diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
     stamps = []
     for begin in (1000, 500):
@@ -300,7 +231,7 @@ def clock(args):
 def discovery(args):
     """The node as the tools of ROS 2 see it."""
     peer = Peer()
-    reader = Reader(peer, "ros_discovery_info", "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_", profile(latched=True, depth=1))
+    reader = peer.reader("ros_discovery_info", "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_", latched=True, depth=1)
     kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
     found = peer.receive(reader, kind, 15, lambda m: any(n.node_name == args.name and len(n.reader_gid_seq) > 8 for n in m.node_entities_info_seq))
     node = next(n for n in found.node_entities_info_seq if n.node_name == args.name)
@@ -310,13 +241,13 @@ def discovery(args):
 def play(args):
     """Publishes bags to whoever subscribes; with a state, collects it but does not end it."""
     peer = Peer()
-    replay = Replay(peer, args.bags)
+    replay = Replay(peer, args.bags, lambda m: as_poses(peer, m, args.poses) if args.poses else m)
     if args.begin is not None:
         start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
-        start.wait()
+        matched(start)
         expect(start.call(args.begin).success, "the state begins")
-    replay.wait([t for t in replay.writers if t != "/object_mask" or args.masks])
-    count = sum(replay.play(number) for number in range(len(args.bags)))
+    replay.wait_all(args.masks)
+    count = sum(replay.play(number, (0.0, args.until)) for number in range(len(args.bags)))
     time.sleep(args.linger)
     print(json.dumps({"sent": count}))
 
@@ -326,7 +257,7 @@ def automatic(args):
     peer = Peer()
     replay = Replay(peer, args.bags)
     status = peer.subscriber(f"{NODE}/status", "artitwin_msgs/msg/CollectionStatus", latched=True, depth=1)
-    replay.wait([t for t in replay.writers if t != "/object_mask"])
+    replay.wait_all(False)
     phases = []
     for state in range(2):
         replay.play(state)
@@ -340,10 +271,10 @@ def automatic(args):
 def main():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers(required=True)
-    for function in (session, rate, hostile, clock, discovery, automatic, play):
+    for function in (session, rate, hostile, clock, discovery, automatic, play, restart, jumps, resets, diagnose):
         command = commands.add_parser(function.__name__)
         command.set_defaults(function=function)
-        if function in (session, hostile, automatic, play):
+        if function in (session, hostile, automatic, play, restart, jumps, resets):
             command.add_argument("bags", nargs="+")
         if function is session:
             command.add_argument("--raw", action="store_true")
@@ -362,6 +293,11 @@ def main():
             command.add_argument("--begin", type=int)
             command.add_argument("--masks", action="store_true")
             command.add_argument("--linger", type=float, default=1.0)
+            command.add_argument("--until", type=float, default=1.0, help="share of the recording's time")
+            command.add_argument("--poses", choices=["pose", "odometry"], help="/tf as poses on /camera_pose")
+        if function is diagnose:
+            command.add_argument("twin")
+            command.add_argument("runs", nargs="+")
         if function is discovery:
             command.add_argument("--name", default="artitwin")
     args = parser.parse_args()

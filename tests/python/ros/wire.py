@@ -3,7 +3,7 @@ rosbags, and the fields have these values."""
 import json
 import sys
 
-from cyclone import typestore
+from peer import typestore
 
 
 def field(message, path):

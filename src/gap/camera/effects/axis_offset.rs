@@ -1,0 +1,47 @@
+//! A joint's axis lies elsewhere or points elsewhere.
+//!
+//! Two ways: the line alone is off, so that the child is right at position 0 and leaves its place as it moves,
+//! `M' = D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of the child's subtree
+//! that grows with the position (the line), or is the same rigid motion of it in every state (the frame).
+
+use crate::gap::camera::{
+    parameter::Parameter,
+    trial::{CameraEffect, column, free_joints},
+};
+
+/// Prior of shifts, metres.
+const SHIFT_M: f64 = 0.015;
+/// Prior of turns, radians.
+const TURN_RAD: f64 = 0.05;
+
+/// The effect.
+pub const EFFECT: CameraEffect = CameraEffect {
+    name: "axis_offset",
+    trials: |twin, _| {
+        let mut all = Vec::new();
+        for j in free_joints(twin) {
+            let turns = (0..2).map(|k| column(Parameter::AxisTurn(j, k), TURN_RAD));
+            let shifts = (0..2).map(|k| column(Parameter::AxisShift(j, k), SHIFT_M));
+            let line: Vec<_> = if twin.joints[j].hinge.turns() { turns.chain(shifts).collect() } else { turns.collect() };
+            all.push((Some(j), line));
+            let prior = |k| if k < 3 { SHIFT_M } else { TURN_RAD };
+            // Along the axis of a slide a shift is a change of position.
+            let shifts = if twin.joints[j].hinge.turns() { 0..3 } else { 0..2 };
+            all.push((Some(j), shifts.chain(3..5).map(|k| column(Parameter::Frame(j, k), prior(k))).collect()));
+        }
+        all
+    },
+    tell: |f| {
+        let of = |turn: bool| -> Vec<usize> {
+            let is_turn = |p: &Parameter| matches!(p, Parameter::AxisTurn(..) | Parameter::Frame(_, 3..));
+            (0..f.trial.columns.len()).filter(|&k| is_turn(&f.trial.columns[k].parameter) == turn).collect()
+        };
+        let mut told = vec![f.length("axis_angle", "rad", &of(true))];
+        if !of(false).is_empty() {
+            told.push(f.length("axis_position", "m", &of(false)));
+        }
+        told
+    },
+    in_urdf: "native",
+    experiment: "film the joint at three more positions over its whole range",
+};

@@ -1,0 +1,18 @@
+//! Depth readings are too long by a length: `reading = depth + bias`.
+//!
+//! Signature: the same residual along every ray, near and far, on every part, in every state.
+
+use crate::gap::camera::{
+    parameter::Parameter,
+    trial::{CameraEffect, column},
+};
+
+/// The effect.
+pub const EFFECT: CameraEffect = CameraEffect {
+    name: "depth_bias",
+    trials: |_, _| vec![(None, vec![column(Parameter::DepthBias, 0.01)])],
+    tell: |f| vec![f.column("bias", "m", 0)],
+    in_urdf: "not expressible",
+    experiment: "film the object from half and from twice the distance, and steep views of flat parts: a bias acts along the ray, a \
+                 camera that stands off along its view shifts all points alike",
+};

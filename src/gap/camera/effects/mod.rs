@@ -1,0 +1,42 @@
+//! The catalogue of effects that a camera can show. To add one, write its file and add a line here.
+
+mod axis_offset;
+mod axis_play;
+mod camera_extrinsic_offset;
+mod camera_time_offset;
+mod depth_bias;
+mod depth_scale;
+mod encoder_bias;
+mod encoder_scale;
+mod screw_pitch;
+mod second_dof;
+
+use super::{
+    frames::FrameRun,
+    trial::{CameraEffect, Trial},
+    twin::SeenTwin,
+};
+
+/// All effects that act smoothly. Two more are found in other ways: another type of joint (`kinds`) and missing geometry
+/// (`missing`).
+pub const CATALOGUE: [CameraEffect; 10] = [
+    depth_scale::EFFECT,
+    depth_bias::EFFECT,
+    camera_extrinsic_offset::EFFECT,
+    camera_time_offset::EFFECT,
+    axis_offset::EFFECT,
+    screw_pitch::EFFECT,
+    axis_play::EFFECT,
+    second_dof::EFFECT,
+    encoder_scale::EFFECT,
+    encoder_bias::EFFECT,
+];
+
+/// All ways in which the effects of the catalogue may act.
+#[must_use]
+pub fn trials(twin: &SeenTwin, runs: &[FrameRun]) -> Vec<Trial> {
+    let of = |(effect, spec): (usize, &CameraEffect)| {
+        (spec.trials)(twin, runs).into_iter().map(move |(joint, columns)| Trial { effect, name: CATALOGUE[effect].name, joint, columns })
+    };
+    CATALOGUE.iter().enumerate().flat_map(of).collect()
+}

@@ -1,0 +1,95 @@
+//! Effects that a camera can show: what they change, with which priors, and how they are told.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    frames::FrameRun,
+    mixed::Column,
+    parameter::Parameter,
+    twin::{Hypothesis, SeenTwin},
+};
+use crate::gap::verdict::ParameterEstimate;
+
+/// Standard deviations to both sides that hold the truth with 95 %.
+const INTERVAL: f64 = 1.96;
+
+/// One way in which an effect may act.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trial {
+    /// Index of the effect in the catalogue.
+    pub effect: usize,
+    /// Name of the effect.
+    pub name: &'static str,
+    /// Joint that it belongs to; `None` for the camera.
+    pub joint: Option<usize>,
+    /// What it changes.
+    pub columns: Vec<Column>,
+}
+
+/// A trial with its values.
+pub struct Fitted<'a> {
+    /// Twin.
+    pub twin: &'a SeenTwin,
+    /// Hypothesis with the effect.
+    pub hypothesis: &'a Hypothesis,
+    /// The trial.
+    pub trial: &'a Trial,
+    /// Values of its columns.
+    pub values: &'a DVector<f64>,
+    /// Their covariance.
+    pub covariance: &'a DMatrix<f64>,
+}
+
+impl Fitted<'_> {
+    /// A linear combination of the columns with its interval.
+    #[must_use]
+    pub fn linear(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
+        let half = INTERVAL * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
+        let value = weights.dot(self.values);
+        ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval: (value - half, value + half) }
+    }
+
+    /// One column with its interval.
+    #[must_use]
+    pub fn column(&self, name: &str, unit: &str, k: usize) -> ParameterEstimate {
+        self.linear(name, unit, &DVector::from_fn(self.values.len(), |i, _| f64::from(u8::from(i == k))))
+    }
+
+    /// Length of a vector of columns with its interval.
+    #[must_use]
+    pub fn length(&self, name: &str, unit: &str, columns: &[usize]) -> ParameterEstimate {
+        let norm = columns.iter().map(|&k| self.values[k].powi(2)).sum::<f64>().sqrt();
+        let mut weights = DVector::zeros(self.values.len());
+        for &k in columns {
+            weights[k] = self.values[k] / norm.max(1e-12);
+        }
+        let mut estimate = self.linear(name, unit, &weights);
+        estimate.interval.0 = estimate.interval.0.max(0.0);
+        estimate
+    }
+}
+
+/// An effect that a camera can show.
+pub struct CameraEffect {
+    /// Name in reports.
+    pub name: &'static str,
+    /// The ways in which it may act on a twin and its recordings: joint and columns.
+    pub trials: fn(&SeenTwin, &[FrameRun]) -> Vec<(Option<usize>, Vec<Column>)>,
+    /// Its parameters.
+    pub tell: fn(&Fitted) -> Vec<ParameterEstimate>,
+    /// What becomes of it in a URDF: `native` or `not expressible`.
+    pub in_urdf: &'static str,
+    /// Recording that tells it from others.
+    pub experiment: &'static str,
+}
+
+/// A column.
+#[must_use]
+pub fn column(parameter: Parameter, prior: f64) -> Column {
+    Column { parameter, prior }
+}
+
+/// Joints that move by themselves.
+pub fn free_joints(twin: &SeenTwin) -> impl Iterator<Item = usize> + '_ {
+    (0..twin.joints.len()).filter(|&j| twin.joints[j].mimic.is_none())
+}

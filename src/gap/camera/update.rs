@@ -1,0 +1,144 @@
+//! The effects found, in the twin's URDF: type, origin and axis of joints in place, the camera's as elements that other
+//! readers skip.
+
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use roxmltree::{Document, Node};
+
+use super::{
+    assess::FrameDiagnosis,
+    twin::{Hinge, Law, SeenJoint},
+};
+use crate::{gap::report::ExportNote, geometry::Pose};
+
+/// Namespace of the elements that other readers skip.
+const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
+/// Pitches below this are none, metres a radian.
+const LEAST_PITCH: f64 = 1e-9;
+
+/// A piece of text that takes the place of a range.
+type Edit = (std::ops::Range<usize>, String);
+
+/// The URDF with the effects, and what became of each.
+///
+/// # Errors
+/// A text that is no XML.
+pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file: &str) -> Result<(String, Vec<ExportNote>), String> {
+    let mut updated = text.to_owned();
+    for (j, joint) in original.iter().enumerate() {
+        let law = diagnosis.after.laws[j];
+        let before = Law { hinge: joint.hinge, axis: joint.axis, point: joint.point, frame: Pose::identity() };
+        if law == before {
+            continue;
+        }
+        let mut edits: Vec<Edit> = Vec::new();
+        let document = Document::parse(&updated).map_err(|e| e.to_string())?;
+        joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
+        drop(document);
+        edits.sort_by_key(|e| e.0.start);
+        for (range, new) in edits.into_iter().rev() {
+            updated.replace_range(range, &new);
+        }
+    }
+    let mut notes = Vec::new();
+    let mut elements = String::new();
+    for f in &diagnosis.findings {
+        let joint = f.joint.map_or("camera".to_owned(), |j| original[j].name.clone());
+        if f.in_urdf != "native" {
+            elements.push_str(&format!("  <gap:effect name=\"{}\" of=\"{joint}\">", f.finding.effect));
+            for p in &f.finding.parameters {
+                elements.push_str(&format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit));
+            }
+            elements.push_str("</gap:effect>\n");
+        }
+        notes.push(ExportNote {
+            format: "urdf".into(),
+            file: file.into(),
+            joint,
+            effect: f.finding.effect.clone(),
+            status: f.in_urdf.into(),
+            rmse: (f.in_urdf == "native").then_some(diagnosis.gap.after),
+        });
+    }
+    if let Some(end) = updated.rfind("</robot>") {
+        updated.insert_str(end, &elements);
+    }
+    if updated.contains("<gap:") && !updated.contains(NAMESPACE) {
+        updated = updated.replacen("<robot ", &format!("<robot {NAMESPACE} "), 1);
+    }
+    Ok((updated, notes))
+}
+
+/// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves back.
+fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mut Vec<Edit>) {
+    let Some(node) = root.children().find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(&joint.name)) else { return };
+    let shift = if law.hinge.turns() { law.point.coords } else { Vector3::zeros() };
+    let moved = law.frame * Translation3::from(shift);
+    replace_origin(&node, text, &|old| old * moved, edits);
+    let axis = law.axis.into_inner();
+    set_child(&node, text, "axis", &format!("<axis xyz=\"{} {} {}\"/>", axis.x, axis.y, axis.z), edits);
+    if law.hinge.name() != joint.hinge.name()
+        && let Some(kind) = node.attribute_node("type")
+    {
+        let name = if law.hinge.turns() { "revolute" } else { "prismatic" };
+        if law.hinge.turns() != joint.hinge.turns() {
+            edits.push((kind.range(), format!("type=\"{name}\"")));
+            let [low, high] = if law.hinge.turns() { [-std::f64::consts::PI, std::f64::consts::PI] } else { [-1.0, 1.0] };
+            set_child(&node, text, "limit", &format!("<limit lower=\"{low}\" upper=\"{high}\" effort=\"100\" velocity=\"1\"/>"), edits);
+        }
+    }
+    if let Hinge::Screw { pitch_m_per_rad } = law.hinge
+        && pitch_m_per_rad.abs() > LEAST_PITCH
+    {
+        let space = "xmlns:artitwin=\"urn:artitwin:urdf\"";
+        let thread = format!("<artitwin:thread {space} type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>");
+        let old = node.children().find(|n| n.tag_name().name() == "thread");
+        edits.push(old.map_or_else(
+            || (node.range().end - "</joint>".len()..node.range().end, thread.clone() + "</joint>"),
+            |n| (n.range(), thread.clone()),
+        ));
+    }
+    if shift.norm() == 0.0 {
+        return;
+    }
+    let back = |old: Pose| Pose::from_parts((-shift).into(), UnitQuaternion::identity()) * old;
+    let child = node.children().find(|n| n.has_tag_name("child")).and_then(|n| n.attribute("link"));
+    for other in root.children() {
+        let hangs = |n: &Node| n.children().any(|c| c.has_tag_name("parent") && c.attribute("link") == child);
+        if other.has_tag_name("joint") && hangs(&other) {
+            replace_origin(&other, text, &back, edits);
+        }
+        if other.has_tag_name("link") && other.attribute("name") == child {
+            for part in other.children().filter(|n| ["visual", "collision", "inertial"].iter().any(|t| n.has_tag_name(*t))) {
+                replace_origin(&part, text, &back, edits);
+            }
+        }
+    }
+}
+
+/// Replaces the origin of an element, or adds one.
+fn replace_origin(node: &Node, text: &str, new: &dyn Fn(Pose) -> Pose, edits: &mut Vec<Edit>) {
+    let old = node.children().find(|n| n.has_tag_name("origin"));
+    let numbers = |name: &str| -> [f64; 3] {
+        let values = old.and_then(|o| o.attribute(name)).map(|t| t.split_whitespace().filter_map(|x| x.parse().ok()).collect::<Vec<f64>>());
+        values.and_then(|v| <[f64; 3]>::try_from(v).ok()).unwrap_or_default()
+    };
+    let ([x, y, z], [r, p, w]) = (numbers("xyz"), numbers("rpy"));
+    let pose = new(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(r, p, w)));
+    let (roll, pitch, yaw) = pose.rotation.euler_angles();
+    let t = pose.translation.vector;
+    set_child(node, text, "origin", &format!("<origin xyz=\"{} {} {}\" rpy=\"{roll} {pitch} {yaw}\"/>", t.x, t.y, t.z), edits);
+}
+
+/// Replaces a child element, or puts one first.
+fn set_child(node: &Node, text: &str, name: &str, element: &str, edits: &mut Vec<Edit>) {
+    match node.children().find(|n| n.has_tag_name(name)) {
+        Some(old) => edits.push((old.range(), element.to_owned())),
+        None => {
+            let first = node.first_child().map_or(node.range().end, |n| n.range().start);
+            if first < node.range().end && text.is_char_boundary(first) {
+                // An empty range keeps its place among equal ones by its length.
+                edits.push((first..first, element.to_owned()));
+            }
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The effort noise that makes a fit's residuals most probable.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::{
+    fit::{Whitening, predict, residual_column, start_ridge},
+    joint_model::JointModel,
+    problem::Problem,
+    rollout::{Rollout, Start},
+    whiten::{Gain, Local},
+};
+
+/// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
+#[must_use]
+pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &mut Whitening, around: f64) -> f64 {
+    let drives = problem.drives(model);
+    let mut rollouts = Vec::with_capacity(starts.len());
+    for (w, start) in starts.iter().enumerate() {
+        let mut rollout = Rollout::default();
+        predict(problem, model, &drives, w, *start, &mut rollout);
+        let residual = residual_column(model.free());
+        let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
+        rollouts.push(compact);
+    }
+    let mut score = |sigma: f64| {
+        whitening.set_noise(problem, sigma);
+        let mut twice = whitening.log_variance;
+        let ridge = start_ridge(problem);
+        for (w, rows) in rollouts.iter().enumerate() {
+            let span = problem.windows[w];
+            let (cost, start, gradient) = whiten_three(rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
+            let start = start + ridge;
+            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
+            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+        }
+        -0.5 * twice
+    };
+    let mut best = (score(around), around);
+    let mut factor = 4.0;
+    while factor > 1.08 {
+        let center = best.1;
+        let mut improved = false;
+        for trial in [center / factor, center * factor] {
+            let trial = trial.max(problem.min_sigma_u);
+            let s = score(trial);
+            if s > best.0 {
+                best = (s, trial);
+                improved = true;
+            }
+        }
+        if !improved {
+            factor = factor.sqrt();
+        }
+    }
+    best.1
+}
+
+/// Whitens (start position, start velocity, residual) and gives their products.
+fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
+    let (mut q, mut v) = ([0.0; 3], [0.0; 3]);
+    let mut sums = [0.0; 6];
+    for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
+        let mut white = [0.0; 3];
+        for c in 0..3 {
+            let innovation = row[c] - q[c];
+            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
+            white[c] = innovation * gain.scale;
+            q[c] = local.a[0] * uq + local.a[1] * uv;
+            v[c] = local.a[2] * uq + local.a[3] * uv;
+        }
+        let [x, y, e] = white;
+        for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
+            *sum += term;
+        }
+    }
+    (sums[5], Matrix2::new(sums[0], sums[1], sums[1], sums[2]), Vector2::new(sums[3], sums[4]))
+}

@@ -1,0 +1,109 @@
+//! An RGB-D recording of an object at rest, for a diagnosis: frames with masks, the camera's velocity, joint positions.
+
+use std::{collections::BTreeMap, path::Path};
+
+use super::{
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log, ros2msg::definitions::RosMessage as _,
+    views::Views,
+};
+use crate::{
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, noise_factor, spread_views},
+    gap::camera::frames::FrameRun,
+    geometry::Pose,
+    run::stage_rng,
+};
+
+/// Poses this long before and after a frame give the camera's velocity, nanoseconds.
+const VELOCITY_NANOS: i64 = 1_000_000;
+/// Least and greatest factor on the noise model.
+const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
+
+/// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was measured.
+/// Sentences about what was lost are added to `warnings`.
+///
+/// # Errors
+/// [`CaptureError`] where the recording cannot be used.
+pub fn read_frame_run(path: &Path, config: &CaptureConfig, seed: u64, warnings: &mut Vec<String>) -> Result<FrameRun, CaptureError> {
+    config.check()?;
+    let bag = Bag::open(path)?;
+    let index = BagIndex::read(&bag)?;
+    let views = Views::find(&bag, &index, config, 0)?;
+    let poses: Vec<Pose> = views.views.iter().map(|v| v.world_from_camera).collect();
+    let chosen: Vec<(usize, usize)> = spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
+    let decoded = decode_views(&bag, &views, &chosen, config)?;
+    warnings.extend(views.warnings.iter().cloned());
+    if let Some(first) = decoded.lost.first() {
+        warnings.push(format!("{}: {} frames are broken and not used (first: {first})", path.display(), decoded.lost.len()));
+    }
+    let mut frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, f)| f).collect();
+    let with_depth = frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0));
+    if !with_depth {
+        return Err(CaptureError::NoDepth { state: 0, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
+    }
+    let measured = if config.measure_noise { noise_factor(frames.iter(), &config.noise) } else { None };
+    let noise = measured.map_or(config.noise, |f| config.noise.scaled(f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1])));
+    let source = PoseSource::find(&index, &views.topics, config)?;
+    frames = with_masks(frames, config, noise, seed, warnings)?;
+    let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();
+    let name = path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    Ok(FrameRun { name, frames, velocities: velocities.unwrap_or_default(), positions: positions(&index, path, warnings), noise })
+}
+
+/// Masks of the recording, or those that isolation finds: its rules want two states, which halves of the views stand for.
+fn with_masks(
+    frames: Vec<RgbdFrame>,
+    config: &CaptureConfig,
+    noise: crate::capture::NoiseConfig,
+    seed: u64,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<RgbdFrame>, CaptureError> {
+    if frames.len() < 2 {
+        return Ok(frames);
+    }
+    let mut capture = Capture { noise, ..Capture::default() };
+    let mut halves = [0, 1].map(|_| Vec::new());
+    for (i, frame) in frames.into_iter().enumerate() {
+        halves[i % 2].push(frame);
+    }
+    capture.states = halves;
+    isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0))?;
+    warnings.append(&mut capture.warnings);
+    let [even, odd] = capture.states;
+    let mut all: Vec<RgbdFrame> = even.into_iter().chain(odd).collect();
+    all.sort_by_key(|f| f.stamp_nanos);
+    Ok(all)
+}
+
+/// Velocity of the camera in its own frame at a frame's stamp.
+fn velocity(source: &PoseSource, frame: &RgbdFrame, config: &CaptureConfig) -> Option<[nalgebra::Vector3<f64>; 2]> {
+    let gap = (config.tf_max_gap_secs * 1e9) as i64;
+    let at = |nanos: i64| source.tf.lookup(&source.world, &source.optical, nanos, gap).ok();
+    let here = (0, at(frame.stamp_nanos)?);
+    // The first and the last frame may have poses on one side only.
+    let before = at(frame.stamp_nanos - VELOCITY_NANOS).map_or(here, |p| (-VELOCITY_NANOS, p));
+    let after = at(frame.stamp_nanos + VELOCITY_NANOS).map_or(here, |p| (VELOCITY_NANOS, p));
+    let seconds = (after.0 - before.0) as f64 * 1e-9;
+    let step = before.1.inverse() * after.1;
+    (seconds > 0.0).then(|| [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds])
+}
+
+/// Median joint positions of a recording that has joint states.
+fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<String>) -> BTreeMap<String, f64> {
+    let has = index.summaries().iter().any(|t| t.type_name == super::ros2msg::JointState::TYPE);
+    if !has {
+        return BTreeMap::new();
+    }
+    let recording = match read_joint_log(path) {
+        Ok(recording) => recording,
+        Err(error) => {
+            warnings.push(error.to_string());
+            return BTreeMap::new();
+        }
+    };
+    let median = |mut v: Vec<f64>| {
+        v.retain(|x| x.is_finite());
+        let m = v.len() / 2;
+        (!v.is_empty()).then(|| *v.select_nth_unstable_by(m, f64::total_cmp).1)
+    };
+    recording.joints.into_iter().filter_map(|j| Some((j.name, median(j.position)?))).collect()
+}

@@ -1,0 +1,32 @@
+//! A twin as cameras see it, from a URDF: meshes, limits, threads.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use super::{UrdfError, read_urdf};
+use crate::gap::camera::{tree::JointFacts, twin::SeenTwin};
+
+/// Reads a twin with its visual meshes, and gives its text too.
+///
+/// # Errors
+/// [`UrdfError`] as [`read_urdf`], and where no link has a mesh.
+pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
+    let tree = read_urdf(path)?;
+    let text = fs::read_to_string(path).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
+    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
+    let facts = facts(&text).map_err(format)?;
+    Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(e.to_string()))?, text))
+}
+
+/// Limits and pitches of the joints.
+fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, String> {
+    let document = roxmltree::Document::parse(text).map_err(|e| e.to_string())?;
+    let number = |n: &roxmltree::Node, name: &str| n.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
+    let of = |joint: roxmltree::Node| {
+        let limit = joint.children().find(|n| n.has_tag_name("limit"));
+        let range = limit.and_then(|l| Some((number(&l, "lower")?, number(&l, "upper")?))).filter(|(low, high)| high > low);
+        let thread = joint.children().find(|n| n.tag_name().name() == "thread");
+        let pitch_m_per_rad = thread.and_then(|t| number(&t, "pitch_m_per_rad"));
+        Some((joint.attribute("name")?.to_owned(), JointFacts { limit: range, pitch_m_per_rad }))
+    };
+    Ok(document.root_element().children().filter(|n| n.has_tag_name("joint")).filter_map(of).collect())
+}

@@ -1,0 +1,154 @@
+//! The action `~/diagnose`: the diagnosis of the command line on recorded runs.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use ros2_client::Message;
+use tokio::sync::watch;
+
+use super::{
+    collection::Shared,
+    job::{Finished, Job, Work},
+    reconstruction::Twin,
+    session::free_folder,
+};
+use crate::{
+    gap::{drive::Hold, twin_tree::Motion},
+    io::{
+        read_gap_report, read_twin,
+        ros2msg::gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapReport},
+    },
+    run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError},
+};
+
+impl Message for DiagnoseGoal {}
+impl Message for DiagnoseResult {}
+impl Message for DiagnoseFeedback {}
+
+/// Most bags of one goal.
+const MAX_RUNS: usize = 1000;
+/// Gravity where a goal gives none, m/s^2.
+const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
+
+/// Diagnoses twins.
+pub struct Diagnoser {
+    /// What the core tells.
+    pub shared: Arc<Shared>,
+    /// The twin that the node made last.
+    pub twins: watch::Receiver<Option<Arc<Twin>>>,
+    /// Gets the report of every diagnosis.
+    pub reports: watch::Sender<Option<Arc<GapReport>>>,
+}
+
+impl Job for Diagnoser {
+    type Goal = DiagnoseGoal;
+    type Result = DiagnoseResult;
+    type Feedback = DiagnoseFeedback;
+    const NAME: &'static str = "~/diagnose";
+    const TYPE: &'static str = "Diagnose";
+
+    fn begin(self: &Arc<Self>, goal: &DiagnoseGoal) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, String> {
+        let request = self.request(goal)?;
+        let (tree, _) = read_twin(&request.twin, request.gravity).map_err(|e| e.to_string())?;
+        let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
+        let mut progress = JointProgress::new(joints);
+        let this = Arc::clone(self);
+        Ok(Work::start(
+            move |event, elapsed| progress.feedback(event, elapsed),
+            move |monitor| this.finish(&request, run::diagnose(&request, monitor)),
+        ))
+    }
+
+    fn nothing(message: String) -> DiagnoseResult {
+        DiagnoseResult { message, ..DiagnoseResult::default() }
+    }
+}
+
+impl Diagnoser {
+    fn request(&self, goal: &DiagnoseGoal) -> Result<DiagnoseRequest, String> {
+        if goal.runs.is_empty() || goal.runs.len() + goal.held_out.len() > MAX_RUNS {
+            return Err(format!("{} runs; give 1 to {MAX_RUNS} bags", goal.runs.len() + goal.held_out.len()));
+        }
+        if goal.gravity.iter().any(|g| !g.is_finite()) {
+            return Err("gravity is not a number".into());
+        }
+        let made = || self.twins.borrow().as_ref().map(|t| t.summary.folder.join(format!("{}.urdf", t.summary.name)));
+        let twin = match goal.twin.as_str() {
+            "" => made().ok_or("no twin was made yet; name a URDF")?,
+            path => PathBuf::from(path),
+        };
+        let paths = |list: &[String]| list.iter().map(PathBuf::from).collect();
+        Ok(DiagnoseRequest {
+            twin,
+            runs: paths(&goal.runs),
+            held_out: paths(&goal.held_out),
+            out: free_folder(&self.shared.snapshot().session, "gap"),
+            gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
+            hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
+            seed: goal.seed,
+        })
+    }
+
+    fn finish(&self, request: &DiagnoseRequest, result: Result<DiagnoseOutcome, RunError>) -> Finished<DiagnoseResult> {
+        let outcome = match result {
+            Ok(outcome) => outcome,
+            Err(RunError::Cancelled(_)) => return Finished::Canceled,
+            Err(error) => return Finished::Failed(run::chain(&error)),
+        };
+        match report(&outcome, &request.twin) {
+            Ok(report) => {
+                log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
+                let (message, folder, verdict) = (report.summary.clone(), report.folder.clone(), report.verdict.clone());
+                self.reports.send_replace(Some(Arc::new(report)));
+                Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
+            }
+            Err(why) => Finished::Failed(why),
+        }
+    }
+}
+
+fn report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, String> {
+    let report = read_gap_report(&outcome.folder)?;
+    Ok(GapReport { twin: twin.display().to_string(), summary: outcome.summary.clone(), ..report })
+}
+
+/// How far a diagnosis is: one stage a joint.
+struct JointProgress {
+    joints: usize,
+    begun: usize,
+}
+
+impl JointProgress {
+    fn new(joints: usize) -> Self {
+        Self { joints, begun: 0 }
+    }
+
+    fn feedback(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
+        let Event::StageStarted { stage, .. } = event else { return None };
+        let done = (self.begun as f64 / self.joints.max(1) as f64).min(1.0);
+        self.begun += 1;
+        let seconds_left = if done > 0.0 { elapsed.as_secs_f64() * (1.0 - done) / done } else { f64::NAN };
+        Some(DiagnoseFeedback { stage: stage.clone(), fraction: done as f32, seconds_left })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_counts_joints() {
+        let mut progress = JointProgress::new(2);
+        let mut at = |stage: &str, secs| {
+            let event = Event::StageStarted { stage: stage.into(), steps: None };
+            progress.feedback(&event, Duration::from_secs(secs)).unwrap()
+        };
+        let first = at("diagnose/a", 1);
+        assert!(first.fraction == 0.0 && first.seconds_left.is_nan() && first.stage == "diagnose/a");
+        let second = at("diagnose/b", 4);
+        assert!(second.fraction == 0.5 && second.seconds_left == 4.0);
+    }
+}

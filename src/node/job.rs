@@ -1,0 +1,165 @@
+//! Work that an action asks for. It runs on a thread of its own, tells how far it is and can be stopped.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use ros2_client::Message;
+use tokio::sync::mpsc;
+
+use crate::run::{Event, Monitor};
+
+/// News that wait for the action.
+const NEWS: usize = 256;
+/// Least time between two feedbacks of one stage.
+const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
+
+/// What an action does.
+pub trait Job: Send + Sync + 'static {
+    /// What is asked.
+    type Goal: Message + Clone + Send + Sync + 'static;
+    /// What it ends in.
+    type Result: Message + Clone + Send + Sync + 'static;
+    /// How far it is.
+    type Feedback: Message + Send + Sync + 'static;
+    /// Name of the action below the node's.
+    const NAME: &'static str;
+    /// Type of the action in `artitwin_msgs`.
+    const TYPE: &'static str;
+
+    /// Starts the work.
+    ///
+    /// # Errors
+    /// A sentence: it cannot be done.
+    fn begin(self: &Arc<Self>, goal: &Self::Goal) -> Result<Work<Self::Result, Self::Feedback>, String>;
+
+    /// The result of work that came to none, and why.
+    fn nothing(message: String) -> Self::Result;
+}
+
+/// How work ended.
+#[derive(Debug)]
+pub enum Finished<R> {
+    /// With a result.
+    Done(R),
+    /// It was asked to stop.
+    Canceled,
+    /// Without a result; why.
+    Failed(String),
+}
+
+/// What work tells.
+#[derive(Debug)]
+pub enum News<R, F> {
+    /// How far it is.
+    Feedback(F),
+    /// It is over. The last news.
+    Ended(Finished<R>),
+}
+
+/// Work that goes on; dropped, it is asked to stop.
+#[derive(Debug)]
+pub struct Work<R, F> {
+    news: mpsc::Receiver<News<R, F>>,
+    cancel: Arc<AtomicBool>,
+}
+
+impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
+    /// Starts work. `feedback` makes what is told from an event and the time since the start, where there is something to
+    /// tell: at once for a new stage, else not too often.
+    pub fn start(
+        mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
+        work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
+    ) -> Self {
+        let cancel = Arc::new(AtomicBool::new(false));
+        let (send, news) = mpsc::channel(NEWS);
+        let (events, listener) = std::sync::mpsc::channel();
+        let to_client = send.clone();
+        std::thread::spawn(move || {
+            let (start, mut last) = (Instant::now(), None::<Instant>);
+            for event in listener {
+                if let Event::Warning { message } = &event {
+                    log::warn!("{message}");
+                }
+                let Some(feedback) = feedback(&event, start.elapsed()) else { continue };
+                if matches!(event, Event::StageStarted { .. }) || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY) {
+                    last = Some(Instant::now());
+                    // A client that is slow misses some; the end is sent apart.
+                    to_client.try_send(News::Feedback(feedback)).ok();
+                }
+            }
+        });
+        let stop = Arc::clone(&cancel);
+        std::thread::spawn(move || {
+            let finished = work(&Monitor::new(events, stop));
+            send.blocking_send(News::Ended(finished)).ok();
+        });
+        Self { news, cancel }
+    }
+
+    /// Waits for news.
+    pub async fn next(&mut self) -> News<R, F> {
+        let lost = || News::Ended(Finished::Failed("the work ended without a word".into()));
+        self.news.recv().await.unwrap_or_else(lost)
+    }
+}
+
+impl<R, F> Work<R, F> {
+    /// Asks it to stop after its present step.
+    pub fn cancel(&self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+}
+
+impl<R, F> Drop for Work<R, F> {
+    fn drop(&mut self) {
+        self.cancel();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wait(monitor: &Monitor) -> Finished<u8> {
+        for k in 0.. {
+            monitor.tell(Event::StageStarted { stage: format!("stage{k}"), steps: None });
+            if monitor.check().is_err() {
+                return Finished::Canceled;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Finished::Done(0)
+    }
+
+    fn stage(event: &Event, _: Duration) -> Option<String> {
+        match event {
+            Event::StageStarted { stage, .. } => Some(stage.clone()),
+            _ => None,
+        }
+    }
+
+    #[tokio::test]
+    async fn work_tells_its_stages_and_stops_when_asked() {
+        let mut work = Work::start(stage, wait);
+        for expected in ["stage0", "stage1"] {
+            assert!(matches!(work.next().await, News::Feedback(told) if told == expected));
+        }
+        work.cancel();
+        let mut news = work.next().await;
+        while matches!(news, News::Feedback(_)) {
+            news = work.next().await;
+        }
+        assert!(matches!(news, News::Ended(Finished::Canceled)));
+    }
+
+    #[tokio::test]
+    async fn work_that_panics_has_failed() {
+        let mut work: Work<u8, String> = Work::start(stage, |_| panic!("as a test"));
+        assert!(matches!(work.next().await, News::Ended(Finished::Failed(_))));
+    }
+}

@@ -1,0 +1,147 @@
+//! The diagnosis by frames: twin and RGB-D recordings in, verdict, updated twin and report out.
+
+use std::path::PathBuf;
+
+use super::{DiagnoseOutcome, DiagnoseRequest, Monitor, RunError, diagnose};
+use crate::{
+    capture::{CaptureConfig, RgbdFrame},
+    export::{Picture, PictureKind, escape},
+    gap::{
+        camera::{
+            assess::{FrameDiagnosis, FrameOptions, assess},
+            frames::{FrameRun, true_camera},
+            report,
+            residual::predict,
+            twin::{Hypothesis, SeenTwin},
+            update,
+        },
+        verdict::Verdict,
+    },
+    io::{self, RunDir},
+};
+
+/// Pictures are made of so many frames of every run.
+const SHOWN: usize = 2;
+/// Runs that are shown.
+const RUNS_SHOWN: usize = 4;
+/// Residual of full color in the pictures, metres.
+const FULL_M: f64 = 0.015;
+
+/// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the motion's files
+/// are in the folder `motion`.
+///
+/// # Errors
+/// [`RunError`] where the twin or a recording cannot be read, the frames do not show the twin, or the disk refuses.
+pub fn diagnose_frames(
+    request: &DiagnoseRequest,
+    recordings: &[PathBuf],
+    options: &FrameOptions,
+    monitor: &Monitor,
+) -> Result<DiagnoseOutcome, RunError> {
+    let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
+    if !(options.accuracy_m.is_finite() && options.accuracy_m > 0.0) {
+        return Err(RunError::stage("accuracy", "the accuracy of the twin must be a positive number of millimeters".to_owned()));
+    }
+    let (twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
+    let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
+    let mut warnings = Vec::new();
+    let mut runs: Vec<FrameRun> = Vec::new();
+    for path in recordings {
+        monitor.check()?;
+        runs.push(io::read_frame_run(path, &CaptureConfig::default(), request.seed, &mut warnings).map_err(|e| failed("frames", &e))?);
+    }
+    let diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
+    monitor.check()?;
+    let (urdf, exports) = update::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
+    let mut json = report::report(&twin, &diagnosis, &exports);
+    let mut summary = report::summary(&twin, &diagnosis);
+    let mut verdict = diagnosis.verdict;
+    if !request.runs.is_empty() {
+        let motion = DiagnoseRequest { out: run_dir.working().join("motion"), ..request.clone() };
+        let outcome = diagnose(&motion, monitor)?;
+        let path = outcome.folder.join("report.json");
+        let read = std::fs::read_to_string(&path).map_err(|e| failed("report", &e))?;
+        json = report::merged(serde_json::from_str(&read).map_err(|e| failed("report", &e))?, &json);
+        if verdict == Verdict::None {
+            verdict = outcome.verdict;
+        }
+        summary = format!("by frames, {summary}by motion, {}", outcome.summary);
+        warnings.extend(outcome.warnings);
+    }
+    let page = page(&summary, &twin, &runs, &diagnosis)?;
+    let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;
+    for (path, content) in [("twin.urdf", urdf), ("report.json", json + "\n"), ("report.html", page)] {
+        run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
+    }
+    let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
+    warnings.iter().for_each(|w| monitor.warn(w.clone()));
+    Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
+}
+
+/// One self-contained page: the summary, then photo, twin and residuals of some frames.
+fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -> Result<String, RunError> {
+    let mut page = format!(
+        "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{{font:14px sans-serif;max-width:80em;margin:2em auto}}\
+         pre{{background:#f4f4f4;padding:1em;overflow:auto}}section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
+         img{{width:100%}}</style><h1>Diagnosis</h1><pre>{}</pre><p>Residuals: red, the object is nearer than the twin; blue, farther; \
+         full color from {:.0} mm; black, one is where the other is not; gray, within.</p>",
+        escape(summary),
+        1e3 * FULL_M
+    );
+    for (r, run) in runs.iter().enumerate().take(RUNS_SHOWN) {
+        page.push_str(&format!("<h2>{}</h2>", escape(&run.name)));
+        for s in 0..SHOWN.min(run.frames.len()) {
+            let f = s * run.frames.len() / SHOWN + run.frames.len() / (2 * SHOWN);
+            page.push_str("<section>");
+            for picture in pictures(twin, run, (r, f), d) {
+                page.push_str(&picture.figure().map_err(|e| RunError::stage("report", e.to_string()))?);
+            }
+            page.push_str("</section>");
+        }
+    }
+    Ok(page)
+}
+
+/// Photo, updated twin, residual before and after of a frame.
+fn pictures(twin: &SeenTwin, run: &FrameRun, (r, f): (usize, usize), d: &FrameDiagnosis) -> Vec<Picture> {
+    let frame = &run.frames[f];
+    let k = &frame.intrinsics;
+    let picture = |rgb: Vec<u8>, kind: PictureKind, caption: &str| Picture {
+        width: k.width,
+        height: k.height,
+        rgb,
+        kind,
+        caption: caption.to_owned(),
+        arrows: Vec::new(),
+    };
+    let poses = d.after.poses(&d.twin, r).0;
+    let drawn = predict(&d.twin, &poses, k, &true_camera(run, f, &d.after.camera), true);
+    vec![
+        picture(frame.rgb.as_flattened().to_vec(), PictureKind::Photo, "photo"),
+        picture(drawn.rgb.as_flattened().to_vec(), PictureKind::Photo, "updated twin"),
+        picture(residual(twin, run, frame, (r, f), &d.before), PictureKind::Drawing, "residual of the twin"),
+        picture(residual(&d.twin, run, frame, (r, f), &d.after), PictureKind::Drawing, "residual of the updated twin"),
+    ]
+}
+
+/// Depth residual of a frame in colors.
+fn residual(twin: &SeenTwin, run: &FrameRun, frame: &RgbdFrame, (r, f): (usize, usize), hypothesis: &Hypothesis) -> Vec<u8> {
+    let poses = hypothesis.poses(twin, r).0;
+    let image = predict(twin, &poses, &frame.intrinsics, &true_camera(run, f, &hypothesis.camera), false);
+    let color = |i: usize| -> [u8; 3] {
+        let reading = f64::from(frame.depth_m[i]);
+        let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
+        match (frame.is_object(i), image.item[i].is_some()) {
+            (true, true) if reading > 0.0 => {
+                let x = ((measured - f64::from(image.depth_m[i])) / FULL_M).clamp(-1.0, 1.0);
+                let fade = (220.0 * (1.0 - x.abs())) as u8;
+                if x < 0.0 { [220, fade, fade] } else { [fade, fade, 220] }
+            }
+            (true, true) => [200; 3],
+            (true, false) if reading > 0.0 && frame.mask.is_some() => [0; 3],
+            (false, true) => [0; 3],
+            _ => [255; 3],
+        }
+    };
+    (0..image.depth_m.len()).flat_map(color).collect()
+}

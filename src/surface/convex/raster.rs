@@ -1,0 +1,143 @@
+//! The cells of a flat patch, and those that close its gaps.
+
+use nalgebra::{Point2, Vector2};
+
+use super::rectangles::{Rectangle, cover};
+use crate::surface::outline::{area, rectangle_direction};
+
+/// Cells along the longer side of a patch.
+const CELLS: f64 = 96.0;
+/// Narrowest rectangle over a patch, cells, and share of the cells that may stay bare.
+const MIN_SIDE: usize = 3;
+const BARE: f64 = 0.06;
+/// Share of a gap that must be hidden: walls that pass close by are felt in the cells beside them.
+const HIDDEN: f64 = 2.0 / 3.0;
+/// Gaps that are a smaller share of the patch are the raster's.
+const MIN_CLOSED: f64 = 0.02;
+
+/// Cells along the smallest rectangle around a patch, in its plane.
+pub(super) struct Raster {
+    /// Direction of the rows.
+    direction: Vector2<f64>,
+    /// Lowest corner in turned coordinates, and the extent.
+    lower: Point2<f64>,
+    side: Vector2<f64>,
+    cell_m: f64,
+    columns: usize,
+    rows: usize,
+    filled: Vec<bool>,
+}
+
+impl Raster {
+    /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells are at least
+    /// `min_cell_m` wide.
+    pub fn new(triangles: &[[Point2<f64>; 3]], hull: &[Point2<f64>], beside: &[Point2<f64>], min_cell_m: f64) -> Self {
+        let direction = rectangle_direction(hull);
+        let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
+        let all = hull.iter().chain(beside).map(|p| turned(&direction, p));
+        let (lower, upper) = all.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
+        let side = upper - lower;
+        let cell_m = (side.max() / CELLS).max(min_cell_m);
+        let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
+        let (columns, rows) = (size(side.x), size(side.y));
+        let mut raster = Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows] };
+        for triangle in triangles {
+            raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
+        }
+        raster
+    }
+
+    /// Fills holes and notches that are narrower than `width_m`.
+    pub fn close_holes(&mut self, width_m: f64) {
+        let reach = ((0.5 * width_m / self.cell_m).ceil() as usize).max(1);
+        let wide = self.spread(&self.filled, reach);
+        let bare: Vec<bool> = wide.iter().map(|c| !c).collect();
+        let bare = self.spread(&bare, reach);
+        self.filled.iter_mut().zip(&bare).for_each(|(f, b)| *f |= !b);
+    }
+
+    /// Cells within `reach` rows and columns of a marked one.
+    fn spread(&self, cells: &[bool], reach: usize) -> Vec<bool> {
+        let near = |x: usize, n: usize| x.saturating_sub(reach)..(x + reach + 1).min(n);
+        let at = |x: usize, y: usize| y * self.columns + x;
+        let along: Vec<bool> =
+            (0..cells.len()).map(|i| near(i % self.columns, self.columns).any(|x| cells[at(x, i / self.columns)])).collect();
+        (0..cells.len()).map(|i| near(i / self.columns, self.rows).any(|y| along[at(i % self.columns, y)])).collect()
+    }
+
+    /// Marks the cells whose middle lies in a triangle (corners in cells).
+    fn mark(&mut self, triangle: &[Point2<f64>; 3]) {
+        let turn = area(triangle);
+        let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
+        let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+        let range = |lo: f64, hi: f64, n: usize| (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n));
+        for y in range(lo.y, hi.y, self.rows) {
+            for x in range(lo.x, hi.x, self.columns) {
+                let p = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let inside = |a: &Point2<f64>, b: &Point2<f64>| (b - a).perp(&(p - a)) >= -1e-9;
+                if inside(&a, &b) && inside(&b, &c) && inside(&c, &a) {
+                    self.filled[y * self.columns + x] = true;
+                }
+            }
+        }
+    }
+
+    /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of `stops`, most of them
+    /// `hidden`, no longer than what was seen of the patch in that row or column. Returns whether there were any to speak
+    /// of.
+    pub fn close_gaps(&mut self, stops: &[Point2<f64>], hidden: impl Fn(&Point2<f64>) -> bool) -> bool {
+        let mut stop = self.filled.clone();
+        for p in stops {
+            let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
+            let (x, y) = ((at.x.max(0.0) as usize).min(self.columns - 1), (at.y.max(0.0) as usize).min(self.rows - 1));
+            stop[y * self.columns + x] = true;
+        }
+        let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
+        let columns = (0..self.columns).map(|x| (0..self.rows).map(|y| y * self.columns + x).collect());
+        let lines: Vec<Vec<usize>> = rows.chain(columns).collect();
+        let mut closed = vec![false; stop.len()];
+        let is_hidden = |gap: &[usize]| gap.iter().filter(|g| hidden(&self.middle(**g))).count() as f64 >= HIDDEN * gap.len() as f64;
+        for line in &lines {
+            let seen = line.iter().filter(|i| self.filled[**i]).count();
+            let mut last: Option<usize> = None;
+            for (k, &i) in line.iter().enumerate().filter(|(_, i)| stop[**i]) {
+                if let Some(from) = last {
+                    let gap = &line[from + 1..k];
+                    let of_patch = self.filled[line[from]] || self.filled[i];
+                    if of_patch && !gap.is_empty() && gap.len() <= seen && is_hidden(gap) {
+                        gap.iter().for_each(|g| closed[*g] = true);
+                    }
+                }
+                last = Some(k);
+            }
+        }
+        let count = |cells: &[bool]| cells.iter().filter(|c| **c).count() as f64;
+        let any = count(&closed) > MIN_CLOSED * count(&self.filled);
+        self.filled.iter_mut().zip(&closed).for_each(|(f, c)| *f |= c);
+        any
+    }
+
+    /// At most `most` rectangles that cover the filled cells.
+    pub fn rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
+        let corners = |r: &Rectangle| {
+            let (x, y) = (r.x as f64, r.y as f64);
+            let (width, height) = (r.width as f64, r.height as f64);
+            [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
+        };
+        cover(&self.filled, self.columns, MIN_SIDE, BARE, most).iter().map(corners).collect()
+    }
+
+    fn middle(&self, cell: usize) -> Point2<f64> {
+        self.back((cell % self.columns) as f64 + 0.5, (cell / self.columns) as f64 + 0.5)
+    }
+
+    /// A place given in cells, in the patch's plane.
+    fn back(&self, x: f64, y: f64) -> Point2<f64> {
+        let p = self.lower + Vector2::new(x * self.cell_m, y * self.cell_m).inf(&self.side);
+        Point2::from(self.direction * p.x + Vector2::new(-self.direction.y, self.direction.x) * p.y)
+    }
+}
+
+fn turned(direction: &Vector2<f64>, p: &Point2<f64>) -> Point2<f64> {
+    Point2::new(p.coords.dot(direction), direction.perp(&p.coords))
+}
