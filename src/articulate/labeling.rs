@@ -126,6 +126,14 @@ impl<'a> Evidence<'a> {
         }
     }
 
+    /// Cost of one sample by shape alone, and the sample of the other state on which it lands.
+    pub fn shape_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
+        let these = self.samples[state];
+        let (point, normal) = (other_from_this * these.points[sample], other_from_this * these.normals[sample]);
+        let cost = self.cost(state, sample, other_from_this, Look { label: 0, other_labels: None, colored: false });
+        (cost, self.indices[1 - state].nearest(&point, &normal))
+    }
+
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of the other
     /// state's samples, where known.
     pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {

@@ -31,6 +31,7 @@ mod lift;
 mod matcher;
 mod mesh_samples;
 mod model_image;
+mod patch;
 mod ransac;
 mod refine;
 mod register;

@@ -19,6 +19,8 @@ use crate::geometry::Pose;
 /// Cost of a sample in space that was seen empty, in lost landings: one in fifty true points is there by errors of depth
 /// and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach loses.
 const CONTRADICTED: f64 = 1.3;
+/// Cost of a sample that the other state hid: it contradicts no motion, but one that takes it onto a surface explains both.
+const UNSEEN: f64 = 0.35;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
 const SURFACE_WEIGHT: f64 = 0.16;
@@ -26,15 +28,15 @@ const SURFACE_WEIGHT: f64 = 0.16;
 /// fix the motion, and where one in a thousand lands in the gate, six or seven of 300 are expected on some motion of the
 /// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 const CHANCE: f64 = 5.0;
-/// Most that surface counts for a motion without matches, cells.
-const SURFACE_ALONE: f64 = 30.0;
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 const LITTLE: f64 = 1.5;
 /// A further motion with more than this share of the least evidence is told.
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
-const SPLIT: f64 = 0.6;
+const SPLIT: f64 = 0.8;
+/// The weakest motions that are compared before one is dropped.
+const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -58,9 +60,9 @@ pub(super) struct PartCount {
 }
 
 /// Motions on the way from many to none.
-struct Step {
-    motions: Vec<Pose>,
-    point: EvidencePoint,
+pub(super) struct Step {
+    pub motions: Vec<Pose>,
+    pub point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
     shares: Vec<f64>,
 }
@@ -95,9 +97,17 @@ impl Run<'_> {
         Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
     }
 
+    /// The most motions of which each has the evidence that a part needs.
+    pub fn best(&self, motions: Vec<Pose>) -> Vec<Pose> {
+        let steps = self.steps(motions);
+        let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+        let enough = |s: &Step| s.point.weakest.is_none_or(|w| w >= self.config.least_score) && !splits(&s.point, &curve);
+        steps.into_iter().filter(enough).max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions)
+    }
+
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
-    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+    pub fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
         loop {
             while self.thin(&mut motions) {
@@ -105,15 +115,36 @@ impl Run<'_> {
             }
             let (scores, shares) = self.weighed(&motions);
             steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
-            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-            let Some(k) = weakest else { return steps };
-            motions.remove(k);
+            if motions.len() == 1 {
+                return steps;
+            }
+            motions.remove(self.dispensable(&motions, &scores));
             self.round(&mut motions);
         }
     }
 
+    /// Of the weakest motions the one without which the others explain most. Matches to a wrong place do not come in numbers:
+    /// motions that have the least evidence in matches alone go last.
+    fn dispensable(&self, motions: &[Pose], scores: &[f64]) -> usize {
+        let matched = self.match_cells(motions);
+        let told = |k: usize| matched[k] - CHANCE >= self.config.least_score;
+        let mut weakest: Vec<usize> = (1..motions.len()).collect();
+        weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
+        let untold = weakest.iter().filter(|k| !told(**k)).count();
+        weakest.truncate(if untold > 0 { untold.min(RIVALS) } else { RIVALS });
+        let without = |&k: &usize| {
+            let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
+            (self.weighed(&others).0[1..].iter().sum::<f64>(), k)
+        };
+        // One that explains next to nothing needs no comparison.
+        if scores[weakest[0]] < 0.5 * self.config.least_score {
+            return weakest[0];
+        }
+        weakest.iter().map(without).fold((f64::NEG_INFINITY, weakest[0]), |a, b| if b.0 > a.0 { b } else { a }).1
+    }
+
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
-    fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+    pub fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
         let (labels, _) = self.labels(motions);
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
         let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
@@ -221,7 +252,7 @@ impl Run<'_> {
         let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
         let score = |(cells, share): (f64, &f64)| {
             let cells = f64::max(cells - CHANCE, 0.0);
-            cells + (SURFACE_WEIGHT * share * surface as f64).min(2.0 * cells + SURFACE_ALONE)
+            cells + SURFACE_WEIGHT * share * surface as f64
         };
         self.match_cells(motions).into_iter().zip(shares).map(score).collect()
     }
@@ -230,7 +261,9 @@ impl Run<'_> {
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
 /// explains alone, and with it the sum, falls.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
-    curve.iter().any(|p| p.parts < point.parts && point.evidence < SPLIT * p.evidence)
+    let smaller = || curve.iter().filter(|p| p.parts < point.parts);
+    let takes = |p: &EvidencePoint| point.evidence < p.evidence;
+    smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.
@@ -245,7 +278,7 @@ fn against(cost: f32) -> f64 {
     if cost >= FREE {
         CONTRADICTED
     } else if cost >= HIDDEN {
-        0.0
+        UNSEEN
     } else {
         f64::from(cost)
     }
