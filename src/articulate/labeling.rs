@@ -76,6 +76,11 @@ impl<'a> Evidence<'a> {
         self.graphs[state].beside(sample)
     }
 
+    /// Mean distance of neighboring samples of each state, metres.
+    pub fn spacing_m(&self) -> [f64; 2] {
+        self.samples.map(|s| self.reach_m * (super::register::occupied_cells(&s.points, self.reach_m) as f64 / s.points.len().max(1) as f64).sqrt())
+    }
+
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
     fn static_scales(&self) -> Scales {
         let [a, b] = self.samples;

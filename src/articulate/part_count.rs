@@ -151,6 +151,31 @@ impl Run<'_> {
         (scores, shares(&costs, motions.len()))
     }
 
+    /// What motions explain together.
+    pub fn explained(&self, motions: &[Pose]) -> f64 {
+        let (labels, _) = self.labels(motions);
+        let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
+        let gains: f64 = self.gains(&costs, &labels, motions.len(), true)[1..].iter().sum();
+        self.match_sum(motions) + SURFACE_WEIGHT * gains * surface as f64 - CHANCE * (motions.len() - 1) as f64
+    }
+
+    fn match_sum(&self, motions: &[Pose]) -> f64 {
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
+        let mut best: [BTreeMap<[i64; 3], f64>; 2] = Default::default();
+        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
+            let support = motions.iter().map(|t| self.gate.support(m, t)).fold(0.0, f64::max);
+            for (cells, point) in best.iter_mut().zip([&m.point0, &m.point1]) {
+                let value = cells.entry(cell(point)).or_default();
+                *value = value.max(support);
+            }
+        }
+        let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
+        sum(&best[0]).min(sum(&best[1]))
+    }
+
     /// Drops motions that have less than the least evidence even where a surface that the other state hid counts as one
     /// that is missing there, the weakest first; false where there are none.
     fn thin(&self, motions: &mut Vec<Pose>) -> bool {
@@ -200,9 +225,13 @@ impl Run<'_> {
         }
     }
 
-    /// Share of the surface whose place speaks for each motion: what speaks against it if, patch by patch, it followed the
-    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks against no motion.
+    /// Share of the surface whose place speaks for each motion: what speaks for it and against, patch by patch, following the
+    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks for and against no motion.
     fn contradicted(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
+        self.gains(costs, labels, motions, false)
+    }
+
+    fn gains(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize, still: bool) -> Vec<f64> {
         let mut gains = vec![0.0; motions];
         for s in 0..2 {
             let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
@@ -210,10 +239,11 @@ impl Run<'_> {
             for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
                 let own = usize::from(group[0].0);
                 let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
-                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
-                let total = |k: usize| group.iter().map(|g| against(costs[s][g.2 * motions + k])).sum::<f64>();
+                let others: BTreeSet<usize> = if still { [0].into() } else { beside.map(usize::from).chain([0]).filter(|k| *k != own).collect() };
+                let total = |k: usize| group.iter().map(|g| preference(costs[s][g.2 * motions + own], costs[s][g.2 * motions + k])).sum::<f64>();
+                if own == 0 && still { continue; }
                 let worst = CONTRADICTED * group.len() as f64;
-                gains[own] += (others.into_iter().map(total).fold(worst, f64::min) - total(own)).max(0.0);
+                gains[own] += others.into_iter().map(total).fold(worst, f64::min).max(0.0);
             }
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
@@ -261,9 +291,7 @@ impl Run<'_> {
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
 /// explains alone, and with it the sum, falls.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
-    let smaller = || curve.iter().filter(|p| p.parts < point.parts);
-    let takes = |p: &EvidencePoint| point.evidence < p.evidence;
-    smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
+    curve.iter().any(|p| p.parts < point.parts && point.evidence < SPLIT * p.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.
@@ -272,15 +300,17 @@ fn point(scores: &[f64]) -> EvidencePoint {
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
 }
 
-/// What the cost of a sample says against a motion: a landing's own cost, which is `z^2 / 6` for a small deviation of `z`
-/// standard deviations; nothing where the other state did not see; a contradiction's where it saw empty space.
-fn against(cost: f32) -> f64 {
-    if cost >= FREE {
-        CONTRADICTED
-    } else if cost >= HIDDEN {
-        UNSEEN
-    } else {
-        f64::from(cost)
+/// What a sample says for the first of two motions of these costs: a landing speaks for a motion against one that takes the
+/// sample into space seen empty, or that lands worse; a sample that was hidden speaks for neither.
+fn preference(own: f32, rival: f32) -> f64 {
+    let hidden = |c: f32| (HIDDEN..FREE).contains(&c);
+    match (own, rival) {
+        (o, r) if o >= FREE && r >= FREE => 0.0,
+        (o, _) if o >= FREE => -CONTRADICTED,
+        (o, r) if hidden(o) => if hidden(r) || r >= FREE { 0.0 } else { -UNSEEN },
+        (o, r) if r >= FREE => CONTRADICTED - f64::from(o),
+        (_, r) if hidden(r) => 0.0,
+        (o, r) => f64::from(r - o),
     }
 }
 

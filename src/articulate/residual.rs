@@ -6,7 +6,7 @@
 //! axis lies in both planes' directions. The best are refined and taken one after the other, each with the surface that it
 //! explains. Plain surfaces, which give no matches, are found so.
 
-use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix6, Point3, Rotation3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{
@@ -28,6 +28,12 @@ const TRIAL_POINTS: usize = 60;
 const DISTINCT: usize = 16;
 /// Trials refined per patch.
 const REFINED: usize = 4;
+/// Finest step of a motion that is polished, as a share of the reach.
+const FINEST: f64 = 0.03;
+/// Samples beyond an edge by more than this many times their mean distance do not land.
+const EDGE: f64 = 1.5;
+/// Tolerance of a landing against the scale of planes while motions are polished.
+const SOFT: f64 = 1.5;
 /// Rounds of refinement of a trial.
 const ROUNDS: usize = 5;
 /// Agreement of a patch with its motion: share on unexplained surface of the other state less share in empty space.
@@ -81,7 +87,7 @@ pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], e
     let left = Unexplained::of(evidence, motions);
     let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
     let least = LEAST_SHARE * (left.open[0].len() + left.open[1].len()) as f64;
-    let mut search = Search { evidence, extent_m, left, faces, bodies: motions.to_vec() };
+    let mut search = Search { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() };
     let found = [0, 1].map(|s| {
         let least = (LEAST_SHARE * search.left.open[s].len() as f64).max(12.0) as usize;
         patches(evidence, s, &search.faces[s], &search.left.moved[s], least, PATCHES)
@@ -97,7 +103,9 @@ pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], e
         let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.worth(m)).collect();
         let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
         let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else { break };
-        let motion = candidates.swap_remove(best);
+        let raw = candidates.swap_remove(best);
+        let motion = search.polished(&raw);
+        if std::env::var("PD").is_ok() { println!("  polish sharp {:.0} -> {:.0} worth {:.0?} -> {:.0?}", search.sharp_worth(&raw), search.sharp_worth(&motion), search.worth(&raw), search.worth(&motion)); for t in TRUTH.lock().unwrap().iter() { println!("     truth sharp {:.0} worth {:.0?}", search.sharp_worth(t), search.worth(t)); } }
         search.explain(&motion);
         kept.push(motion);
     }
@@ -113,6 +121,23 @@ struct Search<'a, 'b> {
     faces: [Vec<Vec<usize>>; 2],
     /// Motions known so far.
     bodies: Vec<Pose>,
+    spacing_m: [f64; 2],
+}
+
+/// A twist about a center.
+struct Slip {
+    /// Radians a metre of the step.
+    turn: Vector3<f64>,
+    shift: Vector3<f64>,
+    center: Point3<f64>,
+}
+
+impl Slip {
+    fn by(&self, step_m: f64) -> Pose {
+        let c = self.center.coords;
+        let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
+        Pose::from_parts((c + self.shift * step_m - turn * c).into(), turn)
+    }
 }
 
 impl Search<'_, '_> {
@@ -141,6 +166,86 @@ impl Search<'_, '_> {
             }
         }
         total * attachment(self.evidence, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
+    }
+
+    /// The motion near by that explains most. What a point-to-plane fit leaves free (slips of the surface in itself: Gelfand
+    /// and Guibas 2004) shows at edges alone: steps along the free twists, halved where none helps.
+    fn polished(&self, motion: &Pose) -> Pose {
+        let (mut best, mut step_m) = (*motion, 2.0 * self.evidence.reach_m);
+        let Some(mut slips) = self.slips(motion) else { return *motion };
+        let mut worth = self.sharp_worth(&best);
+        while step_m > FINEST * self.evidence.reach_m {
+            let moves: Vec<Pose> = slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
+            let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (self.sharp_worth(&p), p)).collect();
+            let (next, pose) = tried.into_iter().fold((f64::NEG_INFINITY, best), |a, b| if b.0 > a.0 { b } else { a });
+            if next > worth {
+                (worth, best) = (next, pose);
+            } else {
+                step_m *= 0.5;
+                slips = self.slips(&best).unwrap_or(slips);
+            }
+        }
+        best
+    }
+
+    /// The three twists that least change the distances of what a motion explains from its planes.
+    fn slips(&self, motion: &Pose) -> Option<Vec<Slip>> {
+        let gains = gain(self.evidence, motion, &self.left, &self.faces);
+        let samples = self.evidence.samples[0];
+        let of = (0..gains[0].len()).filter(|&i| gains[0][i] > 0.0);
+        let landed: Vec<(Point3<f64>, Vector3<f64>)> = of.map(|i| (motion * samples.points[i], motion * samples.normals[i])).collect();
+        let n = landed.len() as f64;
+        let center = Point3::from(landed.iter().map(|(p, _)| p.coords).sum::<Vector3<f64>>() / n);
+        let radius_m = (landed.iter().map(|(p, _)| (p - center).norm_squared()).sum::<f64>() / n).sqrt();
+        if landed.len() < 12 || radius_m <= 0.0 {
+            return None;
+        }
+        let row = |(p, n): &(Point3<f64>, Vector3<f64>)| {
+            let turn = (p - center).cross(n) / radius_m;
+            Vector6::new(turn.x, turn.y, turn.z, n.x, n.y, n.z)
+        };
+        let information: Matrix6<f64> = landed.iter().map(|l| row(l) * row(l).transpose()).sum();
+        let eigen = SymmetricEigen::new(information);
+        let mut order: Vec<usize> = (0..6).collect();
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let slip = |&k: &usize| {
+            let v = eigen.eigenvectors.column(k);
+            Slip { turn: Vector3::new(v[0], v[1], v[2]) / radius_m, shift: Vector3::new(v[3], v[4], v[5]), center }
+        };
+        Some(order[..3].iter().map(slip).collect())
+    }
+
+    /// What a motion explains of some of the samples, where a landing beyond an edge is none.
+    fn sharp_worth(&self, motion: &Pose) -> f64 {
+        const EVERY: usize = 5;
+        let mut total = 0.0;
+        for s in 0..2 {
+            let other_from_this = if s == 0 { *motion } else { motion.inverse() };
+            for face in &self.faces[s] {
+                let sum: f64 = face.iter().step_by(EVERY).map(|&i| self.sharp_landing(s, i, &other_from_this)).sum();
+                total += sum.max(0.0);
+            }
+        }
+        total
+    }
+
+    fn sharp_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> f64 {
+        let evidence = self.evidence;
+        let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
+        let (point, normal) = (other_from_this * these.points[sample], other_from_this * these.normals[sample]);
+        let partner = evidence.indices[1 - state].nearest(&point, &normal).and_then(|j| {
+            let offset = point - others.points[j];
+            let off_m = others.normals[j].dot(&offset);
+            let aside = (offset - others.normals[j] * off_m).norm() / (EDGE * self.spacing_m[1 - state]);
+            let z = off_m / (SOFT * evidence.scales.plane_m);
+            let likeness = if self.left.open[1 - state][j] { same_hue(these.colors[sample], others.colors[j]) } else { 0.0 };
+            (aside < 1.0).then_some(6.0 / (6.0 + z * z) * likeness)
+        });
+        match partner {
+            Some(v) if v > 0.5 => v,
+            _ if evidence.free[1 - state].is_some_and(|f| f(&point)) => -1.0,
+            v => v.unwrap_or(0.0),
+        }
     }
 
     /// Takes what a motion explains out of what is left.
@@ -338,3 +443,5 @@ fn near_labels(evidence: &Evidence<'_>, state: usize, patch: &Patch, left: &Unex
         evidence.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
     })
 }
+
+pub static TRUTH: std::sync::Mutex<Vec<Pose>> = std::sync::Mutex::new(Vec::new());
