@@ -16,11 +16,16 @@ use super::{
 };
 use crate::geometry::Pose;
 
-/// Cost of a sample in space that was seen empty, in lost landings: one in fifty true points is there by errors of depth
-/// and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach loses.
-const CONTRADICTED: f64 = 1.3;
-/// Cost of a sample that the other state hid: it contradicts no motion, but one that takes it onto a surface explains both.
-const UNSEEN: f64 = 0.35;
+/// What a landing says for its motion where another takes the sample into space seen empty, in lost landings: one in fifty
+/// true points is there by errors of depth and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach
+/// loses.
+const MISSED: f64 = 1.3;
+/// The same where the other motion lands and the motion itself is hidden.
+const BETTER: f64 = 0.35;
+/// Cost of a sample that a motion takes into space seen empty, in landings on planes, of which a sixth counts.
+const CONTRADICTED: f64 = 4.0;
+/// Share of what a motion explains that errors of depth and pose take into space seen empty.
+const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
 const SURFACE_WEIGHT: f64 = 0.16;
@@ -147,33 +152,8 @@ impl Run<'_> {
     pub fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
         let (labels, _) = self.labels(motions);
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
-        let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
+        let scores = self.scores(motions, &self.preferred(&costs, &labels, motions.len()));
         (scores, shares(&costs, motions.len()))
-    }
-
-    /// What motions explain together.
-    pub fn explained(&self, motions: &[Pose]) -> f64 {
-        let (labels, _) = self.labels(motions);
-        let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
-        let cell_m = self.config.ransac.cell * self.extent_m;
-        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
-        let gains: f64 = self.gains(&costs, &labels, motions.len(), true)[1..].iter().sum();
-        self.match_sum(motions) + SURFACE_WEIGHT * gains * surface as f64 - CHANCE * (motions.len() - 1) as f64
-    }
-
-    fn match_sum(&self, motions: &[Pose]) -> f64 {
-        let cell_m = self.config.ransac.cell * self.extent_m;
-        let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
-        let mut best: [BTreeMap<[i64; 3], f64>; 2] = Default::default();
-        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
-            let support = motions.iter().map(|t| self.gate.support(m, t)).fold(0.0, f64::max);
-            for (cells, point) in best.iter_mut().zip([&m.point0, &m.point1]) {
-                let value = cells.entry(cell(point)).or_default();
-                *value = value.max(support);
-            }
-        }
-        let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
-        sum(&best[0]).min(sum(&best[1]))
     }
 
     /// Drops motions that have less than the least evidence even where a surface that the other state hid counts as one
@@ -225,25 +205,24 @@ impl Run<'_> {
         }
     }
 
-    /// Share of the surface whose place speaks for each motion: what speaks for it and against, patch by patch, following the
-    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks for and against no motion.
-    fn contradicted(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
-        self.gains(costs, labels, motions, false)
-    }
-
-    fn gains(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize, still: bool) -> Vec<f64> {
+    /// Share of the surface that speaks for each motion: patch by patch, what speaks for it rather than for the static part or
+    /// a motion beside it, less what it takes into space seen empty. That a patch was hidden in the other state speaks for and
+    /// against no motion.
+    fn preferred(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
         let mut gains = vec![0.0; motions];
         for s in 0..2 {
             let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
             of.sort_unstable();
             for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
                 let own = usize::from(group[0].0);
+                let cost = |i: usize, k: usize| costs[s][i * motions + k];
                 let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
-                let others: BTreeSet<usize> = if still { [0].into() } else { beside.map(usize::from).chain([0]).filter(|k| *k != own).collect() };
-                let total = |k: usize| group.iter().map(|g| preference(costs[s][g.2 * motions + own], costs[s][g.2 * motions + k])).sum::<f64>();
-                if own == 0 && still { continue; }
-                let worst = CONTRADICTED * group.len() as f64;
-                gains[own] += others.into_iter().map(total).fold(worst, f64::min).max(0.0);
+                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
+                let total = |k: usize| group.iter().map(|g| preference(cost(g.2, own), cost(g.2, k))).sum::<f64>();
+                let count = |holds: fn(f32) -> bool| group.iter().filter(|g| holds(cost(g.2, own))).count() as f64;
+                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+                let worst = group.len() as f64;
+                gains[own] += (others.into_iter().map(total).fold(MISSED * worst, f64::min) - lost).max(0.0);
             }
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
@@ -300,17 +279,20 @@ fn point(scores: &[f64]) -> EvidencePoint {
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
 }
 
-/// What a sample says for the first of two motions of these costs: a landing speaks for a motion against one that takes the
-/// sample into space seen empty, or that lands worse; a sample that was hidden speaks for neither.
+/// What a sample says for the first of two motions of these costs: that it lands on a surface, where the other takes it into
+/// space seen empty or lands worse.
 fn preference(own: f32, rival: f32) -> f64 {
-    let hidden = |c: f32| (HIDDEN..FREE).contains(&c);
     match (own, rival) {
-        (o, r) if o >= FREE && r >= FREE => 0.0,
-        (o, _) if o >= FREE => -CONTRADICTED,
-        (o, r) if hidden(o) => if hidden(r) || r >= FREE { 0.0 } else { -UNSEEN },
-        (o, r) if r >= FREE => CONTRADICTED - f64::from(o),
-        (_, r) if hidden(r) => 0.0,
-        (o, r) => f64::from(r - o),
+        (own, rival) if own >= HIDDEN => {
+            if rival < HIDDEN {
+                -BETTER
+            } else {
+                0.0
+            }
+        }
+        (own, rival) if rival >= FREE => MISSED - f64::from(own),
+        (_, rival) if rival >= HIDDEN => 0.0,
+        (own, rival) => f64::from(rival - own),
     }
 }
 

@@ -74,6 +74,12 @@ impl Unexplained {
         let [(open0, moved0), (open1, moved1)] = both;
         Self { open: [open0, open1], moved: [moved0, moved1] }
     }
+
+    /// Whether a landing of a sample on one of the other state calls for a motion: both are open, and one of the two is where
+    /// the other state saw nothing. Surface that doors hid in turn may look alike by chance.
+    fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
+        self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
+    }
 }
 
 /// Samples of each state that moved, by no motion of `motions`.
@@ -84,10 +90,8 @@ pub(crate) fn unexplained(evidence: &Evidence<'_>, motions: &[Pose]) -> [Vec<boo
 /// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first, each judged by the
 /// surface that the ones before leave.
 pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
-    let left = Unexplained::of(evidence, motions);
-    let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
-    let least = LEAST_SHARE * (left.open[0].len() + left.open[1].len()) as f64;
-    let mut search = Search { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() };
+    let mut search = Search::new(evidence, motions, extent_m);
+    let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
     let found = [0, 1].map(|s| {
         let least = (LEAST_SHARE * search.left.open[s].len() as f64).max(12.0) as usize;
         patches(evidence, s, &search.faces[s], &search.left.moved[s], least, PATCHES)
@@ -103,9 +107,7 @@ pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], e
         let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.worth(m)).collect();
         let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
         let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else { break };
-        let raw = candidates.swap_remove(best);
-        let motion = search.polished(&raw);
-        if std::env::var("PD").is_ok() { println!("  polish sharp {:.0} -> {:.0} worth {:.0?} -> {:.0?}", search.sharp_worth(&raw), search.sharp_worth(&motion), search.worth(&raw), search.worth(&motion)); for t in TRUTH.lock().unwrap().iter() { println!("     truth sharp {:.0} worth {:.0?}", search.sharp_worth(t), search.worth(t)); } }
+        let motion = search.polished(&candidates.swap_remove(best));
         search.explain(&motion);
         kept.push(motion);
     }
@@ -137,6 +139,14 @@ impl Slip {
         let c = self.center.coords;
         let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
         Pose::from_parts((c + self.shift * step_m - turn * c).into(), turn)
+    }
+}
+
+impl<'a, 'b> Search<'a, 'b> {
+    fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
+        let left = Unexplained::of(evidence, motions);
+        let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
+        Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() }
     }
 }
 
@@ -219,14 +229,19 @@ impl Search<'_, '_> {
     fn sharp_worth(&self, motion: &Pose) -> f64 {
         const EVERY: usize = 5;
         let mut total = 0.0;
+        let mut gains = vec![0.0; self.left.open[0].len()];
         for s in 0..2 {
             let other_from_this = if s == 0 { *motion } else { motion.inverse() };
             for face in &self.faces[s] {
-                let sum: f64 = face.iter().step_by(EVERY).map(|&i| self.sharp_landing(s, i, &other_from_this)).sum();
+                let of: Vec<(usize, f64)> = face.iter().step_by(EVERY).map(|&i| (i, self.sharp_landing(s, i, &other_from_this))).collect();
+                let sum: f64 = of.iter().map(|v| v.1).sum();
                 total += sum.max(0.0);
+                if s == 0 && sum > 0.0 {
+                    of.iter().for_each(|(i, v)| gains[*i] = *v);
+                }
             }
         }
-        total
+        total * attachment(self.evidence, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
     }
 
     fn sharp_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> f64 {
@@ -238,7 +253,7 @@ impl Search<'_, '_> {
             let off_m = others.normals[j].dot(&offset);
             let aside = (offset - others.normals[j] * off_m).norm() / (EDGE * self.spacing_m[1 - state]);
             let z = off_m / (SOFT * evidence.scales.plane_m);
-            let likeness = if self.left.open[1 - state][j] { same_hue(these.colors[sample], others.colors[j]) } else { 0.0 };
+            let likeness = if self.left.calls_for(state, sample, j) { same_hue(these.colors[sample], others.colors[j]) } else { 0.0 };
             (aside < 1.0).then_some(6.0 / (6.0 + z * z) * likeness)
         });
         match partner {
@@ -325,7 +340,7 @@ pub(super) fn gain(evidence: &Evidence<'_>, motion: &Pose, left: &Unexplained, f
                 .map(|&i| {
                     let (cost, partner) = evidence.shape_landing(s, i, &other_from_this);
                     let hue = |j: usize| same_hue(evidence.samples[s].colors[i], evidence.samples[1 - s].colors[j]);
-                    (i, agreement(cost, partner.filter(|j| left.open[1 - s][*j]).map_or(0.0, hue)))
+                    (i, agreement(cost, partner.filter(|&j| left.calls_for(s, i, j)).map_or(0.0, hue)))
                 })
                 .collect();
             if of.iter().map(|v| v.1).sum::<f64>() > 0.0 {
@@ -443,5 +458,3 @@ fn near_labels(evidence: &Evidence<'_>, state: usize, patch: &Patch, left: &Unex
         evidence.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
     })
 }
-
-pub static TRUTH: std::sync::Mutex<Vec<Pose>> = std::sync::Mutex::new(Vec::new());
