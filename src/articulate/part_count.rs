@@ -23,7 +23,7 @@ const MISSED: f64 = 1.3;
 /// The same where the other motion lands and the motion itself is hidden.
 const BETTER: f64 = 0.35;
 /// Cost of a sample that a motion takes into space seen empty, in landings on planes, of which a sixth counts.
-const CONTRADICTED: f64 = 4.0;
+pub(super) const CONTRADICTED: f64 = 2.0;
 /// Share of what a motion explains that errors of depth and pose take into space seen empty.
 const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in

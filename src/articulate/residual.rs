@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     labeling::{Evidence, FREE},
+    part_count::CONTRADICTED,
     patch::{Patch, faces, patches},
     refine::refine,
 };
@@ -258,7 +259,7 @@ impl Search<'_, '_> {
         });
         match partner {
             Some(v) if v > 0.5 => v,
-            _ if evidence.free[1 - state].is_some_and(|f| f(&point)) => -1.0,
+            _ if evidence.free[1 - state].is_some_and(|f| f(&point)) => -CONTRADICTED,
             v => v.unwrap_or(0.0),
         }
     }
