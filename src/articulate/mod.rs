@@ -39,6 +39,7 @@ mod residual;
 mod rigid_fit;
 mod sample_index;
 mod scale_space;
+mod slip;
 mod surface_graph;
 #[cfg(test)]
 mod synthetic;

@@ -39,7 +39,7 @@ const LITTLE: f64 = 1.5;
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
-const SPLIT: f64 = 0.8;
+const SPLIT: f64 = 0.9;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
@@ -65,9 +65,9 @@ pub(super) struct PartCount {
 }
 
 /// Motions on the way from many to none.
-pub(super) struct Step {
-    pub motions: Vec<Pose>,
-    pub point: EvidencePoint,
+struct Step {
+    motions: Vec<Pose>,
+    point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
     shares: Vec<f64>,
 }
@@ -112,7 +112,7 @@ impl Run<'_> {
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
-    pub fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
         loop {
             while self.thin(&mut motions) {
@@ -149,7 +149,7 @@ impl Run<'_> {
     }
 
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
-    pub fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+    fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
         let (labels, _) = self.labels(motions);
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
         let scores = self.scores(motions, &self.preferred(&costs, &labels, motions.len()));

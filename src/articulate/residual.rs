@@ -6,7 +6,7 @@
 //! axis lies in both planes' directions. The best are refined and taken one after the other, each with the surface that it
 //! explains. Plain surfaces, which give no matches, are found so.
 
-use nalgebra::{Matrix6, Point3, Rotation3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::{
@@ -14,6 +14,7 @@ use super::{
     part_count::CONTRADICTED,
     patch::{Patch, faces, patches},
     refine::refine,
+    slip::{Slip, slips},
 };
 use crate::geometry::{Pose, Screw};
 
@@ -54,16 +55,16 @@ const HINGE: f64 = 0.05;
 const DETACHED: f64 = 0.1;
 
 /// Samples of each state that no motion explains, and those of them that moved (the first motion is the static part's).
-pub(super) struct Unexplained {
+struct Unexplained {
     /// Samples that no motion takes onto a surface.
-    pub open: [Vec<bool>; 2],
+    open: [Vec<bool>; 2],
     /// Those of them whose place was seen empty in the other state.
-    pub moved: [Vec<bool>; 2],
+    moved: [Vec<bool>; 2],
 }
 
 impl Unexplained {
     /// What `motions` leave.
-    pub fn of(evidence: &Evidence<'_>, motions: &[Pose]) -> Self {
+    fn of(evidence: &Evidence<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = evidence.shape_costs(s, motions, None);
             let free = evidence.free[1 - s].is_some();
@@ -127,22 +128,6 @@ struct Search<'a, 'b> {
     spacing_m: [f64; 2],
 }
 
-/// A twist about a center.
-struct Slip {
-    /// Radians a metre of the step.
-    turn: Vector3<f64>,
-    shift: Vector3<f64>,
-    center: Point3<f64>,
-}
-
-impl Slip {
-    fn by(&self, step_m: f64) -> Pose {
-        let c = self.center.coords;
-        let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
-        Pose::from_parts((c + self.shift * step_m - turn * c).into(), turn)
-    }
-}
-
 impl<'a, 'b> Search<'a, 'b> {
     fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
         let left = Unexplained::of(evidence, motions);
@@ -161,14 +146,22 @@ impl Search<'_, '_> {
 
     /// The same by some of the samples and for a motion that is a step off.
     fn rough_worth(&self, motion: &Pose) -> f64 {
-        const EVERY: usize = 13;
+        self.worth_by(motion, 7, |s, i, t| landing(self.evidence, s, i, t, &self.left.open[1 - s]))
+    }
+
+    /// The same by some of the samples, where a landing beyond an edge is none.
+    fn sharp_worth(&self, motion: &Pose) -> f64 {
+        self.worth_by(motion, 5, |s, i, t| self.sharp_landing(s, i, t))
+    }
+
+    /// What a motion explains by every so many samples of each face and what each landing says.
+    fn worth_by(&self, motion: &Pose, every: usize, landing: impl Fn(usize, usize, &Pose) -> f64) -> f64 {
         let mut total = 0.0;
         let mut gains = vec![0.0; self.left.open[0].len()];
         for s in 0..2 {
             let other_from_this = if s == 0 { *motion } else { motion.inverse() };
             for face in &self.faces[s] {
-                let of = |&i: &usize| (i, landing(self.evidence, s, i, &other_from_this, &self.left.open[1 - s]));
-                let values: Vec<(usize, f64)> = face.iter().step_by(EVERY).map(of).collect();
+                let values: Vec<(usize, f64)> = face.iter().step_by(every).map(|&i| (i, landing(s, i, &other_from_this))).collect();
                 let sum: f64 = values.iter().map(|v| v.1).sum();
                 total += sum.max(0.0);
                 if s == 0 && sum > 0.0 {
@@ -199,52 +192,16 @@ impl Search<'_, '_> {
         best
     }
 
-    /// The three twists that least change the distances of what a motion explains from its planes.
-    fn slips(&self, motion: &Pose) -> Option<Vec<Slip>> {
+    /// Slips of what a motion explains, where it lands.
+    fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
         let gains = gain(self.evidence, motion, &self.left, &self.faces);
         let samples = self.evidence.samples[0];
-        let of = (0..gains[0].len()).filter(|&i| gains[0][i] > 0.0);
-        let landed: Vec<(Point3<f64>, Vector3<f64>)> = of.map(|i| (motion * samples.points[i], motion * samples.normals[i])).collect();
-        let n = landed.len() as f64;
-        let center = Point3::from(landed.iter().map(|(p, _)| p.coords).sum::<Vector3<f64>>() / n);
-        let radius_m = (landed.iter().map(|(p, _)| (p - center).norm_squared()).sum::<f64>() / n).sqrt();
-        if landed.len() < 12 || radius_m <= 0.0 {
-            return None;
-        }
-        let row = |(p, n): &(Point3<f64>, Vector3<f64>)| {
-            let turn = (p - center).cross(n) / radius_m;
-            Vector6::new(turn.x, turn.y, turn.z, n.x, n.y, n.z)
-        };
-        let information: Matrix6<f64> = landed.iter().map(|l| row(l) * row(l).transpose()).sum();
-        let eigen = SymmetricEigen::new(information);
-        let mut order: Vec<usize> = (0..6).collect();
-        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-        let slip = |&k: &usize| {
-            let v = eigen.eigenvectors.column(k);
-            Slip { turn: Vector3::new(v[0], v[1], v[2]) / radius_m, shift: Vector3::new(v[3], v[4], v[5]), center }
-        };
-        Some(order[..3].iter().map(slip).collect())
+        let explained = (0..gains[0].len()).filter(|&i| gains[0][i] > 0.0);
+        slips(&explained.map(|i| (motion * samples.points[i], motion * samples.normals[i])).collect::<Vec<_>>())
     }
 
-    /// What a motion explains of some of the samples, where a landing beyond an edge is none.
-    fn sharp_worth(&self, motion: &Pose) -> f64 {
-        const EVERY: usize = 5;
-        let mut total = 0.0;
-        let mut gains = vec![0.0; self.left.open[0].len()];
-        for s in 0..2 {
-            let other_from_this = if s == 0 { *motion } else { motion.inverse() };
-            for face in &self.faces[s] {
-                let of: Vec<(usize, f64)> = face.iter().step_by(EVERY).map(|&i| (i, self.sharp_landing(s, i, &other_from_this))).collect();
-                let sum: f64 = of.iter().map(|v| v.1).sum();
-                total += sum.max(0.0);
-                if s == 0 && sum > 0.0 {
-                    of.iter().for_each(|(i, v)| gains[*i] = *v);
-                }
-            }
-        }
-        total * attachment(self.evidence, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
-    }
-
+    /// What one landing says while a motion is polished: up to 1 on unexplained surface within its edges, -[`CONTRADICTED`] in
+    /// empty space.
     fn sharp_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> f64 {
         let evidence = self.evidence;
         let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
@@ -324,13 +281,13 @@ fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
 }
 
 /// Mean landing of samples.
-pub(super) fn landed(evidence: &Evidence<'_>, state: usize, samples: &[usize], other_from_this: &Pose, open: &[bool]) -> f64 {
+fn landed(evidence: &Evidence<'_>, state: usize, samples: &[usize], other_from_this: &Pose, open: &[bool]) -> f64 {
     samples.iter().map(|&i| landing(evidence, state, i, other_from_this, open)).sum::<f64>() / samples.len().max(1) as f64
 }
 
 /// What a motion explains of the unexplained samples, patch by patch: a patch of which it takes more into empty space than
 /// onto surface counts nothing.
-pub(super) fn gain(evidence: &Evidence<'_>, motion: &Pose, left: &Unexplained, faces: &[Vec<Vec<usize>>; 2]) -> [Vec<f64>; 2] {
+fn gain(evidence: &Evidence<'_>, motion: &Pose, left: &Unexplained, faces: &[Vec<Vec<usize>>; 2]) -> [Vec<f64>; 2] {
     [0, 1].map(|s| {
         let other_from_this = if s == 0 { *motion } else { motion.inverse() };
         let mut gains = vec![0.0; left.open[s].len()];
