@@ -108,7 +108,7 @@ impl Candidates {
         cost / self.dispersion + parameters * self.count.ln()
     }
 
-    fn scores(&self) -> BTreeMap<String, f64> {
+    fn scores(&self, (near, radius_m): (&Point3<f64>, f64)) -> BTreeMap<String, f64> {
         let [slides, turns, any] = PARAMETERS;
         let mut scores = BTreeMap::from([
             ("fixed".to_owned(), self.score(self.fixed_cost, 0.0)),
@@ -116,13 +116,21 @@ impl Candidates {
             ("free".to_owned(), self.score(self.free_cost, any)),
         ]);
         if let Some(r) = &self.revolute {
-            scores.insert("revolute".to_owned(), self.score(r.quadratic.cost, turns));
+            scores.insert("revolute".to_owned(), self.score(r.quadratic.cost, turns) + far(&r.model.joint, near, radius_m));
         }
         if let Some(s) = &self.screw {
-            scores.insert("screw".to_owned(), self.score(s.quadratic.cost, any));
+            scores.insert("screw".to_owned(), self.score(s.quadratic.cost, any) + far(&s.model.joint.turn, near, radius_m));
         }
         scores
     }
+}
+
+/// What speaks against an axis far from its part, on the scale of the scores: a hinge is on the part or beside it, so that the
+/// distance of the axis from the part's middle is taken as that of a Student distribution with two degrees of freedom, over
+/// twice the radius of the part. A slide is a turn about an axis far away.
+fn far(turn: &RevoluteMotion, near: &Point3<f64>, radius_m: f64) -> f64 {
+    let off_m = (foot(&turn.point, &turn.direction, near) - near).norm();
+    4.0 * (off_m / (2.0 * radius_m)).powi(2).ln_1p()
 }
 
 /// Fits all joint types to the evidence of one part, starting at a motion, and chooses. `near` is the middle of the part
@@ -136,7 +144,7 @@ pub fn estimate_joint(
     config: &RefineConfig,
 ) -> JointEstimate {
     let found = Candidates::fit(start, parent, evidence, near, config);
-    let scores = found.scores();
+    let scores = found.scores((near, radius_m));
     let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
     let simple = of("prismatic").min(of("revolute"));
     let chosen = match (&found.screw, &found.revolute) {
@@ -183,7 +191,7 @@ pub fn estimate_parallel(
     (direction, covariance): (&Unit<Vector3<f64>>, &Matrix3<f64>),
     parent: &ParentMotion,
     evidence: &MotionEvidence,
-    (near, _): (&Point3<f64>, f64),
+    (near, radius_m): (&Point3<f64>, f64),
     config: &RefineConfig,
 ) -> Option<JointEstimate> {
     if found.kind != JointKind::Revolute {
@@ -194,8 +202,8 @@ pub fn estimate_parallel(
     let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion });
     let sigma_m = candidates.revolute.as_ref()?.sigma_m;
     let fit = refine(Carried { parent: parent.state1_from_state0, joint }, evidence, sigma_m, config);
-    let mut scores = candidates.scores();
-    let score = candidates.score(fit.quadratic.cost, 3.0);
+    let mut scores = candidates.scores((near, radius_m));
+    let score = candidates.score(fit.quadratic.cost, 3.0) + far(&fit.model.joint.0, near, radius_m);
     if scores.get("revolute").is_none_or(|r| score > *r) {
         return None;
     }

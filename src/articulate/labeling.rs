@@ -1,5 +1,10 @@
 //! Which motion every surface sample follows: where its warp lands in the other state, smoothed over neighbors.
 
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Mutex, PoisonError},
+};
+
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -39,6 +44,41 @@ struct Look<'a> {
     colored: bool,
 }
 
+/// Where a sample lands in the other state.
+#[derive(Clone, Copy)]
+struct Landing {
+    /// The sample nearest to it there, with the squared deviations of shape and of color.
+    partner: Option<(u32, f64, f64)>,
+    /// Whether its place was seen empty, where that is known.
+    free: Option<bool>,
+}
+
+impl Landing {
+    /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where there is no
+    /// surface and empty space is known. A partner that follows another motion by `other_labels` hides the sample at best.
+    fn cost(&self, look: Look<'_>) -> f32 {
+        let Look { label, other_labels, colored } = look;
+        let partner = self.partner.map(|(j, shape, color)| {
+            let squared = if colored { shape + color } else { shape };
+            let cost = (squared / (squared + HALF_COST)) as f32;
+            let taken = other_labels.is_some_and(|l| l[j as usize] != label);
+            if taken { cost.max((cost + TAKEN).min(HIDDEN)) } else { cost }
+        });
+        match (partner, self.free) {
+            (partner, None) => partner.unwrap_or(1.0),
+            (Some(cost), _) if cost < 0.5 => cost,
+            // A poor partner is not better than none.
+            (_, Some(true)) => FREE,
+            _ => HIDDEN,
+        }
+    }
+}
+
+/// Motions of which the landings are kept.
+const KEPT: usize = 48;
+/// What is known of where the samples of a state land under a motion.
+type Kept = VecDeque<((usize, Pose), Arc<Vec<Landing>>)>;
+
 /// Both states' samples, prepared for search.
 pub(crate) struct Evidence<'a> {
     /// Samples of each state.
@@ -53,6 +93,7 @@ pub(crate) struct Evidence<'a> {
     pub scales: Scales,
     /// Longest distance of a correspondence, metres.
     pub reach_m: f64,
+    kept: Mutex<Kept>,
 }
 
 impl<'a> Evidence<'a> {
@@ -61,7 +102,7 @@ impl<'a> Evidence<'a> {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
         let graphs = [0, 1].map(|s| SurfaceGraph::new(samples[s], &indices[s], reach_m));
         let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
-        let mut evidence = Self { samples, indices, free, graphs, scales, reach_m };
+        let mut evidence = Self { samples, indices, free, graphs, scales, reach_m, kept: Mutex::default() };
         evidence.scales = evidence.static_scales();
         evidence
     }
@@ -74,6 +115,12 @@ impl<'a> Evidence<'a> {
     /// Samples beside a sample on its surface.
     pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
         self.graphs[state].beside(sample)
+    }
+
+    /// Mean distance of neighboring samples of each state, metres.
+    pub fn spacing_m(&self) -> [f64; 2] {
+        self.samples
+            .map(|s| self.reach_m * (super::register::occupied_cells(&s.points, self.reach_m) as f64 / s.points.len().max(1) as f64).sqrt())
     }
 
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
@@ -97,12 +144,8 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Agreement of a sample with the surface on which it lands in the other state: 0 for a perfect partner, towards 1 for
-    /// none; [`HIDDEN`] or [`FREE`] where there is no surface and empty space is known.
-    ///
-    /// A partner that follows another motion by `other_labels` hides the sample at best.
-    fn cost(&self, state: usize, sample: usize, other_from_this: &Pose, look: Look<'_>) -> f32 {
-        let Look { label, other_labels, colored } = look;
+    /// Where a sample lands in the other state.
+    fn landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> Landing {
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
@@ -110,20 +153,37 @@ impl<'a> Evidence<'a> {
             let offset = point - others.points[j];
             let plane = others.normals[j].dot(&offset) / self.scales.plane_m;
             let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
-            let color = if colored { color_distance(these.colors[sample], others.colors[j]) / self.scales.color } else { 0.0 };
+            let color = color_distance(these.colors[sample], others.colors[j]) / self.scales.color;
             let side = offset.norm() / self.reach_m;
-            let squared = plane * plane + bend * bend + color * color + side * side;
-            let cost = (squared / (squared + HALF_COST)) as f32;
-            let taken = other_labels.is_some_and(|l| l[j] != label);
-            if taken { cost.max((cost + TAKEN).min(HIDDEN)) } else { cost }
+            (j as u32, plane * plane + bend * bend + side * side, color * color)
         });
-        let Some(is_free) = self.free[1 - state] else { return partner.unwrap_or(1.0) };
-        match partner {
-            Some(cost) if cost < 0.5 => cost,
-            // A poor partner is not better than none.
-            _ if is_free(&point) => FREE,
-            _ => HIDDEN,
+        Landing { partner, free: self.free[1 - state].map(|is_free| is_free(&point)) }
+    }
+
+    /// Landings of every sample of a state; those of the last few motions are kept.
+    fn landings(&self, state: usize, motion: &Pose) -> Arc<Vec<Landing>> {
+        let key = (state, *motion);
+        let kept = |all: &Kept| all.iter().find(|(k, _)| *k == key).map(|(_, l)| Arc::clone(l));
+        let mut all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(landings) = kept(&all) {
+            return landings;
         }
+        drop(all);
+        let other_from_this = if state == 0 { *motion } else { motion.inverse() };
+        let samples = 0..self.samples[state].points.len();
+        let landings: Arc<Vec<Landing>> = Arc::new(samples.into_par_iter().map(|i| self.landing(state, i, &other_from_this)).collect());
+        all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept(&all).is_none() {
+            all.truncate(KEPT - 1);
+            all.push_front((key, Arc::clone(&landings)));
+        }
+        landings
+    }
+
+    /// Cost of one sample by shape alone, and the sample of the other state on which it lands.
+    pub fn shape_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
+        let landing = self.landing(state, sample, other_from_this);
+        (landing.cost(Look { label: 0, other_labels: None, colored: false }), landing.partner.map(|p| p.0 as usize))
     }
 
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of the other
@@ -138,12 +198,12 @@ impl<'a> Evidence<'a> {
     }
 
     fn costs_of(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>, colored: bool) -> Vec<f32> {
-        let from_this: Vec<Pose> = motions.iter().map(|m| if state == 0 { *m } else { m.inverse() }).collect();
+        let landings: Vec<Arc<Vec<Landing>>> = motions.iter().map(|m| self.landings(state, m)).collect();
         (0..self.samples[state].points.len())
             .into_par_iter()
             .flat_map_iter(|i| {
-                let cost = move |(k, m)| self.cost(state, i, m, Look { label: k as u8, other_labels, colored });
-                from_this.iter().enumerate().map(cost)
+                let cost = move |(k, l): (usize, &Arc<Vec<Landing>>)| l[i].cost(Look { label: k as u8, other_labels, colored });
+                landings.iter().enumerate().map(cost)
             })
             .collect()
     }

@@ -31,6 +31,7 @@ mod lift;
 mod matcher;
 mod mesh_samples;
 mod model_image;
+mod patch;
 mod ransac;
 mod refine;
 mod register;
@@ -38,6 +39,7 @@ mod residual;
 mod rigid_fit;
 mod sample_index;
 mod scale_space;
+mod slip;
 mod surface_graph;
 #[cfg(test)]
 mod synthetic;

@@ -16,9 +16,16 @@ use super::{
 };
 use crate::geometry::Pose;
 
-/// Cost of a sample in space that was seen empty, in lost landings: one in fifty true points is there by errors of depth
-/// and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach loses.
-const CONTRADICTED: f64 = 1.3;
+/// What a landing says for its motion where another takes the sample into space seen empty, in lost landings: one in fifty
+/// true points is there by errors of depth and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach
+/// loses.
+const MISSED: f64 = 1.3;
+/// The same where the other motion lands and the motion itself is hidden.
+const BETTER: f64 = 0.35;
+/// Cost of a sample that a motion takes into space seen empty, in landings on planes, of which a sixth counts.
+pub(super) const CONTRADICTED: f64 = 2.0;
+/// Share of what a motion explains that errors of depth and pose take into space seen empty.
+const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
 const SURFACE_WEIGHT: f64 = 0.16;
@@ -26,15 +33,15 @@ const SURFACE_WEIGHT: f64 = 0.16;
 /// fix the motion, and where one in a thousand lands in the gate, six or seven of 300 are expected on some motion of the
 /// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 const CHANCE: f64 = 5.0;
-/// Most that surface counts for a motion without matches, cells.
-const SURFACE_ALONE: f64 = 30.0;
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 const LITTLE: f64 = 1.5;
 /// A further motion with more than this share of the least evidence is told.
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
-const SPLIT: f64 = 0.6;
+const SPLIT: f64 = 0.9;
+/// The weakest motions that are compared before one is dropped.
+const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -95,6 +102,14 @@ impl Run<'_> {
         Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
     }
 
+    /// The most motions of which each has the evidence that a part needs.
+    pub fn best(&self, motions: Vec<Pose>) -> Vec<Pose> {
+        let steps = self.steps(motions);
+        let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+        let enough = |s: &Step| s.point.weakest.is_none_or(|w| w >= self.config.least_score) && !splits(&s.point, &curve);
+        steps.into_iter().filter(enough).max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions)
+    }
+
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
     fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
@@ -105,18 +120,39 @@ impl Run<'_> {
             }
             let (scores, shares) = self.weighed(&motions);
             steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
-            let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-            let Some(k) = weakest else { return steps };
-            motions.remove(k);
+            if motions.len() == 1 {
+                return steps;
+            }
+            motions.remove(self.dispensable(&motions, &scores));
             self.round(&mut motions);
         }
+    }
+
+    /// Of the weakest motions the one without which the others explain most. Matches to a wrong place do not come in numbers:
+    /// motions that have the least evidence in matches alone go last.
+    fn dispensable(&self, motions: &[Pose], scores: &[f64]) -> usize {
+        let matched = self.match_cells(motions);
+        let told = |k: usize| matched[k] - CHANCE >= self.config.least_score;
+        let mut weakest: Vec<usize> = (1..motions.len()).collect();
+        weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
+        let untold = weakest.iter().filter(|k| !told(**k)).count();
+        weakest.truncate(if untold > 0 { untold.min(RIVALS) } else { RIVALS });
+        let without = |&k: &usize| {
+            let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
+            (self.weighed(&others).0[1..].iter().sum::<f64>(), k)
+        };
+        // One that explains next to nothing needs no comparison.
+        if scores[weakest[0]] < 0.5 * self.config.least_score {
+            return weakest[0];
+        }
+        weakest.iter().map(without).fold((f64::NEG_INFINITY, weakest[0]), |a, b| if b.0 > a.0 { b } else { a }).1
     }
 
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
     fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
         let (labels, _) = self.labels(motions);
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
-        let scores = self.scores(motions, &self.contradicted(&costs, &labels, motions.len()));
+        let scores = self.scores(motions, &self.preferred(&costs, &labels, motions.len()));
         (scores, shares(&costs, motions.len()))
     }
 
@@ -169,20 +205,24 @@ impl Run<'_> {
         }
     }
 
-    /// Share of the surface whose place speaks for each motion: what speaks against it if, patch by patch, it followed the
-    /// static part or a motion beside it instead. That a patch was hidden in the other state speaks against no motion.
-    fn contradicted(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
+    /// Share of the surface that speaks for each motion: patch by patch, what speaks for it rather than for the static part or
+    /// a motion beside it, less what it takes into space seen empty. That a patch was hidden in the other state speaks for and
+    /// against no motion.
+    fn preferred(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
         let mut gains = vec![0.0; motions];
         for s in 0..2 {
             let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
             of.sort_unstable();
             for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
                 let own = usize::from(group[0].0);
+                let cost = |i: usize, k: usize| costs[s][i * motions + k];
                 let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
                 let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
-                let total = |k: usize| group.iter().map(|g| against(costs[s][g.2 * motions + k])).sum::<f64>();
-                let worst = CONTRADICTED * group.len() as f64;
-                gains[own] += (others.into_iter().map(total).fold(worst, f64::min) - total(own)).max(0.0);
+                let total = |k: usize| group.iter().map(|g| preference(cost(g.2, own), cost(g.2, k))).sum::<f64>();
+                let count = |holds: fn(f32) -> bool| group.iter().filter(|g| holds(cost(g.2, own))).count() as f64;
+                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+                let worst = group.len() as f64;
+                gains[own] += (others.into_iter().map(total).fold(MISSED * worst, f64::min) - lost).max(0.0);
             }
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
@@ -221,7 +261,7 @@ impl Run<'_> {
         let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
         let score = |(cells, share): (f64, &f64)| {
             let cells = f64::max(cells - CHANCE, 0.0);
-            cells + (SURFACE_WEIGHT * share * surface as f64).min(2.0 * cells + SURFACE_ALONE)
+            cells + SURFACE_WEIGHT * share * surface as f64
         };
         self.match_cells(motions).into_iter().zip(shares).map(score).collect()
     }
@@ -239,15 +279,20 @@ fn point(scores: &[f64]) -> EvidencePoint {
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
 }
 
-/// What the cost of a sample says against a motion: a landing's own cost, which is `z^2 / 6` for a small deviation of `z`
-/// standard deviations; nothing where the other state did not see; a contradiction's where it saw empty space.
-fn against(cost: f32) -> f64 {
-    if cost >= FREE {
-        CONTRADICTED
-    } else if cost >= HIDDEN {
-        0.0
-    } else {
-        f64::from(cost)
+/// What a sample says for the first of two motions of these costs: that it lands on a surface, where the other takes it into
+/// space seen empty or lands worse.
+fn preference(own: f32, rival: f32) -> f64 {
+    match (own, rival) {
+        (own, rival) if own >= HIDDEN => {
+            if rival < HIDDEN {
+                -BETTER
+            } else {
+                0.0
+            }
+        }
+        (own, rival) if rival >= FREE => MISSED - f64::from(own),
+        (_, rival) if rival >= HIDDEN => 0.0,
+        (own, rival) => f64::from(rival - own),
     }
 }
 

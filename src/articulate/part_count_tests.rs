@@ -74,6 +74,11 @@ fn a_plain_part_is_found_by_its_surface() {
 }
 
 #[test]
+fn plain_parts_beside_each_other_are_found_by_their_surface() {
+    check(&Scene { texture: 0.0, ..Scene::box_with_lid_and_drawer() }, None);
+}
+
+#[test]
 fn an_object_at_rest_is_one_part_and_this_is_said() {
     let mut scene = Scene::box_with_lid_and_drawer();
     scene.parts.iter_mut().for_each(|p| p.motion = Pose::identity());

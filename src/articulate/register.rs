@@ -163,6 +163,8 @@ pub fn register(
     for _ in 0..2 {
         run.round(&mut motions);
     }
+    // What matches tell comes first: surface that their motions explain proposes nothing.
+    motions = run.best(motions);
     for _ in 0..RESIDUAL_ROUNDS {
         let more = propose_from_residual(&run.evidence, &motions, extent_m);
         let none = more.is_empty();
@@ -235,15 +237,20 @@ pub(super) struct Run<'a> {
 impl Run<'_> {
     /// Labels and costs of both states.
     pub fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
-        let costs = [0, 1].map(|s| self.evidence.costs(s, motions, None));
-        let label = |costs: &[Vec<f32>; 2]| {
-            let one = |s: usize| self.evidence.labels(s, &costs[s], motions.len());
-            <[Vec<u8>; 2]>::from(rayon::join(|| one(0), || one(1)))
-        };
-        let alone = label(&costs);
+        let alone = self.labels_alone(motions);
         // Once more with each state's labels known to the other: a surface belongs to one part only.
         let costs = [0, 1].map(|s| self.evidence.costs(s, motions, Some(&alone[1 - s])));
-        (label(&costs), costs)
+        (self.labels_of(&costs, motions.len()), costs)
+    }
+
+    /// Labels of both states, each by itself.
+    pub fn labels_alone(&self, motions: &[Pose]) -> [Vec<u8>; 2] {
+        self.labels_of(&[0, 1].map(|s| self.evidence.costs(s, motions, None)), motions.len())
+    }
+
+    fn labels_of(&self, costs: &[Vec<f32>; 2], motions: usize) -> [Vec<u8>; 2] {
+        let one = |s: usize| self.evidence.labels(s, &costs[s], motions);
+        rayon::join(|| one(0), || one(1)).into()
     }
 
     /// The motion that every match follows.

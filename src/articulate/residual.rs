@@ -1,142 +1,326 @@
 //! Motions proposed by geometry: patches of surface that were left behind in one state and turn up in the other.
 //!
 //! Where a surface of one state lies in space that the other state saw empty, and no known motion takes it onto a surface,
-//! it moved by an unknown one. Most parts slide along a normal or an edge of their face or turn about one of its edges:
-//! these motions are tried in steps and the best are refined. Plain surfaces, which give no matches, are found so.
+//! it moved by an unknown one. Patches of such surface are tried on those of the other state: slid along their normal and
+//! edges, turned about their edges, and turned into the plane of each patch there, which leaves one shift unknown where the
+//! axis lies in both planes' directions. The best are refined and taken one after the other, each with the surface that it
+//! explains. Plain surfaces, which give no matches, are found so.
 
-use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
+use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::{
     labeling::{Evidence, FREE},
+    part_count::CONTRADICTED,
+    patch::{Patch, faces, patches},
     refine::refine,
+    slip::{Slip, slips},
 };
 use crate::geometry::{Pose, Screw};
 
 /// A sample is explained by a motion of a lower cost.
 const EXPLAINED: f32 = 0.5;
 /// Patches tried per state.
-const PATCHES: usize = 8;
-/// A patch must have this share of a state's samples: less could not outweigh the cost of a part.
+const PATCHES: usize = 12;
+/// A patch, and what a motion explains, must have this share of a state's samples: less could not outweigh the cost of a part.
 const LEAST_SHARE: f64 = 0.004;
 /// Points of a patch that a trial looks at.
-const TRIAL_POINTS: usize = 80;
+const TRIAL_POINTS: usize = 60;
+/// Trials of each kind of which the worth for all unexplained surface is measured, per patch.
+const DISTINCT: usize = 16;
 /// Trials refined per patch.
 const REFINED: usize = 4;
+/// Finest step of a motion that is polished, as a share of the reach.
+const FINEST: f64 = 0.03;
+/// Samples beyond an edge by more than this many times their mean distance do not land.
+const EDGE: f64 = 1.5;
+/// Tolerance of a landing against the scale of planes while motions are polished.
+const SOFT: f64 = 1.5;
 /// Rounds of refinement of a trial.
-const ROUNDS: usize = 12;
-/// Share of a patch that a motion must take onto moved surface of the other state.
-const LANDED: f64 = 0.6;
+const ROUNDS: usize = 5;
+/// Agreement of a patch with its motion: share on unexplained surface of the other state less share in empty space.
+const AGREEMENT: f64 = 0.35;
 /// Largest rotation that is tried, radians.
 const LARGEST_TURN: f64 = 2.9;
+/// Planes at a smaller angle are parallel, radians.
+const PARALLEL: f64 = 0.1;
 
-/// Samples of each state that moved, by no motion of `motions` (the first is the static part's).
-pub(crate) fn unexplained(evidence: &Evidence<'_>, motions: &[Pose]) -> [Vec<bool>; 2] {
-    [0, 1].map(|s| {
-        let costs = evidence.costs(s, motions, None);
-        let free = evidence.free[1 - s].is_some();
-        let left = |row: &[f32]| (!free || row[0] >= FREE) && row.iter().all(|c| *c >= EXPLAINED);
-        costs.chunks_exact(motions.len()).map(left).collect()
-    })
+/// Angle between two colors that counts as one standard deviation, radians, and length of a color that has no hue.
+const HUE_SIGMA: f64 = 0.12;
+const DARK: f64 = 0.08;
+/// Distance of an axis from both surfaces that it joins at which half of what speaks for a hinge is lost, as a share of the
+/// object's longest side.
+const HINGE: f64 = 0.05;
+/// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
+const DETACHED: f64 = 0.1;
+
+/// Samples of each state that no motion explains, and those of them that moved (the first motion is the static part's).
+struct Unexplained {
+    /// Samples that no motion takes onto a surface.
+    open: [Vec<bool>; 2],
+    /// Those of them whose place was seen empty in the other state.
+    moved: [Vec<bool>; 2],
 }
 
-/// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first.
+impl Unexplained {
+    /// What `motions` leave.
+    fn of(evidence: &Evidence<'_>, motions: &[Pose]) -> Self {
+        let both = [0, 1].map(|s| {
+            let costs = evidence.shape_costs(s, motions, None);
+            let free = evidence.free[1 - s].is_some();
+            let open: Vec<bool> = costs.chunks_exact(motions.len()).map(|row| row.iter().all(|c| *c >= EXPLAINED)).collect();
+            let left = |(row, open): (&[f32], &bool)| *open && (!free || row[0] >= FREE);
+            let moved = costs.chunks_exact(motions.len()).zip(&open).map(left).collect();
+            (open, moved)
+        });
+        let [(open0, moved0), (open1, moved1)] = both;
+        Self { open: [open0, open1], moved: [moved0, moved1] }
+    }
+
+    /// Whether a landing of a sample on one of the other state calls for a motion: both are open, and one of the two is where
+    /// the other state saw nothing. Surface that doors hid in turn may look alike by chance.
+    fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
+        self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
+    }
+}
+
+/// Samples of each state that moved, by no motion of `motions`.
+pub(crate) fn unexplained(evidence: &Evidence<'_>, motions: &[Pose]) -> [Vec<bool>; 2] {
+    Unexplained::of(evidence, motions).moved
+}
+
+/// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first, each judged by the
+/// surface that the ones before leave.
 pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
-    let moved = unexplained(evidence, motions);
-    let mut found: Vec<(f64, Pose)> = Vec::new();
+    let mut search = Search::new(evidence, motions, extent_m);
+    let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
+    let found = [0, 1].map(|s| {
+        let least = (LEAST_SHARE * search.left.open[s].len() as f64).max(12.0) as usize;
+        patches(evidence, s, &search.faces[s], &search.left.moved[s], least, PATCHES)
+    });
+    let mut candidates: Vec<Pose> = Vec::new();
     for state in [0, 1] {
-        for patch in patches(evidence, state, &moved[state]) {
-            found.extend(motions_of(evidence, state, &patch, &moved, extent_m));
+        for patch in &found[state] {
+            candidates.extend(motions_of(&search, state, patch, &found[1 - state]));
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut kept: Vec<Pose> = Vec::new();
-    let apart = |a: &Pose, b: &Pose| {
-        // Where the surface is: motions that differ nowhere by more than the reach are one.
-        let differ = |p: &Point3<f64>| (a * p - b * p).norm() > evidence.reach_m;
-        evidence.samples[0].points.iter().step_by(97).any(differ)
-    };
-    for (_, motion) in found {
-        if kept.iter().all(|k| apart(k, &motion)) {
-            kept.push(motion);
-        }
+    while !candidates.is_empty() {
+        let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.worth(m)).collect();
+        let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
+        let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else { break };
+        let motion = search.polished(&candidates.swap_remove(best));
+        search.explain(&motion);
+        kept.push(motion);
     }
     kept
 }
 
-/// A flat patch of moved surface.
-struct Patch {
-    samples: Vec<usize>,
-    center: Point3<f64>,
-    /// Two edges and the normal, unit.
-    axes: [Vector3<f64>; 3],
-    /// Half sides along the edges, metres.
-    half_m: [f64; 2],
+/// What the search for motions knows.
+struct Search<'a, 'b> {
+    evidence: &'a Evidence<'b>,
+    extent_m: f64,
+    left: Unexplained,
+    /// Unexplained samples of each state by plane.
+    faces: [Vec<Vec<usize>>; 2],
+    /// Motions known so far.
+    bodies: Vec<Pose>,
+    spacing_m: [f64; 2],
 }
 
-/// The largest moved patches of a state.
-fn patches(evidence: &Evidence<'_>, state: usize, moved: &[bool]) -> Vec<Patch> {
-    let samples = evidence.samples[state];
-    let mut of: Vec<(u32, usize)> = (0..moved.len()).filter(|&i| moved[i]).map(|i| (evidence.patch(state, i), i)).collect();
-    of.sort_unstable();
-    let least = (LEAST_SHARE * moved.len() as f64).max(12.0) as usize;
-    let mut groups: Vec<Vec<usize>> =
-        of.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() >= least).map(|g| g.iter().map(|x| x.1).collect()).collect();
-    groups.sort_by(|a, b| b.len().cmp(&a.len()).then(a[0].cmp(&b[0])));
-    groups.truncate(PATCHES);
-    groups.into_iter().filter_map(|g| patch(samples, g)).collect()
+impl<'a, 'b> Search<'a, 'b> {
+    fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
+        let left = Unexplained::of(evidence, motions);
+        let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
+        Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() }
+    }
 }
 
-fn patch(samples: &super::SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
-    let n = group.len() as f64;
-    let center = Point3::from(group.iter().map(|&i| samples.points[i].coords).sum::<Vector3<f64>>() / n);
-    let normal = group.iter().map(|&i| samples.normals[i]).sum::<Vector3<f64>>().try_normalize(1e-9)?;
-    let across = Matrix3::identity() - normal * normal.transpose();
-    let spread: Matrix3<f64> = group.iter().map(|&i| across * (samples.points[i] - center)).map(|v| v * v.transpose()).sum();
-    let eigen = SymmetricEigen::new(spread);
-    let long = across * eigen.eigenvectors.column(eigen.eigenvalues.imax());
-    let long = square(samples, &group, &center, &normal, long.try_normalize(1e-9)?);
-    let short = normal.cross(&long);
-    let half_m = [long, short].map(|axis| {
-        let mut along: Vec<f64> = group.iter().map(|&i| axis.dot(&(samples.points[i] - center)).abs()).collect();
-        along.sort_by(f64::total_cmp);
-        along[along.len() * 49 / 50]
-    });
-    Some(Patch { samples: group, center, axes: [long, short, normal], half_m })
+impl Search<'_, '_> {
+    /// What a motion explains, weighed by what speaks for a hinge, and unweighed, in samples.
+    fn worth(&self, motion: &Pose) -> (f64, f64) {
+        let gains = gain(self.evidence, motion, &self.left, &self.faces);
+        let total: f64 = gains.iter().flatten().sum();
+        (total * attachment(self.evidence, motion, &self.bodies, &gains[0], &self.left.open[0], self.extent_m), total)
+    }
+
+    /// The same by some of the samples and for a motion that is a step off.
+    fn rough_worth(&self, motion: &Pose) -> f64 {
+        self.worth_by(motion, 7, |s, i, t| landing(self.evidence, s, i, t, &self.left.open[1 - s]))
+    }
+
+    /// The same by some of the samples, where a landing beyond an edge is none.
+    fn sharp_worth(&self, motion: &Pose) -> f64 {
+        self.worth_by(motion, 5, |s, i, t| self.sharp_landing(s, i, t))
+    }
+
+    /// What a motion explains by every so many samples of each face and what each landing says.
+    fn worth_by(&self, motion: &Pose, every: usize, landing: impl Fn(usize, usize, &Pose) -> f64) -> f64 {
+        let mut total = 0.0;
+        let mut gains = vec![0.0; self.left.open[0].len()];
+        for s in 0..2 {
+            let other_from_this = if s == 0 { *motion } else { motion.inverse() };
+            for face in &self.faces[s] {
+                let values: Vec<(usize, f64)> = face.iter().step_by(every).map(|&i| (i, landing(s, i, &other_from_this))).collect();
+                let sum: f64 = values.iter().map(|v| v.1).sum();
+                total += sum.max(0.0);
+                if s == 0 && sum > 0.0 {
+                    values.iter().for_each(|(i, v)| gains[*i] = *v);
+                }
+            }
+        }
+        total * attachment(self.evidence, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
+    }
+
+    /// The motion near by that explains most. What a point-to-plane fit leaves free (slips of the surface in itself: Gelfand
+    /// and Guibas 2004) shows at edges alone: steps along the free twists, halved where none helps.
+    fn polished(&self, motion: &Pose) -> Pose {
+        let (mut best, mut step_m) = (*motion, 2.0 * self.evidence.reach_m);
+        let Some(mut slips) = self.slips(motion) else { return *motion };
+        let mut worth = self.sharp_worth(&best);
+        while step_m > FINEST * self.evidence.reach_m {
+            let moves: Vec<Pose> = slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
+            let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (self.sharp_worth(&p), p)).collect();
+            let (next, pose) = tried.into_iter().fold((f64::NEG_INFINITY, best), |a, b| if b.0 > a.0 { b } else { a });
+            if next > worth {
+                (worth, best) = (next, pose);
+            } else {
+                step_m *= 0.5;
+                slips = self.slips(&best).unwrap_or(slips);
+            }
+        }
+        best
+    }
+
+    /// Slips of what a motion explains, where it lands.
+    fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
+        let gains = gain(self.evidence, motion, &self.left, &self.faces);
+        let samples = self.evidence.samples[0];
+        let explained = (0..gains[0].len()).filter(|&i| gains[0][i] > 0.0);
+        slips(&explained.map(|i| (motion * samples.points[i], motion * samples.normals[i])).collect::<Vec<_>>())
+    }
+
+    /// What one landing says while a motion is polished: up to 1 on unexplained surface within its edges, -[`CONTRADICTED`] in
+    /// empty space.
+    fn sharp_landing(&self, state: usize, sample: usize, other_from_this: &Pose) -> f64 {
+        let evidence = self.evidence;
+        let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
+        let (point, normal) = (other_from_this * these.points[sample], other_from_this * these.normals[sample]);
+        let partner = evidence.indices[1 - state].nearest(&point, &normal).and_then(|j| {
+            let offset = point - others.points[j];
+            let off_m = others.normals[j].dot(&offset);
+            let aside = (offset - others.normals[j] * off_m).norm() / (EDGE * self.spacing_m[1 - state]);
+            let z = off_m / (SOFT * evidence.scales.plane_m);
+            let likeness = if self.left.calls_for(state, sample, j) { same_hue(these.colors[sample], others.colors[j]) } else { 0.0 };
+            (aside < 1.0).then_some(6.0 / (6.0 + z * z) * likeness)
+        });
+        match partner {
+            Some(v) if v > 0.5 => v,
+            _ if evidence.free[1 - state].is_some_and(|f| f(&point)) => -CONTRADICTED,
+            v => v.unwrap_or(0.0),
+        }
+    }
+
+    /// Takes what a motion explains out of what is left.
+    fn explain(&mut self, motion: &Pose) {
+        let explained = gain(self.evidence, motion, &self.left, &self.faces);
+        for s in 0..2 {
+            for (i, _) in explained[s].iter().enumerate().filter(|(_, g)| **g > 0.0) {
+                self.left.open[s][i] = false;
+                self.left.moved[s][i] = false;
+            }
+        }
+        self.bodies.push(*motion);
+    }
 }
 
-/// The direction in the plane along which the box around the patch is smallest: principal directions of a square are any.
-fn square(
-    samples: &super::SurfaceSamples,
-    group: &[usize],
-    center: &Point3<f64>,
-    normal: &Vector3<f64>,
-    start: Vector3<f64>,
-) -> Vector3<f64> {
-    const STEPS: usize = 30;
-    let turned = |k: usize| {
-        let angle = std::f64::consts::FRAC_PI_2 * k as f64 / STEPS as f64;
-        Rotation3::from_axis_angle(&Unit::new_unchecked(*normal), angle) * start
+/// How well a turn about its axis could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one of the `bodies`,
+/// runs close by both the surface that moves (of positive `gains`) and surface that other motions explain. Slides could be any.
+fn attachment(evidence: &Evidence<'_>, motion: &Pose, bodies: &[Pose], gains: &[f64], open: &[bool], extent_m: f64) -> f64 {
+    const EVERY: usize = 13;
+    let points = &evidence.samples[0].points;
+    let of = |body: &Pose| {
+        let relative = body.inverse() * motion;
+        let Some(screw) = Screw::of(&relative).filter(|s| s.angle_rad.abs() > PARALLEL) else { return 1.0 };
+        let along = |p: &Point3<f64>| screw.direction.dot(&(p - screw.point));
+        let distance = |p: &Point3<f64>| ((p - screw.point) - screw.direction.into_inner() * along(p)).norm();
+        let (mut part_m, mut span) = (f64::INFINITY, [f64::INFINITY, f64::NEG_INFINITY]);
+        for p in points.iter().zip(gains).filter(|(_, g)| **g > 0.0).map(|(p, _)| p) {
+            part_m = part_m.min(distance(p));
+            span = [span[0].min(along(p)), span[1].max(along(p))];
+        }
+        let beside = |p: &&Point3<f64>| (span[0]..=span[1]).contains(&along(p));
+        let others = points.iter().zip(open).filter(|(_, o)| !**o).map(|(p, _)| p).step_by(EVERY);
+        let other_m = others.filter(beside).map(distance).fold(f64::INFINITY, f64::min);
+        let off = (part_m + other_m) / (HINGE * extent_m);
+        DETACHED + (1.0 - DETACHED) / (1.0 + off * off)
     };
-    let area = |axis: &Vector3<f64>| {
-        let side = |d: &Vector3<f64>| {
-            let along = group.iter().map(|&i| d.dot(&(samples.points[i] - center)));
-            let [lo, hi] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
-            hi - lo
-        };
-        side(axis) * side(&normal.cross(axis))
-    };
-    (0..STEPS).map(turned).min_by(|a, b| area(a).total_cmp(&area(b))).unwrap_or(start)
+    bodies.iter().map(of).fold(0.0, f64::max)
 }
 
-/// Motions that a patch could have made, to the other state.
-fn trials(patch: &Patch, step_m: f64, extent_m: f64) -> Vec<Pose> {
+/// What landing says for a motion: 1 to 0.5 on unexplained surface of the other state, the less the farther; -1 in empty
+/// space; 0 where nothing was seen or another motion explains what is there.
+fn landing(evidence: &Evidence<'_>, state: usize, sample: usize, other_from_this: &Pose, open: &[bool]) -> f64 {
+    let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
+    let (point, normal) = (other_from_this * these.points[sample], other_from_this * these.normals[sample]);
+    match evidence.indices[1 - state].nearest(&point, &normal) {
+        Some(j) if open[j] => {
+            let near = 1.0 - 0.5 * (point - others.points[j]).norm_squared() / evidence.reach_m.powi(2);
+            near * same_hue(these.colors[sample], others.colors[j])
+        }
+        Some(_) => 0.0,
+        None => evidence.free[1 - state].map_or(0.0, |is_free| if is_free(&point) { -1.0 } else { 0.0 }),
+    }
+}
+
+/// How well two colors could be one surface in different light, which scales all channels alike: 1 to 0 by the angle between
+/// them.
+fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+    if a.norm().min(b.norm()) < DARK { 1.0 } else { (-0.5 * (a.angle(&b) / HUE_SIGMA).powi(2)).exp() }
+}
+
+/// Mean landing of samples.
+fn landed(evidence: &Evidence<'_>, state: usize, samples: &[usize], other_from_this: &Pose, open: &[bool]) -> f64 {
+    samples.iter().map(|&i| landing(evidence, state, i, other_from_this, open)).sum::<f64>() / samples.len().max(1) as f64
+}
+
+/// What a motion explains of the unexplained samples, patch by patch: a patch of which it takes more into empty space than
+/// onto surface counts nothing.
+fn gain(evidence: &Evidence<'_>, motion: &Pose, left: &Unexplained, faces: &[Vec<Vec<usize>>; 2]) -> [Vec<f64>; 2] {
+    [0, 1].map(|s| {
+        let other_from_this = if s == 0 { *motion } else { motion.inverse() };
+        let mut gains = vec![0.0; left.open[s].len()];
+        for face in &faces[s] {
+            let of: Vec<(usize, f64)> = face
+                .iter()
+                .filter(|&&i| left.open[s][i])
+                .map(|&i| {
+                    let (cost, partner) = evidence.shape_landing(s, i, &other_from_this);
+                    let hue = |j: usize| same_hue(evidence.samples[s].colors[i], evidence.samples[1 - s].colors[j]);
+                    (i, agreement(cost, partner.filter(|&j| left.calls_for(s, i, j)).map_or(0.0, hue)))
+                })
+                .collect();
+            if of.iter().map(|v| v.1).sum::<f64>() > 0.0 {
+                of.iter().for_each(|(i, v)| gains[*i] = *v);
+            }
+        }
+        gains
+    })
+}
+
+/// What the cost of a landing says for a motion: 1 on a perfect partner of likeness 1, -1 in empty space, 0 where nothing was
+/// seen or something else stands.
+fn agreement(cost: f32, likeness: f64) -> f64 {
+    if cost >= FREE { -1.0 } else { likeness * (1.0 - 2.0 * f64::from(cost)).max(0.0) }
+}
+
+/// Motions that a patch could have made by itself, to the other state: slides and turns.
+fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     let steps = (extent_m / step_m) as i64;
     let slides = patch.axes.iter().flat_map(|axis| {
         let axis = *axis;
-        (-steps..=steps)
-            .filter(|k| *k != 0)
-            .map(move |k| Pose::from_parts((axis * (k as f64 * step_m)).into(), nalgebra::UnitQuaternion::identity()))
+        (-steps..=steps).filter(|k| *k != 0).map(move |k| Pose::from_parts((axis * (k as f64 * step_m)).into(), UnitQuaternion::identity()))
     });
     let [a, b, n] = patch.axes;
     let [ha, hb] = patch.half_m;
@@ -148,54 +332,87 @@ fn trials(patch: &Patch, step_m: f64, extent_m: f64) -> Vec<Pose> {
         let screw = Screw { direction: Unit::new_normalize(direction), point: patch.center + offset, angle_rad: 0.0, advance_m: 0.0 };
         (-turns..=turns).filter(|k| *k != 0).map(move |k| screw.motion_by(k as f64 * turn_step, 0.0))
     });
-    slides.chain(turned).collect()
+    [slides.collect(), turned.collect()]
 }
 
-/// The best motions of a patch from state 0 to state 1, refined, each with the number of samples it takes to a partner.
-fn motions_of(evidence: &Evidence<'_>, state: usize, patch: &Patch, moved: &[Vec<bool>; 2], extent_m: f64) -> Vec<(f64, Pose)> {
+/// Motions that take a patch into the plane of another about a line parallel to both planes: one shift across that line is
+/// unknown and tried in steps.
+fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
+    let (n0, n1) = (patch.axes[2], onto.axes[2]);
+    let angle = n0.angle(&n1);
+    let directions = if angle < PARALLEL {
+        let there = onto.center - patch.center;
+        return vec![Pose::from_parts((n0 * n0.dot(&there)).into(), UnitQuaternion::identity())];
+    } else if angle > std::f64::consts::PI - PARALLEL {
+        vec![patch.axes[0], patch.axes[1]]
+    } else {
+        vec![n0.cross(&n1).normalize()]
+    };
+    let side = |p: &Patch, v: &Vector3<f64>| p.axes[0].dot(v).abs() * p.half_m[0] + p.axes[1].dot(v).abs() * p.half_m[1];
+    let mut all = Vec::new();
+    for u in directions {
+        let rotation = Rotation3::from_axis_angle(&Unit::new_normalize(u), angle);
+        let (center, v) = (rotation * patch.center, n1.cross(&u));
+        let to_plane = n1 * n1.dot(&(onto.center - center));
+        let range_m = side(onto, &v) + side(patch, &(rotation.inverse() * v));
+        let steps = (range_m / step_m) as i64;
+        let middle = v.dot(&(onto.center - center));
+        all.extend((-steps..=steps).map(|k| {
+            let shift = to_plane + v * (middle + k as f64 * step_m);
+            Pose::from_parts(shift.into(), UnitQuaternion::from_rotation_matrix(&rotation))
+        }));
+    }
+    all
+}
+
+/// The best motions of a patch from state 0 to state 1, refined.
+fn motions_of(search: &Search<'_, '_>, state: usize, patch: &Patch, onto: &[Patch]) -> Vec<Pose> {
+    let (evidence, left) = (search.evidence, &search.left);
+    let step_m = 0.7 * evidence.reach_m;
     let every = patch.samples.len().div_ceil(TRIAL_POINTS);
     let some: Vec<usize> = patch.samples.iter().copied().step_by(every).collect();
-    let trials = trials(patch, 0.7 * evidence.reach_m, extent_m);
-    let mut scored: Vec<(f64, usize)> =
-        trials.par_iter().enumerate().map(|(i, t)| (landed(evidence, state, &some, t, &moved[1 - state]), i)).collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    // Moved samples alone take part in the refinement.
-    let labels = [0, 1].map(|s| moved[s].iter().map(|m| u8::from(*m)).collect::<Vec<u8>>());
-    let mut tried: Vec<&Pose> = Vec::new();
-    let mut found = Vec::new();
-    for &(score, i) in scored.iter().take_while(|s| s.0 > 0.5 * LANDED) {
-        let near = |t: &&Pose| {
-            some.iter().all(|&j| {
-                (*t * evidence.samples[state].points[j] - trials[i] * evidence.samples[state].points[j]).norm() < 2.0 * evidence.reach_m
-            })
-        };
-        if tried.len() >= REFINED || score <= 0.0 {
-            break;
-        }
-        if tried.iter().any(near) {
-            continue;
-        }
-        tried.push(&trials[i]);
-        let mut motion = if state == 0 { trials[i] } else { trials[i].inverse() };
+    let [slides, turns] = own_trials(patch, step_m, search.extent_m);
+    let planes = onto.iter().flat_map(|p| plane_trials(patch, p, step_m)).collect();
+    let mut best: Vec<(f64, Pose)> = [slides, turns, planes].iter().flat_map(|t| distinct_trials(search, state, &some, t)).collect();
+    best.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let labels = near_labels(evidence, state, patch, left);
+    let refined = |&(_, start): &(f64, Pose)| {
+        let mut motion = start;
         for _ in 0..ROUNDS {
             motion = refine(evidence, [&labels[0], &labels[1]], &[], &motion, 1);
         }
         let there = if state == 0 { motion } else { motion.inverse() };
-        let share = landed(evidence, state, &patch.samples, &there, &moved[1 - state]);
-        if share > LANDED {
-            found.push((share * patch.samples.len() as f64, motion));
-        }
-    }
-    found
+        (landed(evidence, state, &patch.samples, &there, &left.open[1 - state]) > AGREEMENT).then_some(motion)
+    };
+    best.iter().take(REFINED).filter_map(refined).collect()
 }
 
-/// Share of samples that a motion takes onto moved surface of the other state, each the less the farther it lands.
-fn landed(evidence: &Evidence<'_>, state: usize, samples: &[usize], other_from_this: &Pose, moved: &[bool]) -> f64 {
-    let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
-    let one = |&i: &usize| {
-        let (point, normal) = (other_from_this * these.points[i], other_from_this * these.normals[i]);
-        let partner = evidence.indices[1 - state].nearest(&point, &normal).filter(|&j| moved[j]);
-        partner.map_or(0.0, |j| 1.0 - 0.5 * (point - others.points[j]).norm_squared() / evidence.reach_m.powi(2))
-    };
-    samples.iter().map(one).sum::<f64>() / samples.len().max(1) as f64
+/// The trials that agree best with a patch and differ from each other, from state 0 to state 1, each with its worth for all
+/// unexplained surface.
+fn distinct_trials(search: &Search<'_, '_>, state: usize, some: &[usize], trials: &[Pose]) -> Vec<(f64, Pose)> {
+    let (evidence, open) = (search.evidence, &search.left.open[1 - state]);
+    let mut scored: Vec<(f64, usize)> = trials.par_iter().enumerate().map(|(i, t)| (landed(evidence, state, some, t, open), i)).collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let points = &evidence.samples[state].points;
+    let near = |a: &Pose, b: &Pose| some.iter().all(|&j| (a * points[j] - b * points[j]).norm() < evidence.reach_m);
+    let mut best: Vec<Pose> = Vec::new();
+    for &(_, i) in scored.iter().take_while(|s| s.0 > 0.5 * AGREEMENT) {
+        if best.len() >= DISTINCT {
+            break;
+        }
+        if best.iter().all(|b| !near(b, &trials[i])) {
+            best.push(trials[i]);
+        }
+    }
+    let forward = |t: Pose| if state == 0 { t } else { t.inverse() };
+    best.into_par_iter().map(forward).map(|m| (search.rough_worth(&m), m)).collect()
+}
+
+/// Label 1 for the unexplained samples that may be the part of a patch: those about it, and all of the other state.
+fn near_labels(evidence: &Evidence<'_>, state: usize, patch: &Patch, left: &Unexplained) -> [Vec<u8>; 2] {
+    let radius_m = 1.2 * patch.half_m[0].hypot(patch.half_m[1]) + evidence.reach_m;
+    [0, 1].map(|s| {
+        let near = |p: &Point3<f64>| s != state || (p - patch.center).norm() < radius_m;
+        evidence.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
+    })
 }
