@@ -227,18 +227,20 @@ fn sides(views: &[Vec<Point3<f64>>], border_m: f64, noise_m: f64) -> Option<([[f
     for k in 0..3 {
         let along: Vec<Vec<f64>> = views.iter().map(|v| v.iter().map(|p| p[k]).collect()).collect();
         for (s, share) in [OUTER, 1.0 - OUTER].into_iter().enumerate() {
-            let side = |all: &[f64]| {
-                let mut sorted = all.to_vec();
-                sorted.sort_unstable_by(f64::total_cmp);
-                sorted[((sorted.len() - 1) as f64 * share).round() as usize]
-            };
-            bounds[s][k] = side(&along.concat());
-            let (low, high) = resampled(&along, side);
+            bounds[s][k] = quantile(&along.concat(), share);
+            let (low, high) = resampled(&along, |all| quantile(all, share));
             let (below, above) = if s == 0 { (border_m, 0.0) } else { (0.0, border_m) };
             intervals[s][k] = (low - noise_m - below, high + noise_m + above);
         }
     }
     Some((bounds, intervals))
+}
+
+/// The value below which a share of others lies.
+fn quantile(all: &[f64], share: f64) -> f64 {
+    let mut sorted = all.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
 /// 95 % interval of a statistic over groups that are drawn anew.
