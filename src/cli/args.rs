@@ -158,8 +158,8 @@ pub struct DiagnoseArgs {
     /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's root; may be repeated
     #[arg(long, value_name = "BAG")]
     pub frames: Vec<PathBuf>,
-    /// Errors of the twin's surface that get no name, millimeters
-    #[arg(long, value_name = "MM", default_value_t = 1.5)]
+    /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
+    #[arg(long, value_name = "MM", default_value_t = 0.3)]
     pub accuracy: f64,
     /// Folder of the result
     #[arg(long, value_name = "DIR")]

@@ -2,13 +2,13 @@
 
 use super::{
     effects::CATALOGUE,
-    fit::{Chosen, State, Work},
+    fit::{Chosen, GATE_M, State, Work},
     frames::FrameRun,
-    kinds::{KindChange, other_kinds},
+    kinds::{KindChange, mean_cost, other_kinds},
     missing::{Missing, missing_geometry},
     placement::{CoarseRun, find_positions},
     proof::{FrameGap, PartResidual, by_part, frame_gap},
-    select::{Selected, select},
+    select::{Selected, select, settle, with_set},
     trial::Fitted,
     twin::{Hypothesis, SeenTwin},
 };
@@ -20,21 +20,26 @@ const SURE: f64 = 0.9;
 const TOLD: f64 = 0.02;
 /// Most rivals that are told.
 const MOST_RIVALS: usize = 4;
+/// Costs that are the same.
+const SAME: f64 = 1.05;
+/// The cost under another type of joint must be below this share of that under the type in the twin, and under that with
+/// effects that fit every state by itself.
+const KIND_COST: [f64; 2] = [0.8, 1.2];
 /// Share of the area seen that may conflict under a verdict of agreement.
 const CONFLICT_SHARE: f64 = 0.08;
-/// Residual of cells, in multiples of the accuracy, that nothing explains and that is not passed over.
-const UNEXPLAINED: f64 = 2.0;
-
-/// What an effect must move, and explain, in accuracies of the twin.
-const MOVES: f64 = 2.0;
-const EXPLAINS: f64 = 1.0 / 3.0;
+/// Residual of cells beyond the camera's noise that nothing explains and that is not passed over, metres.
+const UNEXPLAINED_M: f64 = 0.003;
+/// Residual beyond the camera's noise from which a part is told as a place, metres.
+const PLACE_M: f64 = 0.0015;
+/// What an effect must move, in errors of the twin.
+const MOVES: f64 = 1.0;
 /// Fewest cells for a verdict.
 const MIN_CELLS: usize = 60;
 
 /// What a diagnosis by frames may take for granted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameOptions {
-    /// Errors of the twin's surface and joints below this have no name, metres.
+    /// Least error of the twin's surface and joints, metres; what the frames show beyond it is found with the effects.
     pub accuracy_m: f64,
     /// A frame of every so many is left to the proof.
     pub held_out_every: usize,
@@ -42,7 +47,7 @@ pub struct FrameOptions {
 
 impl Default for FrameOptions {
     fn default() -> Self {
-        Self { accuracy_m: 0.0015, held_out_every: 3 }
+        Self { accuracy_m: 0.0003, held_out_every: 3 }
     }
 }
 
@@ -101,7 +106,7 @@ pub struct Place {
 /// # Errors
 /// A sentence where the frames say nothing about the twin.
 pub fn assess(twin: &SeenTwin, runs: &[FrameRun], options: &FrameOptions) -> Result<FrameDiagnosis, String> {
-    let work = Work::new(twin, runs, options.held_out_every);
+    let work = Work::new(twin, runs, options);
     let mut start = Hypothesis::of(twin, runs.len());
     for (r, run) in runs.iter().enumerate() {
         for (j, joint) in twin.joints.iter().enumerate() {
@@ -115,16 +120,47 @@ pub fn assess(twin: &SeenTwin, runs: &[FrameRun], options: &FrameOptions) -> Res
             .to_owned()
     };
     let first = select(&work, State { hypothesis: start, applied: Vec::new() }).ok_or_else(nothing)?;
-    let null = first.null.hypothesis.clone();
+    let changed = other_kinds(&work, &first);
+    let second = around_missing(&work, &first);
+    let null = second.as_ref().map_or(&first.null, |s| &s.1.null).hypothesis.clone();
     let before = by_part(&work, &null);
-    match other_kinds(&work, &first) {
-        Some((change, other, state)) => {
-            let work = Work::new(&other, runs, options.held_out_every);
+    let as_given = second.as_ref().map_or(&first, |s| &s.1);
+    let (best, chosen) = (seen_cost(&work, &as_given.state), &as_given.chosen);
+    if let Some((change, other, state)) = changed {
+        let statewise = chosen.set.iter().any(|&t| work.trials[t].log_odds < 0.0);
+        let work = work.of(&other);
+        if seen_cost(&work, &state) < KIND_COST[usize::from(statewise)] * best {
             let selected = select(&work, state).ok_or_else(nothing)?;
-            Ok(conclude(&work, selected, Some(change), (twin, null, &before), options))
+            return Ok(conclude(&work, selected, Some(change), (twin, first.null.hypothesis, &before), options));
         }
-        None => Ok(conclude(&work, first, None, (twin, null, &before), options)),
     }
+    let (lacks, selected) = second.unwrap_or((Vec::new(), first));
+    Ok(conclude(&Work { lacks, ..work }, selected, None, (twin, null, &before), options))
+}
+
+/// Mean cost of what is seen, but for readings of geometry that the twin would lack.
+fn seen_cost(work: &Work, state: &State) -> f64 {
+    let mut judge = work.of(work.twin);
+    judge.lacks = missing_geometry(&judge, &state.hypothesis, &work.options);
+    mean_cost(&judge, &state.hypothesis)
+}
+
+/// Where the twin seems to lack geometry: what it lacks, and effects selected without readings of that, if these explain
+/// the rest better.
+fn around_missing(work: &Work, first: &Selected) -> Option<(Vec<Missing>, Selected)> {
+    let mut null = first.null.clone();
+    let mut lacks = missing_geometry(work, &null.hypothesis, &work.options);
+    if lacks.is_empty() {
+        return None;
+    }
+    let mut without = work.of(work.twin);
+    for _ in 0..2 {
+        without.lacks = lacks;
+        settle(&without, &mut null);
+        lacks = missing_geometry(&without, &null.hypothesis, &work.options);
+    }
+    let second = select(&without, null)?;
+    (seen_cost(work, &second.state) < SAME * seen_cost(work, &first.state)).then_some((lacks, second))
 }
 
 /// `before`: the twin as it was given, fitted, and the residuals of its parts.
@@ -136,32 +172,32 @@ fn conclude(
     options: &FrameOptions,
 ) -> FrameDiagnosis {
     let mut notes = Vec::new();
+    let selected = without_small(work, selected, &mut notes);
+    // The law of a joint of another type is fitted with the effects.
+    let freed = kind.as_ref().and_then(|k| {
+        let free: Vec<usize> = k.free(work).into_iter().filter(|t| !selected.chosen.set.contains(t)).collect();
+        with_set(work, &selected, &[selected.chosen.set.clone(), free].concat())
+    });
     let mut after = selected.state.clone();
-    let mut chosen = selected.chosen.clone();
-    let size = effect_size(work, &selected, &chosen);
-    if !chosen.set.is_empty() && (size.moves_m < MOVES * options.accuracy_m || size.explains_m < EXPLAINS * options.accuracy_m) {
-        let names: Vec<&str> = chosen.set.iter().map(|&t| work.trials[t].name).collect();
-        notes.push(format!(
-            "{} would move what is seen by {:.1} mm and explain {:.1} mm that placing the twin does not; too little for an accuracy of {:.1} mm",
-            names.join(" + "),
-            1e3 * size.moves_m,
-            1e3 * size.explains_m,
-            1e3 * options.accuracy_m
-        ));
-        chosen.set.clear();
-        after = selected.null.clone();
+    if let Some(freed) = &freed {
+        after.clone_from(&freed.state);
+    } else if selected.chosen.set.is_empty() {
+        after.clone_from(&selected.null);
+    } else {
+        work.step(&mut after, &selected.chosen.set, &selected.chosen.solution.sizes, GATE_M);
     }
-    let mut findings = told_findings(work, &selected, &chosen);
-    if let Some(change) = &kind {
-        findings.insert(0, change.finding(work.twin));
+    let chosen = &selected.chosen;
+    let mut findings = told_findings(work, &selected, chosen);
+    if let (Some(change), Some(freed)) = (&kind, &freed) {
+        findings.insert(0, change.finding(work, freed));
     }
     let missing = missing_geometry(work, &after.hypothesis, options);
     findings.extend(missing.iter().map(|m| m.finding(work.twin)));
     let gap = frame_gap(work, (original, &null), &after.hypothesis, &missing);
     let parts = by_part(work, &after.hypothesis);
-    let places = places(work, before, &parts, options);
+    let places = places(work, before, &parts);
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
-    let off = |p: &PartResidual| p.rms_m > p.floor_m + UNEXPLAINED * options.accuracy_m;
+    let off = |p: &PartResidual| p.rms_m > p.floor_m + UNEXPLAINED_M;
     let unexplained = parts.iter().any(off) || gap.conflict_after > CONFLICT_SHARE;
     if selected.linear.cells.len() < MIN_CELLS {
         notes.push(format!(
@@ -180,35 +216,37 @@ fn conclude(
     FrameDiagnosis { verdict, findings, missing, twin: work.twin.clone(), before: null, after: after.hypothesis, gap, kind, places, notes }
 }
 
-/// How much a set of effects does on the cells that it concerns, root mean squares, metres.
-#[derive(Clone, Copy, Debug, Default)]
-struct EffectSize {
-    /// Motion of the surface by it.
-    moves_m: f64,
-    /// Residual that is left without it, beyond what is left with it.
-    explains_m: f64,
+/// Lets go of effects that move what they concern by less than the twin errs.
+fn without_small(work: &Work, mut selected: Selected, notes: &mut Vec<String>) -> Selected {
+    loop {
+        let accuracy_m = selected.chosen.solution.sizes.patch_m;
+        let least = (0..selected.chosen.set.len()).map(|i| (i, moved_m(work, &selected, i))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((i, moved_m)) = least.filter(|(_, m)| *m < MOVES * accuracy_m) else { return selected };
+        let mut set = selected.chosen.set.clone();
+        let name = work.trials[set.remove(i)].name;
+        notes.push(format!(
+            "{name} would move what is seen by {:.1} mm; too little for a twin whose own errors are {:.1} mm",
+            1e3 * moved_m,
+            1e3 * accuracy_m
+        ));
+        let Some(next) = with_set(work, &selected, &set) else { return selected };
+        selected = next;
+    }
 }
 
-fn effect_size(work: &Work, selected: &Selected, chosen: &Chosen) -> EffectSize {
-    let (linear, reduced) = (&selected.linear, &selected.reduced);
-    let Some(null) = work.judge(linear, reduced, &[]) else { return EffectSize::default() };
-    let subset = work.subset(linear, &chosen.set);
-    let own: Vec<usize> = chosen.set.iter().flat_map(|&t| linear.of_trial[t].iter().copied()).collect();
-    let without = linear.system.left(&work.subset(linear, &[]), &null.solution.values);
-    let with = linear.system.left(&subset, &chosen.solution.values);
-    let concerned: Vec<usize> = (0..with.len()).filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0)).collect();
+/// How much an effect of the set moves what it concerns across the surface: root mean square without the largest, metres.
+fn moved_m(work: &Work, selected: &Selected, which: usize) -> f64 {
+    let (linear, set) = (&selected.linear, &selected.chosen.set);
+    let own = &linear.of_trial[set[which]];
+    let from = work.nuisance.len() + set[..which].iter().map(|&t| linear.of_trial[t].len()).sum::<usize>();
+    let values = selected.chosen.solution.values.rows(from, own.len());
+    let concerned = (0..linear.system.matrix.nrows()).filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0));
+    let moved = |i: usize| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum::<f64>();
+    let mut squares: Vec<f64> = concerned.map(|i| moved(i).powi(2)).collect();
+    squares.sort_unstable_by(f64::total_cmp);
     // Without the largest, so that a few conflicting cells do not count.
-    let middle = |r: &[f64]| {
-        let mut squares: Vec<f64> = concerned.iter().map(|&i| r[i] * r[i]).collect();
-        squares.sort_unstable_by(f64::total_cmp);
-        let kept = squares.len() - squares.len() / 20;
-        squares[..kept].iter().sum::<f64>() / kept.max(1) as f64
-    };
-    let nuisance = work.nuisance.len();
-    let values = chosen.solution.values.rows(nuisance, own.len());
-    let moved: Vec<f64> =
-        (0..with.len()).map(|i| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum()).collect();
-    EffectSize { moves_m: middle(&moved).sqrt(), explains_m: (middle(&without) - middle(&with)).max(0.0).sqrt() }
+    let kept = squares.len() - squares.len() / 20;
+    (squares[..kept].iter().sum::<f64>() / kept.max(1) as f64).sqrt()
 }
 
 fn told_findings(work: &Work, selected: &Selected, chosen: &Chosen) -> Vec<CameraFinding> {
@@ -276,9 +314,9 @@ fn weigh(work: &Work, selected: &Selected, chosen: &Chosen, trial: usize) -> (f6
 }
 
 /// Parts with what is left of their residuals, worst first.
-fn places(work: &Work, b: &[PartResidual], a: &[PartResidual], options: &FrameOptions) -> Vec<Place> {
+fn places(work: &Work, b: &[PartResidual], a: &[PartResidual]) -> Vec<Place> {
     let mut all: Vec<Place> = (0..work.twin.parts.len())
-        .filter(|&p| b[p].rms_m > b[p].floor_m + options.accuracy_m || b[p].conflict > CONFLICT_SHARE)
+        .filter(|&p| b[p].rms_m > b[p].floor_m + PLACE_M || b[p].conflict > CONFLICT_SHARE)
         .map(|p| Place {
             part: work.twin.parts[p].name.clone(),
             before_m: b[p].rms_m,

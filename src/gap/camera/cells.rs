@@ -13,8 +13,6 @@ use crate::geometry::Pose;
 
 /// Fewest pixels of a cell.
 const MIN_PIXELS: usize = 4;
-/// How many pixels count as one independent reading: noise of neighbors is alike.
-const ALIKE: f64 = 2.0;
 /// Side of a patch over the radius of the object, and its bounds in metres.
 const PATCH_SHARE: f64 = 0.2;
 const PATCH_M: [f64; 2] = [0.03, 0.12];
@@ -49,7 +47,7 @@ pub fn cells(
     let mut patches: BTreeMap<Key, usize> = BTreeMap::new();
     let mut groups: BTreeMap<(Key, usize, usize), Vec<(Seen, f64, f64)>> = BTreeMap::new();
     for s in samples {
-        let Sample::Match { seen, residual_m, sigma_m } = s.sample else { continue };
+        let Sample::Match { seen, residual_m, sigma_m, .. } = s.sample else { continue };
         if !is_used(s.run, s.frame) {
             continue;
         }
@@ -95,5 +93,5 @@ fn average(group: &[(Seen, f64, f64)]) -> Option<Cell> {
     };
     // Where pixels scatter more than the camera's noise, the scatter counts.
     let scatter = (kept.iter().map(|g| (g.1 - middle).powi(2)).sum::<f64>() / kept.len() as f64) / kept.len() as f64;
-    Some(Cell { seen, patch: 0, residual_m: mean(&|g| g.1), variance_m2: ALIKE * (1.0 / weight).max(scatter), pixels: kept.len() })
+    Some(Cell { seen, patch: 0, residual_m: mean(&|g| g.1), variance_m2: (1.0 / weight).max(scatter), pixels: kept.len() })
 }

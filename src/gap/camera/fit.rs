@@ -4,13 +4,15 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::{
+    assess::FrameOptions,
     cells::{Cell, cells},
     effects,
     frames::FrameRun,
+    missing::Missing,
     mixed::{Column, Reduced, Sizes, Solution, System, best},
     parameter::{Parameter, Stage, advance},
     residual::{PixelSample, Pixels, compare},
-    trial::{Trial, column, free_joints},
+    trial::{Trial, column, free_joints, twin_column},
     twin::{Hypothesis, SeenTwin},
 };
 
@@ -22,10 +24,8 @@ const ROOT: [f64; 2] = [0.03, 0.05];
 const STEP: [f64; 2] = [0.3, 0.05];
 /// Errors of a told position, rad and m.
 const TOLD: [f64; 2] = [0.002, 0.0005];
-/// How well the meshes of a twin stand in their links, metres.
-const MESH_M: f64 = 0.001;
 /// Sizes of the errors without names while a hypothesis is being moved.
-const MIDDLE: Sizes = Sizes { patch_m: 0.002, frame_m: 0.001, cell_m: 0.002 };
+pub const MIDDLE: Sizes = Sizes { patch_m: 0.002, frame_m: 0.001, cell_m: 0.002 };
 
 /// What is diagnosed, and with which frames.
 pub struct Work<'a> {
@@ -39,8 +39,10 @@ pub struct Work<'a> {
     pub trials: Vec<Trial>,
     /// What is always free: placements and positions.
     pub nuisance: Vec<Column>,
-    /// A frame of every so many is held out; 0 for none.
-    pub held_out_every: usize,
+    /// What may be taken for granted.
+    pub options: FrameOptions,
+    /// Geometry that the twin is known to lack: readings of it are left out.
+    pub lacks: Vec<Missing>,
 }
 
 /// A hypothesis, and the values of effects that it has.
@@ -78,7 +80,7 @@ pub struct Chosen {
 impl<'a> Work<'a> {
     /// Prepares a diagnosis.
     #[must_use]
-    pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], held_out_every: usize) -> Self {
+    pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], options: &FrameOptions) -> Self {
         let mut nuisance = Vec::new();
         for r in 0..runs.len() {
             nuisance.extend((0..6).map(|k| column(Parameter::Root(r, k), ROOT[k / 3])));
@@ -89,22 +91,55 @@ impl<'a> Work<'a> {
             }
         }
         for p in 1..twin.parts.len() {
-            let turn = MESH_M / twin.parts[p].radius_m.max(0.01);
-            nuisance.extend((0..6).map(|k| column(Parameter::Mesh(p, k), if k < 3 { MESH_M } else { turn })));
+            let turn = twin.parts[p].radius_m.max(0.01).recip();
+            nuisance.extend((0..6).map(|k| twin_column(Parameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })));
         }
-        Self { twin, runs, pixels: Pixels::choose(runs), trials: effects::trials(twin, runs), nuisance, held_out_every }
+        for j in free_joints(twin) {
+            let turn = twin.parts[twin.joints[j].child].radius_m.max(0.01).recip();
+            nuisance.extend((0..2).map(|k| twin_column(Parameter::AxisTurn(j, k), turn)));
+            if twin.joints[j].hinge.turns() {
+                nuisance.extend((0..2).map(|k| twin_column(Parameter::AxisShift(j, k), 1.0)));
+            }
+        }
+        Self {
+            twin,
+            runs,
+            pixels: Pixels::choose(runs),
+            trials: effects::trials(twin, runs),
+            nuisance,
+            options: *options,
+            lacks: Vec::new(),
+        }
+    }
+
+    /// The same for another twin.
+    #[must_use]
+    pub fn of<'b>(&'b self, twin: &'b SeenTwin) -> Work<'b> {
+        Work { lacks: self.lacks.clone(), ..Work::new(twin, self.runs, &self.options) }
+    }
+
+    /// Compares all runs with a hypothesis, without readings of what the twin is known to lack.
+    #[must_use]
+    pub fn compare(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
+        let mut samples = compare(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
+        if !self.lacks.is_empty() {
+            let poses: Vec<_> = (0..self.runs.len()).map(|r| hypothesis.poses(self.twin, r).0).collect();
+            samples.retain(|s| !self.lacks.iter().any(|m| m.covers(&poses[s.run], &s.sample.measured())));
+        }
+        samples
     }
 
     /// Whether a frame is left to the proof.
     #[must_use]
     pub fn is_held_out(&self, frame: usize) -> bool {
-        self.held_out_every > 0 && frame % self.held_out_every == self.held_out_every - 1
+        let every = self.options.held_out_every;
+        every > 0 && frame % every == every - 1
     }
 
     /// Linearizes about a state.
     #[must_use]
     pub fn linearize(&self, state: &State, gate_m: f64) -> Linear {
-        let samples = compare(self.twin, self.runs, &self.pixels, &state.hypothesis, gate_m);
+        let samples = self.compare(&state.hypothesis, gate_m);
         let stage = Stage::new(self.twin, self.runs, &state.hypothesis);
         let (cells, patches) = cells(self.twin, &stage.parts, &samples, |_, f| !self.is_held_out(f));
         let mut columns = self.nuisance.clone();
@@ -114,7 +149,7 @@ impl<'a> Work<'a> {
                 t.columns
                     .iter()
                     .map(|c| {
-                        columns.iter().position(|k| k.parameter == c.parameter && k.prior == c.prior).unwrap_or_else(|| {
+                        columns.iter().position(|k| k == c).unwrap_or_else(|| {
                             columns.push(*c);
                             columns.len() - 1
                         })
@@ -141,15 +176,15 @@ impl<'a> Work<'a> {
     }
 
     /// One step of a state with a set of trials free; all other effects go.
-    pub fn step(&self, state: &mut State, set: &[usize], gate_m: f64) {
+    pub fn step(&self, state: &mut State, set: &[usize], sizes: &Sizes, gate_m: f64) {
         let mut linear = self.linearize(state, gate_m);
         let subset = self.subset(&linear, set);
         for _ in 0..2 {
-            let Some(solution) = linear.system.reduce(&MIDDLE).and_then(|r| r.solve(&subset)) else { return };
+            let Some(solution) = linear.system.reduce(sizes).and_then(|r| r.solve(&subset)) else { return };
             let left = linear.system.left(&subset, &solution.values);
             linear.system.soften(&left);
         }
-        if let Some(solution) = linear.system.reduce(&MIDDLE).and_then(|r| r.solve(&subset)) {
+        if let Some(solution) = linear.system.reduce(sizes).and_then(|r| r.solve(&subset)) {
             self.apply(state, &linear, &subset, &solution.values);
         }
     }
@@ -162,7 +197,7 @@ impl<'a> Work<'a> {
             let parameter = linear.system.columns[c].parameter;
             let told = |r: usize, j: usize| self.runs[r].positions.contains_key(&self.twin.joints[j].name);
             let stays = match parameter {
-                Parameter::Mesh(..) => true,
+                Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
                 Parameter::Position(r, j) => told(r, j),
                 _ => false,
             };
@@ -195,7 +230,7 @@ impl<'a> Work<'a> {
             let left = linear.system.left(around, &solution.values);
             linear.system.soften(&left);
         }
-        Sizes::grid().par_iter().filter_map(|s| linear.system.reduce(s)).collect()
+        Sizes::grid(self.options.accuracy_m).par_iter().filter_map(|s| linear.system.reduce(s)).collect()
     }
 
     /// Evidence and solution of a set.
@@ -203,12 +238,17 @@ impl<'a> Work<'a> {
     pub fn judge(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
         let subset = self.subset(linear, set);
         let (evidence, i) = best(reduced, &subset);
+        let evidence = evidence + self.log_odds(set);
         Some(Chosen { set: set.to_vec(), evidence, solution: reduced.get(i)?.solve(&subset)? })
     }
 
     /// Evidence of a set alone.
     #[must_use]
     pub fn evidence(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
-        best(reduced, &self.subset(linear, set)).0
+        best(reduced, &self.subset(linear, set)).0 + self.log_odds(set)
+    }
+
+    fn log_odds(&self, set: &[usize]) -> f64 {
+        set.iter().map(|&t| self.trials[t].log_odds).sum()
     }
 }

@@ -51,9 +51,6 @@ pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
 #[must_use]
 pub fn true_camera(run: &FrameRun, frame: usize, camera: &super::twin::CameraErrors) -> Pose {
     let told = run.frames[frame].world_from_camera;
-    let moved = run
-        .velocities
-        .get(frame)
-        .map_or_else(Pose::identity, |[t, w]| super::twin::small_motion(&(t * camera.delay_s), &(w * camera.delay_s)));
+    let moved = run.velocities.get(frame).map_or_else(Pose::identity, |twist| super::twin::twist_motion(twist, camera.delay_s));
     told * moved * camera.told_from_true
 }

@@ -6,20 +6,26 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
+use rand_core::Rng;
 
 use super::{
-    assess::{CameraFinding, FrameOptions, estimate},
+    assess::{CameraFinding, FrameOptions},
     fit::Work,
     parameter::Stage,
-    proof::bounds,
-    residual::{Conflict, PixelSample, Sample, compare},
+    residual::{BORDER, Conflict, PixelSample, Sample, compare},
+    trial::INTERVAL,
     twin::{Hypothesis, SeenTwin},
 };
-use crate::{gap::verdict::Finding, geometry::Pose};
+use crate::{
+    gap::verdict::{Finding, ParameterEstimate},
+    geometry::Pose,
+    run::stage_rng,
+};
 
 /// Index in reports, behind the catalogue.
 const INDEX: usize = 101;
-/// Readings this many accuracies of the twin, or standard deviations of the camera, off are missing geometry.
+/// Readings this far off, or this many errors of the twin, or standard deviations of the camera, are missing geometry.
+const OFF_M: f64 = 0.012;
 const ACCURACIES: f64 = 8.0;
 const SIGMAS: f64 = 4.0;
 /// Side of a voxel over the object's radius, and its bounds, metres.
@@ -33,6 +39,10 @@ const OTHER_SIDE: f64 = 0.5;
 /// Share of the frames, and of the runs, that must see a voxel.
 const FRAMES: f64 = 0.1;
 const RUNS: f64 = 0.6;
+/// Share of readings beyond each side of the box.
+const OUTER: f64 = 0.01;
+/// Draws of the frames for the intervals.
+const DRAWS: usize = 120;
 /// Most pieces.
 const MOST: usize = 4;
 
@@ -47,6 +57,10 @@ pub struct Missing {
     pub bounds: [[f64; 3]; 2],
     /// Area, as the frame sees it that sees most, square metres.
     pub area_m2: f64,
+    /// 95 % interval of the sides of the box.
+    pub bounds_interval: [[(f64, f64); 3]; 2],
+    /// 95 % interval of the area.
+    pub area_interval: (f64, f64),
     /// Frames that see it.
     pub frames: usize,
     /// Points of it, part frame.
@@ -66,9 +80,13 @@ impl Missing {
     /// As a finding.
     #[must_use]
     pub fn finding(&self, twin: &SeenTwin) -> CameraFinding {
-        let mut parameters = vec![estimate("area", self.area_m2, "m^2", 0.5 * self.area_m2)];
-        for (side, name) in self.bounds.iter().zip(["lower", "upper"]) {
-            parameters.extend(side.iter().zip(["x", "y", "z"]).map(|(v, k)| estimate(&format!("{name}_{k}"), *v, "m", self.voxel_m)));
+        let told =
+            |name: &str, value: f64, unit: &str, interval| ParameterEstimate { name: name.into(), value, unit: unit.into(), interval };
+        let mut parameters = vec![told("area", self.area_m2, "m^2", self.area_interval)];
+        for (s, name) in ["lower", "upper"].iter().enumerate() {
+            for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+                parameters.push(told(&format!("{name}_{axis}"), self.bounds[s][k], "m", self.bounds_interval[s][k]));
+            }
         }
         let finding = Finding {
             index: INDEX,
@@ -92,6 +110,10 @@ struct Reading {
     frame: usize,
     point: Point3<f64>,
     area_m2: f64,
+    /// Length that a pixel has there, metres.
+    pixel_m: f64,
+    /// Standard deviation of the reading, metres.
+    sigma_m: f64,
 }
 
 /// Finds pieces, largest first.
@@ -106,7 +128,10 @@ pub fn missing_geometry(work: &Work, hypothesis: &Hypothesis, options: &FrameOpt
     for s in samples.iter().filter(used) {
         match &s.sample {
             Sample::Conflict { kind: Conflict::Nearer, point, .. } => {
-                readings.push(Reading { run: s.run, frame: s.frame, point: *point, area_m2: s.area_m2 });
+                let pixel_m = s.area_m2.sqrt() / work.pixels.stride_of(s.run, s.frame).max(1) as f64;
+                let run = &work.runs[s.run];
+                let sigma_m = run.frames[s.frame].sigma_m(s.pixel, &run.noise);
+                readings.push(Reading { run: s.run, frame: s.frame, point: *point, area_m2: s.area_m2, pixel_m, sigma_m });
             }
             Sample::Conflict { .. } => behind += s.area_m2,
             Sample::Match { .. } => {}
@@ -139,7 +164,7 @@ fn gate(work: &Work, hypothesis: &Hypothesis, options: &FrameOptions) -> f64 {
         samples.iter().filter_map(|s| if let Sample::Match { sigma_m, .. } = s.sample { Some(sigma_m) } else { None }).collect();
     sigmas.sort_unstable_by(f64::total_cmp);
     let high = sigmas.get(sigmas.len() * 9 / 10).copied().unwrap_or_default();
-    (ACCURACIES * options.accuracy_m).max(SIGMAS * high)
+    OFF_M.max(ACCURACIES * options.accuracy_m).max(SIGMAS * high)
 }
 
 /// The largest connected piece of readings that stand still in a part's frame.
@@ -178,5 +203,56 @@ fn piece(work: &Work, stage: &Stage, readings: &[Reading], part: usize, voxel_m:
     }
     let points: Vec<Point3<f64>> = own.iter().map(|r| place(r)).collect();
     let area_m2 = by_frame.values().copied().fold(0.0, f64::max);
-    Some(Missing { part, bounds: bounds(&points)?, area_m2, frames: by_frame.len(), points, voxels: best, voxel_m })
+    let mut views: BTreeMap<(usize, usize), Vec<Point3<f64>>> = BTreeMap::new();
+    for (r, p) in own.iter().zip(&points) {
+        views.entry((r.run, r.frame)).or_default().push(*p);
+    }
+    let count = own.len().max(1) as f64;
+    let border_m = (BORDER as f64 + 0.5) * own.iter().map(|r| r.pixel_m).sum::<f64>() / count;
+    let noise_m = INTERVAL * own.iter().map(|r| r.sigma_m).sum::<f64>() / count;
+    let (bounds, bounds_interval) = sides(&views.into_values().collect::<Vec<_>>(), border_m, noise_m)?;
+    let area_interval = resampled(&by_frame.values().map(|a| vec![*a]).collect::<Vec<_>>(), |all| all.iter().copied().fold(0.0, f64::max));
+    let area_interval = (area_interval.0, ((area_m2.sqrt() + 2.0 * border_m).powi(2)).max(area_interval.1));
+    let frames = by_frame.len();
+    Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, frames, points, voxels: best, voxel_m })
+}
+
+/// The box of points by frames, and intervals of its sides: frames drawn anew, the noise of the readings, and outwards
+/// the border of the twin's silhouette, within which pixels are not compared.
+fn sides(views: &[Vec<Point3<f64>>], border_m: f64, noise_m: f64) -> Option<([[f64; 3]; 2], [[(f64, f64); 3]; 2])> {
+    if views.iter().all(Vec::is_empty) {
+        return None;
+    }
+    let (mut bounds, mut intervals) = ([[0.0; 3]; 2], [[(0.0, 0.0); 3]; 2]);
+    for k in 0..3 {
+        let along: Vec<Vec<f64>> = views.iter().map(|v| v.iter().map(|p| p[k]).collect()).collect();
+        for (s, share) in [OUTER, 1.0 - OUTER].into_iter().enumerate() {
+            bounds[s][k] = quantile(&along.concat(), share);
+            let (low, high) = resampled(&along, |all| quantile(all, share));
+            let (below, above) = if s == 0 { (border_m, 0.0) } else { (0.0, border_m) };
+            intervals[s][k] = (low - noise_m - below, high + noise_m + above);
+        }
+    }
+    Some((bounds, intervals))
+}
+
+/// The value below which a share of others lies.
+fn quantile(all: &[f64], share: f64) -> f64 {
+    let mut sorted = all.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
+}
+
+/// 95 % interval of a statistic over groups that are drawn anew.
+fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+    let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);
+    let mut values: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let drawn: Vec<f64> = (0..groups.len()).flat_map(|_| groups[rng.next_u64() as usize % groups.len()].iter().copied()).collect();
+            statistic(&drawn)
+        })
+        .collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let cut = DRAWS / 40;
+    (values[cut], values[DRAWS - 1 - cut])
 }

@@ -14,7 +14,7 @@ use super::{cells::Cell, parameter::Parameter};
 /// Sizes of the errors without names, standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sizes {
-    /// Of the surface of the twin, metres.
+    /// Of the surface of the twin, and of where its parts and joints stand, metres.
     pub patch_m: f64,
     /// Of the camera's pose, metres at the object.
     pub frame_m: f64,
@@ -23,11 +23,11 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// The grid that is searched.
+    /// The grid that is searched, for a twin that errs by at least `accuracy_m`.
     #[must_use]
-    pub fn grid() -> Vec<Self> {
+    pub fn grid(accuracy_m: f64) -> Vec<Self> {
         let mut all = Vec::new();
-        for patch_m in [0.0003, 0.0008, 0.002, 0.005] {
+        for patch_m in [accuracy_m, 0.0008, 0.002, 0.005].into_iter().filter(|p| *p >= accuracy_m) {
             for frame_m in [0.0002, 0.001, 0.003] {
                 for cell_m in [0.0003, 0.001, 0.003] {
                     all.push(Self { patch_m, frame_m, cell_m });
@@ -45,6 +45,16 @@ pub struct Column {
     pub parameter: Parameter,
     /// One standard deviation of the prior about zero.
     pub prior: f64,
+    /// Whether the prior is over the size of the errors of the twin, and so a multiple of [`Sizes::patch_m`].
+    pub of_twin: bool,
+}
+
+impl Column {
+    /// Standard deviation of the prior among errors of given sizes.
+    #[must_use]
+    pub fn deviation(&self, sizes: &Sizes) -> f64 {
+        if self.of_twin { self.prior * sizes.patch_m } else { self.prior }
+    }
 }
 
 /// Cells and the derivatives of their residuals.
@@ -162,7 +172,7 @@ impl System {
             rhs: reduced.column(c).rows(0, c).into_owned(),
             energy: reduced[(c, c)],
             log_det,
-            priors: self.columns.iter().map(|k| k.prior).collect(),
+            priors: self.columns.iter().map(|k| k.deviation(sizes)).collect(),
             sizes: *sizes,
         })
     }

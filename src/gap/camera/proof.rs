@@ -59,10 +59,12 @@ impl Sums {
 /// Before (a twin and its hypothesis) and after; `missing` is part of the updated twin.
 #[must_use]
 pub fn frame_gap(work: &Work, before: (&SeenTwin, &Hypothesis), after: &Hypothesis, missing: &[Missing]) -> FrameGap {
-    let held = |f: usize| work.held_out_every == 0 || work.is_held_out(f);
+    let held = |f: usize| work.options.held_out_every == 0 || work.is_held_out(f);
     let sums = |twin: &SeenTwin, h: &Hypothesis, known: &[Missing]| -> Vec<Sums> {
-        let samples = compare(twin, work.runs, &work.pixels, h, GATE_M);
+        let mut samples = compare(twin, work.runs, &work.pixels, h, GATE_M);
         let stage = Stage::new(twin, work.runs, h);
+        // What the updated twin has is neither in conflict nor a reading of what lies behind it.
+        samples.retain(|s| !known.iter().any(|m| m.covers(&stage.parts[s.run], &s.sample.measured())));
         let mut all: Vec<Sums> = work.runs.iter().map(|_| Sums::default()).collect();
         for c in cells(twin, &stage.parts, &samples, |_, f| held(f)).0 {
             let area = c.pixels as f64 * (c.seen.depth_m / work.runs[c.seen.run].frames[c.seen.frame].intrinsics.fx).powi(2);
@@ -72,8 +74,7 @@ pub fn frame_gap(work: &Work, before: (&SeenTwin, &Hypothesis), after: &Hypothes
             sum.area += area;
         }
         for s in samples.iter().filter(|s| held(s.frame)) {
-            let Sample::Conflict { point, .. } = &s.sample else { continue };
-            if !known.iter().any(|m| m.covers(&stage.parts[s.run], point)) {
+            if matches!(s.sample, Sample::Conflict { .. }) {
                 all[s.run].conflict += s.area_m2 / stride2(work, s);
             }
         }

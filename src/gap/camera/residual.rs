@@ -25,7 +25,7 @@ const PIXEL_SIGMA: f64 = 0.3;
 /// Errors of rendering and rounding, metres.
 const FLOOR_M: f64 = 0.0003;
 /// Pixels within this many of an outline are not compared.
-const BORDER: usize = 2;
+pub const BORDER: usize = 2;
 
 /// How a measured pixel conflicts with the twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +49,8 @@ pub enum Sample {
         residual_m: f64,
         /// Standard deviation expected of the camera.
         sigma_m: f64,
+        /// World point measured.
+        measured: nalgebra::Point3<f64>,
     },
     /// They do not; the world point measured (predicted, where nothing was) and the part predicted.
     Conflict {
@@ -59,6 +61,17 @@ pub enum Sample {
         /// Part that the twin has there.
         part: Option<usize>,
     },
+}
+
+impl Sample {
+    /// World point measured; the predicted one where nothing was.
+    #[must_use]
+    pub fn measured(&self) -> nalgebra::Point3<f64> {
+        match self {
+            Self::Match { measured, .. } => *measured,
+            Self::Conflict { point, .. } => *point,
+        }
+    }
 }
 
 /// A sampled pixel with its place.
@@ -255,7 +268,7 @@ impl FrameView<'_> {
             depth_m: predicted_m,
             slant,
         };
-        Some(Sample::Match { seen, residual_m, sigma_m })
+        Some(Sample::Match { seen, residual_m, sigma_m, measured: self.point(i, measured_m) })
     }
 
     fn empty_sample(&self, i: usize) -> Option<Sample> {

@@ -1,14 +1,21 @@
 //! Which effects explain the residuals: sets of trials, judged by their evidence.
 
 use super::{
-    fit::{Chosen, GATE_M, Linear, State, Work},
+    fit::{Chosen, GATE_M, Linear, MIDDLE, State, Work},
+    kinds::mean_cost,
     mixed::Reduced,
 };
 
 /// Gain of evidence over the null that a first effect must bring, in nats.
 const FIRST_NATS: f64 = 12.0;
 /// Gain that a further effect must bring.
-const FURTHER_NATS: f64 = 10.0;
+const FURTHER_NATS: f64 = 12.0;
+/// Errors of the twin from which effects are followed although none explains the residuals about the null, metres.
+const DOUBTFUL_M: f64 = 0.0015;
+/// Growth of the mean cost of pixels with which effects are let go.
+const WORSE: f64 = 1.03;
+/// Effects that are followed then.
+const FOLLOWED: usize = 5;
 /// Trials that are combined in pairs.
 const PAIRED: usize = 8;
 /// Most effects together.
@@ -37,14 +44,38 @@ pub struct Selected {
     pub rivals: Vec<(Vec<usize>, f64)>,
 }
 
+/// Fits the twin without effects.
+pub fn settle(work: &Work, state: &mut State) {
+    for i in 0..NULL_STEPS {
+        work.step(state, &[], &MIDDLE, GATE_M * if i == 0 { 2.0 } else { 1.0 });
+    }
+}
+
 /// Fits the twin without effects, then finds the set of effects with the most evidence.
 #[must_use]
 pub fn select(work: &Work, mut state: State) -> Option<Selected> {
-    for i in 0..NULL_STEPS {
-        work.step(&mut state, &[], GATE_M * if i == 0 { 2.0 } else { 1.0 });
-    }
+    settle(work, &mut state);
     let null = state.clone();
-    let mut set: Vec<usize> = Vec::new();
+    let first = rounds(work, state, &null, Vec::new())?;
+    if !first.chosen.set.is_empty() || first.chosen.solution.sizes.patch_m < DOUBTFUL_M {
+        return Some(first);
+    }
+    // The residuals are large, and no effect explains them about the null: perhaps one does where it has been followed.
+    let followed = first.rivals.iter().take(FOLLOWED).filter_map(|(set, _)| {
+        let mut state = null.clone();
+        for _ in 0..NULL_STEPS {
+            work.step(&mut state, set, &MIDDLE, GATE_M);
+        }
+        rounds(work, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
+    });
+    let cost = |s: &Selected| mean_cost(work, &s.state.hypothesis);
+    let best = followed.map(|s| (cost(&s), s)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let before = mean_cost(work, &null.hypothesis);
+    Some(best.filter(|b| b.0 < before).map_or(first, |b| b.1))
+}
+
+/// Searches and follows the best set, again and again.
+fn rounds(work: &Work, mut state: State, null: &State, mut set: Vec<usize>) -> Option<Selected> {
     let mut selected = None;
     for round in 0..=ROUNDS {
         let mut linear = work.linearize(&state, GATE_M);
@@ -61,15 +92,39 @@ pub fn select(work: &Work, mut state: State) -> Option<Selected> {
         let chosen = work.judge(&linear, &reduced, &next)?;
         let stays = next == set;
         set = next;
+        let sizes = chosen.solution.sizes;
         selected = Some(Selected { state: state.clone(), null: null.clone(), linear, reduced, chosen, null_evidence, rivals });
         if stays {
             break;
         }
+        let before = mean_cost(work, &state.hypothesis);
         for _ in 0..STEPS {
-            work.step(&mut state, &set, GATE_M);
+            work.step(&mut state, &set, &sizes, GATE_M);
+        }
+        if mean_cost(work, &state.hypothesis) > WORSE * before {
+            // Followed, the effects explain less than the linear system promised.
+            return selected.and_then(|s: Selected| {
+                let chosen = work.judge(&s.linear, &s.reduced, &[])?;
+                Some(Selected { state: null.clone(), chosen, ..s })
+            });
         }
     }
     selected
+}
+
+/// A selection with another set of effects: followed, and judged there.
+#[must_use]
+pub fn with_set(work: &Work, selected: &Selected, set: &[usize]) -> Option<Selected> {
+    let mut state = selected.state.clone();
+    for _ in 0..STEPS {
+        work.step(&mut state, set, &selected.chosen.solution.sizes, GATE_M);
+    }
+    let mut linear = work.linearize(&state, GATE_M);
+    let around = work.subset(&linear, set);
+    let reduced = work.reduce_all(&mut linear, &around);
+    let chosen = work.judge(&linear, &reduced, set)?;
+    let null_evidence = work.evidence(&linear, &reduced, &[]);
+    Some(Selected { state, null: selected.null.clone(), linear, reduced, chosen, null_evidence, rivals: selected.rivals.clone() })
 }
 
 /// The set with the most evidence, that of no effect, and the rivals of the same size.

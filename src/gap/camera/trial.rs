@@ -11,7 +11,12 @@ use super::{
 use crate::gap::verdict::ParameterEstimate;
 
 /// Standard deviations to both sides that hold the truth with 95 %.
-const INTERVAL: f64 = 1.96;
+pub const INTERVAL: f64 = 1.96;
+/// Squares of standard deviations that hold a vector of 1, 2, ... components with 95 %.
+const CHI_SQUARE_95: [f64; 6] = [3.84, 5.99, 7.81, 9.49, 11.07, 12.59];
+
+/// Log odds of effects that fit every state by itself.
+pub const STATEWISE: f64 = -8.0;
 
 /// One way in which an effect may act.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +29,8 @@ pub struct Trial {
     pub joint: Option<usize>,
     /// What it changes.
     pub columns: Vec<Column>,
+    /// Logarithm of its odds before any frame is seen.
+    pub log_odds: f64,
 }
 
 /// A trial with its values.
@@ -64,7 +71,12 @@ impl Fitted<'_> {
             weights[k] = self.values[k] / norm.max(1e-12);
         }
         let mut estimate = self.linear(name, unit, &weights);
-        estimate.interval.0 = estimate.interval.0.max(0.0);
+        let own = DMatrix::from_fn(columns.len(), columns.len(), |i, j| self.covariance[(columns[i], columns[j])]);
+        let vector = DVector::from_fn(columns.len(), |i, _| self.values[columns[i]]);
+        // A vector that is not told from zero has no least length.
+        let squares = own.cholesky().map_or(0.0, |c| vector.dot(&c.solve(&vector)));
+        let zero = squares < CHI_SQUARE_95[columns.len().min(CHI_SQUARE_95.len()) - 1];
+        estimate.interval.0 = if zero { 0.0 } else { estimate.interval.0.max(0.0) };
         estimate
     }
 }
@@ -75,6 +87,9 @@ pub struct CameraEffect {
     pub name: &'static str,
     /// The ways in which it may act on a twin and its recordings: joint and columns.
     pub trials: fn(&SeenTwin, &[FrameRun]) -> Vec<(Option<usize>, Vec<Column>)>,
+    /// Logarithm of its odds before any frame is seen: 0 but for effects that fit every state by itself, which must
+    /// explain more than a law that holds in all states.
+    pub log_odds: f64,
     /// Its parameters.
     pub tell: fn(&Fitted) -> Vec<ParameterEstimate>,
     /// What becomes of it in a URDF: `native` or `not expressible`.
@@ -86,7 +101,13 @@ pub struct CameraEffect {
 /// A column.
 #[must_use]
 pub fn column(parameter: Parameter, prior: f64) -> Column {
-    Column { parameter, prior }
+    Column { parameter, prior, of_twin: false }
+}
+
+/// A column of an error without name that is as large as those of the twin's surface.
+#[must_use]
+pub fn twin_column(parameter: Parameter, share: f64) -> Column {
+    Column { parameter, prior: share, of_twin: true }
 }
 
 /// Joints that move by themselves.

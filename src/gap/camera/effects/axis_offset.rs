@@ -20,27 +20,30 @@ pub const EFFECT: CameraEffect = CameraEffect {
     trials: |twin, _| {
         let mut all = Vec::new();
         for j in free_joints(twin) {
-            let turns = (0..2).map(|k| column(Parameter::AxisTurn(j, k), TURN_RAD));
-            let shifts = (0..2).map(|k| column(Parameter::AxisShift(j, k), SHIFT_M));
-            let line: Vec<_> = if twin.joints[j].hinge.turns() { turns.chain(shifts).collect() } else { turns.collect() };
-            all.push((Some(j), line));
-            let prior = |k| if k < 3 { SHIFT_M } else { TURN_RAD };
+            let hinge = twin.joints[j].hinge.turns();
+            let turns: Vec<_> = (0..2).map(|k| column(Parameter::AxisTurn(j, k), TURN_RAD)).collect();
+            let shifts: Vec<_> = (0..2).map(|k| column(Parameter::AxisShift(j, k), SHIFT_M)).collect();
+            if hinge {
+                all.push((Some(j), [turns.clone(), shifts.clone()].concat()));
+                all.push((Some(j), shifts));
+            }
+            all.push((Some(j), turns));
             // Along the axis of a slide a shift is a change of position.
-            let shifts = if twin.joints[j].hinge.turns() { 0..3 } else { 0..2 };
-            all.push((Some(j), shifts.chain(3..5).map(|k| column(Parameter::Frame(j, k), prior(k))).collect()));
+            let shifts: Vec<_> = (0..if hinge { 3 } else { 2 }).map(|k| column(Parameter::Frame(j, k), SHIFT_M)).collect();
+            let turns: Vec<_> = (3..5).map(|k| column(Parameter::Frame(j, k), TURN_RAD)).collect();
+            all.push((Some(j), [shifts.clone(), turns.clone()].concat()));
+            all.extend([(Some(j), shifts), (Some(j), turns)]);
         }
         all
     },
+    log_odds: 0.0,
     tell: |f| {
         let of = |turn: bool| -> Vec<usize> {
             let is_turn = |p: &Parameter| matches!(p, Parameter::AxisTurn(..) | Parameter::Frame(_, 3..));
             (0..f.trial.columns.len()).filter(|&k| is_turn(&f.trial.columns[k].parameter) == turn).collect()
         };
-        let mut told = vec![f.length("axis_angle", "rad", &of(true))];
-        if !of(false).is_empty() {
-            told.push(f.length("axis_position", "m", &of(false)));
-        }
-        told
+        let told = [("axis_angle", "rad", of(true)), ("axis_position", "m", of(false))];
+        told.into_iter().filter(|t| !t.2.is_empty()).map(|(name, unit, columns)| f.length(name, unit, &columns)).collect()
     },
     in_urdf: "native",
     experiment: "film the joint at three more positions over its whole range",

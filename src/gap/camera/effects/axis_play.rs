@@ -4,7 +4,7 @@
 
 use crate::gap::camera::{
     parameter::Parameter,
-    trial::{CameraEffect, column, free_joints},
+    trial::{CameraEffect, STATEWISE, column, free_joints},
 };
 
 /// The effect.
@@ -15,6 +15,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let of = |j| (0..runs.len()).flat_map(move |r| (0..6).map(move |k| column(Parameter::Extra(r, j, k), prior(k)))).collect();
         if runs.len() < 3 { Vec::new() } else { free_joints(twin).map(|j| (Some(j), of(j))).collect() }
     },
+    log_odds: STATEWISE,
     tell: |f| {
         let of = |turn: bool| -> Vec<usize> {
             let is_turn = |p: &Parameter| matches!(p, Parameter::Extra(_, _, 3..));

@@ -16,6 +16,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let prior = |k| if k < 3 { 0.015 } else { 0.025 };
         vec![(None, (0..6).map(|k| column(Parameter::Extrinsic(k), prior(k))).collect())]
     },
+    log_odds: 0.0,
     tell: |f| {
         let mut all: Vec<_> = ["x", "y", "z"].iter().enumerate().map(|(k, n)| f.column(n, "m", k)).collect();
         all.extend(["roll", "pitch", "yaw"].iter().enumerate().map(|(k, n)| f.column(n, "rad", 3 + k)));

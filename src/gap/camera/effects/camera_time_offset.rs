@@ -14,6 +14,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
         if known { vec![(None, vec![column(Parameter::Delay, 0.03)])] } else { Vec::new() }
     },
+    log_odds: 0.0,
     tell: |f| vec![f.column("offset", "s", 0)],
     in_urdf: "not expressible",
     experiment: "move the camera to and fro, and rest between: an offset in time vanishes at rest and changes sign with the motion",

@@ -11,6 +11,7 @@ use crate::gap::camera::{
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "depth_bias",
     trials: |_, _| vec![(None, vec![column(Parameter::DepthBias, 0.01)])],
+    log_odds: 0.0,
     tell: |f| vec![f.column("bias", "m", 0)],
     in_urdf: "not expressible",
     experiment: "film the object from half and from twice the distance, and steep views of flat parts: a bias acts along the ray, a \

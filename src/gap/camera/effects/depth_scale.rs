@@ -11,6 +11,7 @@ use crate::gap::camera::{
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
     trials: |_, _| vec![(None, vec![column(Parameter::DepthScale, 0.03)])],
+    log_odds: 0.0,
     tell: |f| {
         let mut p = f.column("scale", "1", 0);
         (p.value, p.interval) = (1.0 + p.value, (1.0 + p.interval.0, 1.0 + p.interval.1));

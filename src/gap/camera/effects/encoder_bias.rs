@@ -15,6 +15,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let prior = |j: usize| if twin.joints[j].hinge.turns() { 0.05 } else { 0.015 };
         (0..twin.joints.len()).filter(told).map(|j| (Some(j), vec![column(Parameter::EncoderBias(j), prior(j))])).collect()
     },
+    log_odds: 0.0,
     tell: |f| {
         let turns = f.trial.joint.is_some_and(|j| f.twin.joints[j].hinge.turns());
         let mut p = f.column("bias", if turns { "rad" } else { "m" }, 0);

@@ -14,6 +14,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let told = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
         (0..twin.joints.len()).filter(told).map(|j| (Some(j), vec![column(Parameter::EncoderScale(j), 0.05)])).collect()
     },
+    log_odds: 0.0,
     tell: |f| {
         let mut p = f.column("scale", "1", 0);
         // The encoder tells `scale` times the position.

@@ -36,7 +36,13 @@ pub const CATALOGUE: [CameraEffect; 10] = [
 #[must_use]
 pub fn trials(twin: &SeenTwin, runs: &[FrameRun]) -> Vec<Trial> {
     let of = |(effect, spec): (usize, &CameraEffect)| {
-        (spec.trials)(twin, runs).into_iter().map(move |(joint, columns)| Trial { effect, name: CATALOGUE[effect].name, joint, columns })
+        (spec.trials)(twin, runs).into_iter().map(move |(joint, columns)| Trial {
+            effect,
+            name: CATALOGUE[effect].name,
+            joint,
+            columns,
+            log_odds: CATALOGUE[effect].log_odds,
+        })
     };
     CATALOGUE.iter().enumerate().flat_map(of).collect()
 }

@@ -15,6 +15,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let turning = free_joints(twin).filter(|&j| twin.joints[j].hinge.turns());
         turning.map(|j| (Some(j), vec![column(Parameter::Pitch(j), 0.01)])).collect()
     },
+    log_odds: 0.0,
     tell: |f| vec![f.column("pitch", "m/rad", 0)],
     in_urdf: "not expressible",
     experiment: "film the joint at three more positions over its whole range: a screw advances with every turn",

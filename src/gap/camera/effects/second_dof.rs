@@ -4,7 +4,7 @@
 
 use crate::gap::camera::{
     parameter::Parameter,
-    trial::{CameraEffect, column, free_joints},
+    trial::{CameraEffect, STATEWISE, column, free_joints},
 };
 
 /// The effect.
@@ -15,6 +15,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
         let of = |j, k| (0..runs.len()).map(move |r| column(Parameter::Extra(r, j, k), prior(k))).collect();
         if runs.len() < 3 { Vec::new() } else { free_joints(twin).flat_map(|j| (0..6).map(move |k| (Some(j), of(j, k)))).collect() }
     },
+    log_odds: STATEWISE,
     tell: |f| {
         let turns = matches!(f.trial.columns.first().map(|c| c.parameter), Some(Parameter::Extra(_, _, 3..)));
         let (name, unit) = if turns { ("turn", "rad") } else { ("slide", "m") };
