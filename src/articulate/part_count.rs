@@ -39,7 +39,9 @@ const LITTLE: f64 = 1.5;
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
-const SPLIT: f64 = 0.9;
+const SPLIT: f64 = 0.8;
+/// A part with this many times the least evidence is one even where the sum falls a little.
+const FIRM: f64 = 2.5;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
@@ -79,7 +81,7 @@ impl Run<'_> {
         let least = self.config.least_score;
         let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = |s: &&Step| s.point.weakest.is_none_or(|w| w >= least) && !splits(&s.point, &curve);
+        let enough = |s: &&Step| self.stands(&s.point, &curve);
         let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
         let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
         let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
@@ -106,8 +108,17 @@ impl Run<'_> {
     pub fn best(&self, motions: Vec<Pose>) -> Vec<Pose> {
         let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = |s: &Step| s.point.weakest.is_none_or(|w| w >= self.config.least_score) && !splits(&s.point, &curve);
-        steps.into_iter().filter(enough).max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions)
+        steps
+            .into_iter()
+            .filter(|s| self.stands(&s.point, &curve))
+            .max_by_key(|s| s.motions.len())
+            .map_or_else(|| vec![Pose::identity()], |s| s.motions)
+    }
+
+    /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
+    fn stands(&self, point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+        let least = self.config.least_score;
+        point.weakest.is_none_or(|w| w >= least) && !splits(point, curve, FIRM * least)
     }
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
@@ -268,9 +279,12 @@ impl Run<'_> {
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
-/// explains alone, and with it the sum, falls.
-fn splits(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
-    curve.iter().any(|p| p.parts < point.parts && point.evidence < SPLIT * p.evidence)
+/// explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm` evidence by itself.
+fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
+    let smaller = || curve.iter().filter(|p| p.parts < point.parts);
+    let weak = point.weakest.is_some_and(|w| w < firm);
+    let takes = |p: &EvidencePoint| weak && point.evidence < p.evidence;
+    smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.
@@ -326,9 +340,16 @@ mod split_tests {
 
     #[test]
     fn a_second_motion_of_one_part_takes_its_evidence_away() {
-        let point = |parts, evidence| EvidencePoint { parts, evidence, weakest: None };
-        let curve = [point(1, 0.0), point(2, 414.0), point(3, 64.0), point(4, 500.0)];
-        assert!(splits(&curve[2], &curve));
-        assert!(!splits(&curve[3], &curve) && !splits(&curve[1], &curve) && !splits(&curve[0], &curve));
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest };
+        let curve = [
+            point(1, 0.0, None),
+            point(2, 414.0, Some(414.0)),
+            point(3, 64.0, Some(30.0)),
+            point(4, 500.0, Some(60.0)),
+            point(5, 495.0, Some(20.0)),
+        ];
+        let splits = |k: usize| splits(&curve[k], &curve, 35.0);
+        assert!(splits(2) && splits(4));
+        assert!(!splits(3) && !splits(1) && !splits(0));
     }
 }
