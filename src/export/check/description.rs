@@ -45,7 +45,14 @@ pub(super) struct JointText {
     pub parent_from_joint: Pose,
     pub axis: Option<Vector3<f64>>,
     pub limit: Option<LimitText>,
-    pub mimic: bool,
+    pub mimic: Option<MimicText>,
+}
+
+/// A joint that follows another one: its position is `multiplier` times that of the other, plus `offset`.
+pub(super) struct MimicText {
+    pub joint: String,
+    pub multiplier: f64,
+    pub offset: f64,
 }
 
 /// Attributes of `<limit>`; NaN for what is no number, `None` for what is missing.
@@ -151,6 +158,9 @@ fn joint(node: Node) -> JointText {
         parent_from_joint: pose(node),
         axis: child(node, "axis").map(|a| triple(&text(a, "xyz"))),
         limit,
-        mimic: child(node, "mimic").is_some(),
+        mimic: child(node, "mimic").map(|m| {
+            let read = |name, default| m.attribute(name).map_or(default, number);
+            MimicText { joint: text(m, "joint"), multiplier: read("multiplier", 1.0), offset: read("offset", 0.0) }
+        }),
     }
 }

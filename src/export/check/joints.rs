@@ -19,7 +19,7 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
                 format!("is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere"),
             ),
         }
-        if joint.mimic {
+        if joint.mimic.is_some() {
             found.warn("joint", &joint.name, "mimics another joint: SDF and PyBullet drop that, MuJoCo before 4 too");
         }
     }

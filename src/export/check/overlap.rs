@@ -29,7 +29,7 @@ pub(super) fn check(description: &Description, solids: &[Vec<ConvexSolid>], foun
             }
         }
     }
-    for (j, joint) in description.joints.iter().enumerate() {
+    for (j, joint) in description.joints.iter().enumerate().filter(|(_, joint)| leader(description, joint).is_none()) {
         sweep(description, solids, j, joint, &rest, found);
     }
 }
@@ -45,8 +45,20 @@ fn interval(joint: &JointText) -> Option<[f64; 2]> {
     (["revolute", "prismatic"].contains(&joint.kind.as_str()) && bounds[0] < bounds[1]).then_some(bounds)
 }
 
-/// Poses of all links in the root's frame.
+/// The joint that a joint follows.
+fn leader(description: &Description, joint: &JointText) -> Option<usize> {
+    let mimic = joint.mimic.as_ref()?;
+    description.joints.iter().position(|other| other.name == mimic.joint && other.name != joint.name)
+}
+
+/// Poses of all links in the root's frame; joints that follow another one have its position.
 fn poses(description: &Description, positions: &[f64]) -> Vec<Pose> {
+    let position = |(own, joint): (&f64, &JointText)| match (leader(description, joint), &joint.mimic) {
+        (Some(l), Some(mimic)) => mimic.multiplier * positions[l] + mimic.offset,
+        _ => *own,
+    };
+    let positions: Vec<f64> = positions.iter().zip(&description.joints).map(position).collect();
+    let positions = &positions;
     (0..description.links.len()).map(|l| pose(description, l, positions, 0)).collect()
 }
 
@@ -86,7 +98,9 @@ fn deepest(a: &[ConvexSolid], pose_a: &Pose, b: &[ConvexSolid], pose_b: &Pose) -
 /// before others.
 fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint: &JointText, rest: &[f64], found: &mut Findings) {
     let (Some([lower, upper]), Some(child)) = (interval(joint), description.link(&joint.child)) else { return };
-    let moved: Vec<bool> = (0..solids.len()).map(|l| hangs_on(description, l, child)).collect();
+    let followers = description.joints.iter().filter(|f| leader(description, f) == Some(j));
+    let carried: Vec<usize> = followers.filter_map(|f| description.link(&f.child)).chain([child]).collect();
+    let moved: Vec<bool> = (0..solids.len()).map(|l| carried.iter().any(|&c| hangs_on(description, l, c))).collect();
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {
         let q = lower + (upper - lower) * k as f64 / STEPS as f64;

@@ -144,3 +144,25 @@ fn package_paths_are_for_ros_files_and_large_hulls_are_thinned_out() {
     folder.insert("meshes/collision/tray_0.obj".to_owned(), solid_obj(&round, "tray_0").into_bytes());
     assert_eq!(text(&check_folder(&folder)), "");
 }
+
+#[test]
+fn a_joint_that_follows_another_is_swept_with_it() {
+    let pair = r#"<link name="carriage"/>
+  <joint name="drop" type="prismatic">
+    <origin xyz="0 0 0.11"/><parent link="frame"/><child link="carriage"/><axis xyz="0 0 -1"/>
+    <limit lower="0" upper="0.1" effort="10" velocity="1"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="carriage"/><child link="tray"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="2" effort="10" velocity="1"/><mimic joint="drop" multiplier="20"/>
+  </joint>
+</robot>"#;
+    let (start, _) = URDF.split_once("<joint").unwrap();
+    let jams = |text: String| {
+        let mut folder = folder();
+        folder.insert("unit.urdf".to_owned(), text.into_bytes());
+        check_folder(&folder).iter().any(|f| f.rule == "sweep" && f.level == Level::Error)
+    };
+    assert!(!jams(format!("{start}{pair}")));
+    assert!(jams(format!("{start}{pair}").replace("<mimic joint=\"drop\" multiplier=\"20\"/>", "")));
+}
