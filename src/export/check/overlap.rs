@@ -101,6 +101,7 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
     let followers = description.joints.iter().filter(|f| leader(description, f) == Some(j));
     let carried: Vec<usize> = followers.filter_map(|f| description.link(&f.child)).chain([child]).collect();
     let moved: Vec<bool> = (0..solids.len()).map(|l| carried.iter().any(|&c| hangs_on(description, l, c))).collect();
+    let carrier = carrying(description, solids, joint);
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {
         let q = lower + (upper - lower) * k as f64 / STEPS as f64;
@@ -110,7 +111,7 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
         for a in (0..solids.len()).filter(|&l| moved[l]) {
             for b in (0..solids.len()).filter(|&l| !moved[l]) {
                 let depth = deepest(&solids[b], &poses[b], &solids[a], &poses[a]);
-                let met = depth.filter(|d| *d > SWEEP_M).map(|d| (hangs_on(description, child, b), d, q, b));
+                let met = depth.filter(|d| *d > SWEEP_M).map(|d| (carrier == Some(b), d, q, b));
                 worst = worst.into_iter().chain(met).max_by(|x, y| x.0.cmp(&y.0).then(x.1.total_cmp(&y.1)));
             }
         }
@@ -118,13 +119,20 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
     if let Some((carries, depth, q, link)) = worst {
         let other = &description.links[link].name;
         let message = format!("at position {q:.4} it drives {:.2} mm into {other}: the joint jams; cut what is in the way", 1e3 * depth);
-        // Another branch may truly stand in the way, as a closed door before a drawer.
+        // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a folding door.
         if carries {
             found.error("sweep", &joint.name, message);
         } else {
             found.warn("sweep", &joint.name, message);
         }
     }
+}
+
+/// The nearest link above a joint that has solids.
+fn carrying(description: &Description, solids: &[Vec<ConvexSolid>], joint: &JointText) -> Option<usize> {
+    let above = |l: usize| description.carrier(l).and_then(|j| description.link(&j.parent));
+    let mut links = std::iter::successors(description.link(&joint.parent), |&l| above(l)).take(description.links.len() + 1);
+    links.find(|&l| !solids[l].is_empty())
 }
 
 fn hangs_on(description: &Description, link: usize, above: usize) -> bool {
