@@ -101,7 +101,6 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
     let followers = description.joints.iter().filter(|f| leader(description, f) == Some(j));
     let carried: Vec<usize> = followers.filter_map(|f| description.link(&f.child)).chain([child]).collect();
     let moved: Vec<bool> = (0..solids.len()).map(|l| carried.iter().any(|&c| hangs_on(description, l, c))).collect();
-    let carrier = carrying(description, solids, joint);
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {
         let q = lower + (upper - lower) * k as f64 / STEPS as f64;
@@ -111,7 +110,7 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
         for a in (0..solids.len()).filter(|&l| moved[l]) {
             for b in (0..solids.len()).filter(|&l| !moved[l]) {
                 let depth = deepest(&solids[b], &poses[b], &solids[a], &poses[a]);
-                let met = depth.filter(|d| *d > SWEEP_M).map(|d| (carrier == Some(b), d, q, b));
+                let met = depth.filter(|d| *d > SWEEP_M).map(|d| (carrying(description, solids, a) == Some(b), d, q, b));
                 worst = worst.into_iter().chain(met).max_by(|x, y| x.0.cmp(&y.0).then(x.1.total_cmp(&y.1)));
             }
         }
@@ -128,10 +127,10 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
     }
 }
 
-/// The nearest link above a joint that has solids.
-fn carrying(description: &Description, solids: &[Vec<ConvexSolid>], joint: &JointText) -> Option<usize> {
+/// The nearest link above a link that has solids.
+fn carrying(description: &Description, solids: &[Vec<ConvexSolid>], link: usize) -> Option<usize> {
     let above = |l: usize| description.carrier(l).and_then(|j| description.link(&j.parent));
-    let mut links = std::iter::successors(description.link(&joint.parent), |&l| above(l)).take(description.links.len() + 1);
+    let mut links = std::iter::successors(above(link), |&l| above(l)).take(description.links.len());
     links.find(|&l| !solids[l].is_empty())
 }
 
