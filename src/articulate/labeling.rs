@@ -8,7 +8,7 @@ use std::{
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::{SurfaceSamples, sample_index::SampleIndex, surface_graph::SurfaceGraph};
+use super::{SurfaceSamples, register::spacing_m, sample_index::SampleIndex, surface_graph::SurfaceGraph};
 use crate::geometry::Pose;
 
 /// Tells whether a world point was seen to be empty in a state.
@@ -119,8 +119,7 @@ impl<'a> Evidence<'a> {
 
     /// Mean distance of neighboring samples of each state, metres.
     pub fn spacing_m(&self) -> [f64; 2] {
-        self.samples
-            .map(|s| self.reach_m * (super::register::occupied_cells(&s.points, self.reach_m) as f64 / s.points.len().max(1) as f64).sqrt())
+        self.samples.map(|s| spacing_m(&s.points, self.reach_m))
     }
 
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.

@@ -20,7 +20,7 @@ use crate::geometry::Pose;
 /// true points is there by errors of depth and pose, and `ln 50` is 1.3 of the 3 nats that a landing at the edge of the reach
 /// loses.
 const MISSED: f64 = 1.3;
-/// The same where the other motion lands and the motion itself is hidden.
+/// What a landing under another motion says against one under which the sample was hidden.
 const BETTER: f64 = 0.35;
 /// Cost of a sample that a motion takes into space seen empty, in landings on planes, of which a sixth counts.
 pub(super) const CONTRADICTED: f64 = 2.0;

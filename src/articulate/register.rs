@@ -212,9 +212,14 @@ fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: Option<usize>) -> Res
 
 /// The wished reach, or more where the samples lie too far apart for it.
 fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
-    // Samples of a surface of area a lie about sqrt(a / n) apart; the area is that of the occupied cells.
-    let spacing_m = surfaces.map(|s| wished_m * (occupied_cells(&s.points, wished_m) as f64 / s.points.len() as f64).sqrt());
+    let spacing_m = surfaces.map(|s| spacing_m(&s.points, wished_m));
     wished_m.max(1.5 * spacing_m[0].max(spacing_m[1]))
+}
+
+/// Mean distance of neighboring points of a surface, metres: those on an area `a` lie about `sqrt(a / n)` apart; the area is
+/// that of the occupied cells.
+pub(super) fn spacing_m(points: &[Point3<f64>], cell_m: f64) -> f64 {
+    cell_m * (occupied_cells(points, cell_m) as f64 / points.len().max(1) as f64).sqrt()
 }
 
 /// Number of cells that hold a point.

@@ -179,9 +179,7 @@ impl Layout {
             sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
         }
     }
-}
 
-impl Layout {
     /// Columns of what the measured effort goes through; `by_delay` is the derivative of the acting effort by the delay.
     #[inline]
     fn by_drive(&self, sum: &Sum, effort: f64, by_delay: f64, effort_p: &mut Row, friction_p: &mut Row) {

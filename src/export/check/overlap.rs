@@ -129,12 +129,15 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
 
 /// The nearest link above a link that has solids.
 fn carrying(description: &Description, solids: &[Vec<ConvexSolid>], link: usize) -> Option<usize> {
-    let above = |l: usize| description.carrier(l).and_then(|j| description.link(&j.parent));
-    let mut links = std::iter::successors(above(link), |&l| above(l)).take(description.links.len());
-    links.find(|&l| !solids[l].is_empty())
+    upwards(description, link).skip(1).find(|&l| !solids[l].is_empty())
 }
 
 fn hangs_on(description: &Description, link: usize, above: usize) -> bool {
+    upwards(description, link).any(|l| l == above)
+}
+
+/// A link and those above it up to the root; ends where the links form a ring.
+fn upwards(description: &Description, link: usize) -> impl Iterator<Item = usize> {
     let parent = |l: usize| description.carrier(l).and_then(|j| description.link(&j.parent));
-    std::iter::successors(Some(link), |&l| parent(l)).take(description.links.len() + 1).any(|l| l == above)
+    std::iter::successors(Some(link), move |&l| parent(l)).take(description.links.len() + 1)
 }
