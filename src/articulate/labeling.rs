@@ -185,6 +185,12 @@ impl<'a> Evidence<'a> {
         (landing.cost(Look { label: 0, other_labels: None, colored: false }), landing.partner.map(|p| p.0 as usize))
     }
 
+    /// The samples of a state that land on one of the other under a motion from state 0 to state 1, each with that one.
+    pub fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
+        let landings = self.landings(state, motion);
+        landings.iter().enumerate().filter_map(|(i, l)| l.partner.map(|p| (i, p.0 as usize))).collect()
+    }
+
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of the other
     /// state's samples, where known.
     pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {

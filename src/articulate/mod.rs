@@ -32,6 +32,7 @@ mod matcher;
 mod mesh_samples;
 mod model_image;
 mod patch;
+mod piece;
 mod ransac;
 mod refine;
 mod register;

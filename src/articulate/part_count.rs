@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::{
     RegisterError,
     labeling::{FREE, HIDDEN},
+    piece::{Piece, pieces},
     register::{Run, occupied_cells},
     residual::unexplained,
 };
@@ -41,7 +42,7 @@ const NEARLY: f64 = 0.7;
 /// sum, a second motion of one part takes away most of that part's.
 const SPLIT: f64 = 0.8;
 /// A part with this many times the least evidence is one even where the sum falls a little.
-const FIRM: f64 = 2.5;
+const FIRM: f64 = 2.0;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
@@ -163,7 +164,7 @@ impl Run<'_> {
     fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
         let (labels, _) = self.labels(motions);
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
-        let scores = self.scores(motions, &self.preferred(&costs, &labels, motions.len()));
+        let scores = self.scores(motions, &self.preferred(motions, &costs, &labels));
         (scores, shares(&costs, motions.len()))
     }
 
@@ -175,7 +176,7 @@ impl Run<'_> {
         while motions.len() > 1 {
             let scores = self.scores(motions, &shares(&costs, motions.len()));
             let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-            let Some(k) = weakest.filter(|&k| scores[k] < self.config.least_score) else { break };
+            let Some(k) = weakest.filter(|&k| MISSED * scores[k] < self.config.least_score) else { break };
             let count = motions.len();
             motions.remove(k);
             for c in &mut costs {
@@ -216,25 +217,23 @@ impl Run<'_> {
         }
     }
 
-    /// Share of the surface that speaks for each motion: patch by patch, what speaks for it rather than for the static part or
-    /// a motion beside it, less what it takes into space seen empty. That a patch was hidden in the other state speaks for and
+    /// Share of the surface that speaks for each motion: piece by piece, what speaks for it rather than for the static part or
+    /// a motion beside it, less what it takes into space seen empty. That a piece was hidden in the other state speaks for and
     /// against no motion.
-    fn preferred(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
-        let mut gains = vec![0.0; motions];
-        for s in 0..2 {
-            let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
-            of.sort_unstable();
-            for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-                let own = usize::from(group[0].0);
-                let cost = |i: usize, k: usize| costs[s][i * motions + k];
-                let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
-                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
-                let total = |k: usize| group.iter().map(|g| preference(cost(g.2, own), cost(g.2, k))).sum::<f64>();
-                let count = |holds: fn(f32) -> bool| group.iter().filter(|g| holds(cost(g.2, own))).count() as f64;
-                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
-                let worst = group.len() as f64;
-                gains[own] += (others.into_iter().map(total).fold(MISSED * worst, f64::min) - lost).max(0.0);
-            }
+    fn preferred(&self, motions: &[Pose], costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2]) -> Vec<f64> {
+        let mut gains = vec![0.0; motions.len()];
+        for Piece { label: own, samples } in pieces(&self.evidence, motions, labels) {
+            let cost = |(s, i): (usize, usize), k: usize| costs[s][i * motions.len() + k];
+            let beside = samples.iter().flat_map(|&(s, i)| self.evidence.beside(s, i).map(move |j| labels[s][j]));
+            let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
+            let of = |state: usize| samples.iter().copied().filter(move |g| g.0 == state);
+            let lost = [0, 1].map(|state| {
+                let count = |holds: fn(f32) -> bool| of(state).filter(|g| holds(cost(*g, own))).count() as f64;
+                CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0)
+            });
+            let told = |state: usize, k: usize| of(state).map(|g| preference(cost(g, own), cost(g, k))).sum::<f64>() - lost[state];
+            let against = |k: usize| told(0, k).max(0.0) + told(1, k).max(0.0);
+            gains[own] += others.into_iter().map(against).fold(f64::INFINITY, f64::min).min(MISSED * samples.len() as f64);
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
         gains.into_iter().map(|g| g / count.max(1) as f64).collect()

@@ -21,6 +21,54 @@ pub(super) struct Patch {
     pub half_m: [f64; 2],
 }
 
+/// Two patches of one plane are as broad as each other up to this share.
+const SAME_BREADTH: f64 = 0.25;
+
+/// The rectangle that two patches of one plane, one beside the other, end.
+pub(super) struct Band {
+    center: Point3<f64>,
+    /// Along, across and normal, unit.
+    axes: [Vector3<f64>; 3],
+    half_m: [f64; 2],
+    tolerance_m: f64,
+}
+
+impl Band {
+    /// The band from one patch to the other; `None` where they lie in two planes, or not side by side along an edge.
+    pub fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
+        let normal = a.axes[2];
+        let apart = b.center - a.center;
+        if normal.dot(&b.axes[2]) < SAME_NORMAL || normal.dot(&apart).abs() > tolerance_m {
+            return None;
+        }
+        let along = if a.axes[0].dot(&apart).abs() > a.axes[1].dot(&apart).abs() { a.axes[0] } else { a.axes[1] };
+        let across = normal.cross(&along);
+        let half = |p: &Patch, d: &Vector3<f64>| p.axes[0].dot(d).abs() * p.half_m[0] + p.axes[1].dot(d).abs() * p.half_m[1];
+        let [breadth_a, breadth_b] = [a, b].map(|p| half(p, &across));
+        let beside = across.dot(&apart).abs() < SAME_BREADTH * breadth_a && (breadth_a - breadth_b).abs() < SAME_BREADTH * breadth_a;
+        // What lies between is the middle; the patches themselves are open.
+        let length_m = along.dot(&apart).abs() - half(a, &along) - half(b, &along);
+        let middle = a.center + along * (along.dot(&apart).signum() * (half(a, &along) + 0.5 * length_m));
+        (beside && length_m > 0.0).then_some(Self {
+            center: middle,
+            axes: [along, across, normal],
+            half_m: [0.5 * length_m, breadth_a],
+            tolerance_m,
+        })
+    }
+
+    /// Area, square metres.
+    pub fn area_m2(&self) -> f64 {
+        4.0 * self.half_m[0] * self.half_m[1]
+    }
+
+    /// Whether a point with this normal lies in it.
+    pub fn holds(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+        let [along, across, off] = self.axes.map(|axis| axis.dot(&(point - self.center)).abs());
+        along < self.half_m[0] && across < self.half_m[1] && off < self.tolerance_m && self.axes[2].dot(normal) > SAME_NORMAL
+    }
+}
+
 /// A plane that takes in samples as it grows.
 struct Plane {
     points: Vector3<f64>,

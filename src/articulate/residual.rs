@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{
     labeling::{Evidence, FREE},
     part_count::CONTRADICTED,
-    patch::{Patch, faces, patches},
+    patch::{Band, Patch, faces, patches},
     refine::refine,
     slip::{Slip, slips},
 };
@@ -42,6 +42,8 @@ const ROUNDS: usize = 5;
 const AGREEMENT: f64 = 0.35;
 /// Largest rotation that is tried, radians.
 const LARGEST_TURN: f64 = 2.9;
+/// What lies between two strips of one plane is surface if it has this share of the samples of its area.
+const FILLED: f64 = 0.5;
 /// Planes at a smaller angle are parallel, radians.
 const PARALLEL: f64 = 0.1;
 
@@ -81,6 +83,32 @@ impl Unexplained {
     /// the other state saw nothing. Surface that doors hid in turn may look alike by chance.
     fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
         self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
+    }
+}
+
+impl Unexplained {
+    /// Opens what lies between two strips of one plane, one left in state 0 and one reached in state 1: where a plain panel slides
+    /// within its plane, what it covers in both states seems to stand still.
+    fn join_slid(&mut self, evidence: &Evidence<'_>) {
+        let strips = [0, 1].map(|s| {
+            let least = (LEAST_SHARE * self.open[s].len() as f64).max(12.0) as usize;
+            patches(evidence, s, &faces(evidence, s, &self.moved[s]), &self.moved[s], least, PATCHES)
+        });
+        for left in &strips[0] {
+            for reached in &strips[1] {
+                let Some(between) = Band::between(left, reached, 0.5 * evidence.reach_m) else { continue };
+                let inside = evidence.samples.map(|of| {
+                    let holds = |i: &usize| between.holds(&of.points[*i], &of.normals[*i]);
+                    (0..of.points.len()).filter(holds).collect::<Vec<usize>>()
+                });
+                let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / evidence.spacing_m()[s].powi(2);
+                if full(0) && full(1) {
+                    for s in 0..2 {
+                        inside[s].iter().for_each(|&i| self.open[s][i] = true);
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -130,7 +158,8 @@ struct Search<'a, 'b> {
 
 impl<'a, 'b> Search<'a, 'b> {
     fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
-        let left = Unexplained::of(evidence, motions);
+        let mut left = Unexplained::of(evidence, motions);
+        left.join_slid(evidence);
         let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
         Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() }
     }
