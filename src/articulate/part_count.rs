@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{
     RegisterError,
     labeling::{FREE, HIDDEN},
-    piece::{Piece, pieces},
+    piece::pieces,
     register::{Run, occupied_cells},
     residual::unexplained,
 };
@@ -42,7 +42,7 @@ const NEARLY: f64 = 0.7;
 /// sum, a second motion of one part takes away most of that part's.
 const SPLIT: f64 = 0.8;
 /// A part with this many times the least evidence is one even where the sum falls a little.
-const FIRM: f64 = 2.0;
+const FIRM: f64 = 2.2;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Share of the surface that may move unexplained.
@@ -222,18 +222,22 @@ impl Run<'_> {
     /// against no motion.
     fn preferred(&self, motions: &[Pose], costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2]) -> Vec<f64> {
         let mut gains = vec![0.0; motions.len()];
-        for Piece { label: own, samples } in pieces(&self.evidence, motions, labels) {
-            let cost = |(s, i): (usize, usize), k: usize| costs[s][i * motions.len() + k];
-            let beside = samples.iter().flat_map(|&(s, i)| self.evidence.beside(s, i).map(move |j| labels[s][j]));
-            let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
-            let of = |state: usize| samples.iter().copied().filter(move |g| g.0 == state);
-            let lost = [0, 1].map(|state| {
-                let count = |holds: fn(f32) -> bool| of(state).filter(|g| holds(cost(*g, own))).count() as f64;
-                CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0)
+        for piece in pieces(&self.evidence, motions, labels) {
+            let own = piece.label;
+            let told = [0, 1].map(|s| {
+                let cost = |i: usize, k: usize| costs[s][i * motions.len() + k];
+                let samples = &piece.samples[s];
+                let count = |holds: fn(f32) -> bool| samples.iter().filter(|i| holds(cost(**i, own))).count() as f64;
+                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+                let beside = samples.iter().flat_map(|&i| self.evidence.beside(s, i)).map(|j| usize::from(labels[s][j]));
+                let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
+                let total = |k: usize| samples.iter().map(|&i| preference(cost(i, own), cost(i, k))).sum::<f64>();
+                others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect::<Vec<_>>()
             });
-            let told = |state: usize, k: usize| of(state).map(|g| preference(cost(g, own), cost(g, k))).sum::<f64>() - lost[state];
-            let against = |k: usize| told(0, k).max(0.0) + told(1, k).max(0.0);
-            gains[own] += others.into_iter().map(against).fold(f64::INFINITY, f64::min).min(MISSED * samples.len() as f64);
+            let pairs = told[0].iter().flat_map(|first| told[1].iter().map(move |second| (first, second)));
+            let possible = pairs.filter(|(a, b)| a.0 == b.0 || !piece.crosses(&self.evidence, &motions[a.0], &motions[b.0]));
+            let least = possible.map(|(a, b)| a.1 + b.1).fold(f64::INFINITY, f64::min);
+            gains[own] += least.min(MISSED * piece.samples.iter().map(Vec::len).sum::<usize>() as f64);
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
         gains.into_iter().map(|g| g / count.max(1) as f64).collect()

@@ -1,18 +1,63 @@
 //! Pieces of surface: the flat patches of each part, those of one state joined with those of the other on which they land.
 //!
-//! A rival motion must explain a piece in both states: a drawer that was pushed in stands in the way of nothing in one state,
-//! a drawer pushed in less far stands in the way of nothing in the other.
+//! What stands in the two states where a motion says one piece does may be two surfaces, each of which follows another motion
+//! and was hidden in one state, unless they would have had to pass through each other.
 
 use std::collections::BTreeMap;
 
-use super::labeling::Evidence;
+use nalgebra::{Point3, Vector3};
+
+use super::{SurfaceSamples, labeling::Evidence};
 use crate::geometry::Pose;
 
 /// The samples of one label on one flat patch in each state; one state may have none.
 pub(super) struct Piece {
     pub label: usize,
-    /// State and number of each sample.
-    pub samples: Vec<(usize, usize)>,
+    /// Numbers of the samples of each state.
+    pub samples: [Vec<usize>; 2],
+}
+
+impl Piece {
+    /// Whether its surface of state 0 under one motion and its surface of state 1 under another would pass through each other.
+    pub fn crosses(&self, evidence: &Evidence<'_>, first: &Pose, second: &Pose) -> bool {
+        let [Some(start), Some(end)] = [0, 1].map(|s| Facet::of(evidence.samples[s], &self.samples[s])) else { return false };
+        let before = end.moved(&second.inverse()).height_m(&start.center);
+        let after = end.height_m(&(first * start.center));
+        let clear_m = CLEAR * evidence.scales.plane_m;
+        let both = |test: fn(&(f64, f64)) -> bool| test(&before) && test(&after);
+        both(|h| h.1 < 1.0) && before.0.abs().min(after.0.abs()) > clear_m && before.0 * after.0 < 0.0
+    }
+}
+
+/// Surfaces this many standard deviations from a plane are on one side of it.
+const CLEAR: f64 = 3.0;
+
+/// Where a piece is in one state.
+struct Facet {
+    center: Point3<f64>,
+    normal: Vector3<f64>,
+    radius_m: f64,
+}
+
+impl Facet {
+    fn of(surface: &SurfaceSamples, samples: &[usize]) -> Option<Self> {
+        let n = samples.len() as f64;
+        let center = Point3::from(samples.iter().map(|&i| surface.points[i].coords).sum::<Vector3<f64>>() / n);
+        let normal = samples.iter().map(|&i| surface.normals[i]).sum::<Vector3<f64>>().try_normalize(1e-9)?;
+        let radius_m = (samples.iter().map(|&i| (surface.points[i] - center).norm_squared()).sum::<f64>() / n).sqrt();
+        Some(Self { center, normal, radius_m })
+    }
+
+    fn moved(&self, motion: &Pose) -> Self {
+        Self { center: motion * self.center, normal: motion * self.normal, radius_m: self.radius_m }
+    }
+
+    /// Height of a point above it, metres, and its distance from the middle in radii.
+    fn height_m(&self, point: &Point3<f64>) -> (f64, f64) {
+        let offset = point - self.center;
+        let height = self.normal.dot(&offset);
+        (height, (offset - self.normal * height).norm() / self.radius_m.max(1e-9))
+    }
 }
 
 /// All samples by piece. Of the patches that land on each other, those that do so most are joined, each with one.
@@ -42,13 +87,15 @@ pub(super) fn pieces(evidence: &Evidence<'_>, motions: &[Pose], labels: &[Vec<u8
             (partner[0][a], partner[1][b]) = (Some(b), Some(a));
         }
     }
-    let tagged = |s: usize, g: usize| groups[s][g].1.iter().map(move |&i| (s, i));
-    let first = (0..groups[0].len()).map(|a| {
-        let there = partner[0][a].into_iter().flat_map(|b| tagged(1, b));
-        Piece { label: groups[0][a].0, samples: tagged(0, a).chain(there).collect() }
-    });
-    let alone = (0..groups[1].len()).filter(|&b| partner[1][b].is_none());
-    first.chain(alone.map(|b| Piece { label: groups[1][b].0, samples: tagged(1, b).collect() })).collect()
+    let [first, mut second] = groups;
+    let mut all: Vec<Piece> = Vec::new();
+    for ((label, samples), there) in first.into_iter().zip(&partner[0]) {
+        let there = there.map_or_else(Vec::new, |b: usize| std::mem::take(&mut second[b].1));
+        all.push(Piece { label, samples: [samples, there] });
+    }
+    let alone = second.into_iter().filter(|g| !g.1.is_empty());
+    all.extend(alone.map(|(label, samples)| Piece { label, samples: [Vec::new(), samples] }));
+    all
 }
 
 /// The samples of a state by label and patch, with the label.
