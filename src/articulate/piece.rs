@@ -106,3 +106,31 @@ fn groups(evidence: &Evidence<'_>, state: usize, labels: &[u8]) -> Vec<(usize, V
     }
     of.into_iter().map(|((label, _), samples)| (usize::from(label), samples)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plate at `x_m`, facing x.
+    fn plate(x_m: f64) -> SurfaceSamples {
+        let points: Vec<Point3<f64>> = (0..100).map(|i| Point3::new(x_m, 0.01 * (i % 10) as f64, 0.01 * (i / 10) as f64)).collect();
+        SurfaceSamples { normals: vec![Vector3::x(); points.len()], colors: vec![[0.5; 3]; points.len()], points }
+    }
+
+    #[test]
+    fn a_front_pushed_in_does_not_pass_through_another() {
+        let (before, after) = (plate(0.1), plate(0.0));
+        let evidence = Evidence::new([&before, &after], [None, None], 0.03);
+        let own = Pose::translation(-0.1, 0.0, 0.0);
+        let labels = [vec![1; 100], vec![1; 100]];
+        let all = pieces(&evidence, &[Pose::identity(), own], &labels);
+        assert!(all.len() == 1 && all[0].samples.iter().all(|s| s.len() == 100));
+        let crosses = |first: Pose, second: Pose| all[0].crosses(&evidence, &first, &second);
+        let still = Pose::identity();
+        assert!(crosses(Pose::translation(-0.13, 0.0, 0.0), still));
+        // Stopped before it, gone past it, and after it went the same way.
+        assert!(!crosses(Pose::translation(-0.07, 0.0, 0.0), still));
+        assert!(!crosses(Pose::translation(-0.13, 0.5, 0.0), still));
+        assert!(!crosses(Pose::translation(-0.13, 0.0, 0.0), Pose::translation(-0.12, 0.0, 0.0)));
+    }
+}

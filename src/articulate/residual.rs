@@ -445,3 +445,31 @@ fn near_labels(evidence: &Evidence<'_>, state: usize, patch: &Patch, left: &Unex
         evidence.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulate::SurfaceSamples;
+
+    #[test]
+    fn a_plain_panel_slides_by_what_it_uncovers() {
+        const SPACING_M: f64 = 0.01;
+        let rectangle = |y: std::ops::Range<i64>, z: std::ops::Range<i64>| {
+            y.flat_map(move |j| z.clone().map(move |k| Point3::new(0.0, SPACING_M * j as f64, SPACING_M * k as f64)))
+        };
+        let state = |shift: i64| {
+            let points: Vec<Point3<f64>> = rectangle(-50..70, -20..-5).chain(rectangle(shift..shift + 40, 0..30)).collect();
+            SurfaceSamples { normals: vec![Vector3::x(); points.len()], colors: vec![[0.5; 3]; points.len()], points }
+        };
+        let surfaces = [state(0), state(-15)];
+        let seen_empty = |from_m: f64| {
+            move |p: &Point3<f64>| p.x > 0.03 || (p.z > -0.005 && p.x > -0.03 && !(from_m - 0.005..from_m + 0.395).contains(&p.y))
+        };
+        let free = [seen_empty(0.0), seen_empty(-0.15)];
+        let evidence = Evidence::new([&surfaces[0], &surfaces[1]], [Some(&free[0]), Some(&free[1])], 0.03);
+        let found = propose_from_residual(&evidence, &[Pose::identity()], 1.2);
+        let shift = found[0].translation.vector;
+        assert!((shift - Vector3::new(0.0, -0.15, 0.0)).norm() < SPACING_M, "{shift}");
+        assert!(found[0].rotation.angle() < 0.03);
+    }
+}
