@@ -28,13 +28,13 @@ pub(super) const CONTRADICTED: f64 = 2.0;
 const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
-const SURFACE_WEIGHT: f64 = 0.16;
+pub(super) const SURFACE_WEIGHT: f64 = 0.16;
 /// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by chance. Three
 /// fix the motion, and where one in a thousand lands in the gate, six or seven of 300 are expected on some motion of the
 /// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
-const CHANCE: f64 = 5.0;
+pub(super) const CHANCE: f64 = 5.0;
 /// Motions with less evidence than this many times the least are said to rest on little of it.
-const LITTLE: f64 = 1.5;
+pub(super) const LITTLE: f64 = 1.5;
 /// A further motion with more than this share of the least evidence is told.
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
@@ -222,27 +222,33 @@ impl Run<'_> {
     fn preferred(&self, costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2], motions: usize) -> Vec<f64> {
         let mut gains = vec![0.0; motions];
         for s in 0..2 {
-            let mut of: Vec<(u8, u32, usize)> = labels[s].iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(s, i), i)).collect();
-            of.sort_unstable();
-            for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-                let own = usize::from(group[0].0);
-                let cost = |i: usize, k: usize| costs[s][i * motions + k];
-                let beside = group.iter().flat_map(|g| self.evidence.beside(s, g.2)).map(|j| labels[s][j]);
-                let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
-                let total = |k: usize| group.iter().map(|g| preference(cost(g.2, own), cost(g.2, k))).sum::<f64>();
-                let count = |holds: fn(f32) -> bool| group.iter().filter(|g| holds(cost(g.2, own))).count() as f64;
-                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
-                let worst = group.len() as f64;
-                gains[own] += (others.into_iter().map(total).fold(MISSED * worst, f64::min) - lost).max(0.0);
-            }
+            self.prefer(s, &[&costs[s]], &labels[s], &mut gains);
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
         gains.into_iter().map(|g| g / count.max(1) as f64).collect()
     }
 
+    /// Adds what the samples of one state say for each motion. They have `costs` for every state in which they land.
+    pub fn prefer(&self, state: usize, costs: &[&[f32]], labels: &[u8], gains: &mut [f64]) {
+        let motions = gains.len();
+        let mut of: Vec<(u8, u32, usize)> = labels.iter().enumerate().map(|(i, l)| (*l, self.evidence.patch(state, i), i)).collect();
+        of.sort_unstable();
+        for group in of.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let own = usize::from(group[0].0);
+            let beside = group.iter().flat_map(|g| self.evidence.beside(state, g.2)).map(|j| labels[j]);
+            let others: BTreeSet<usize> = beside.map(usize::from).chain([0]).filter(|k| *k != own).collect();
+            let landings = || group.iter().flat_map(|g| costs.iter().map(move |c| &c[g.2 * motions..(g.2 + 1) * motions]));
+            let total = |k: usize| landings().map(|c| preference(c[own], c[k])).sum::<f64>();
+            let count = |holds: fn(f32) -> bool| landings().filter(|c| holds(c[own])).count() as f64;
+            let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+            let worst = landings().count() as f64;
+            gains[own] += (others.into_iter().map(total).fold(MISSED * worst, f64::min) - lost).max(0.0);
+        }
+    }
+
     /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all other motions; the
     /// state with fewer decides.
-    fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
+    pub fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
         let cell_m = self.config.ransac.cell * self.extent_m;
         let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
@@ -295,7 +301,7 @@ fn point(scores: &[f64]) -> EvidencePoint {
 
 /// What a sample says for the first of two motions of these costs: that it lands on a surface, where the other takes it into
 /// space seen empty or lands worse.
-fn preference(own: f32, rival: f32) -> f64 {
+pub(super) fn preference(own: f32, rival: f32) -> f64 {
     match (own, rival) {
         (own, rival) if own >= HIDDEN => {
             if rival < HIDDEN {
