@@ -53,8 +53,10 @@ pub(super) fn unite_states(
     config: &Config,
 ) -> Result<United, RunError> {
     let empty: Vec<_> = surfaces.iter().map(empty_in).collect();
-    let pair = |(k, found)| StatePair { matches: &matches[k], surface: &surfaces[k + 1].samples, free: Some(&empty[k + 1]), found };
-    let pairs: Vec<StatePair> = found.iter().enumerate().map(pair).collect();
+    let mut pairs = Vec::with_capacity(found.len());
+    for (k, found) in found.iter().enumerate() {
+        pairs.push(StatePair { matches: &matches[k], surface: &surfaces[k + 1].samples, free: Some(&empty[k + 1]), found });
+    }
     unite((&surfaces[0].samples, Some(&empty[0])), &pairs, config.run.parts, &config.register).map_err(|e| RunError::stage("register", e))
 }
 
