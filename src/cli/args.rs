@@ -211,7 +211,7 @@ pub struct SynthArgs {
     /// By how much the world of state 1 is off, millimeters and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
     pub drift: PoseSpread,
-    /// States to film; those beyond two have other joint positions, in state2, state3, ...
+    /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,
     /// Views of each state
