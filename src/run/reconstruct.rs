@@ -5,23 +5,24 @@ use std::{collections::BTreeMap, path::PathBuf};
 use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     alignment::{Aligned, align, moved_back},
-    articulation::{Articulation, Search, unite_states},
+    articulation::Search,
     fields::train_field,
+    found::{Found, found_in_all, found_in_pair, more_views, stage_of},
     matching::{pairs, pixel_matches},
     outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
-    twin::{Observed, assemble, joints},
+    twin::{Seen, assemble, joints},
 };
 use crate::{
-    articulate::{EvidencePoint, LiftedMatch, Registration, lift},
+    articulate::{LiftedMatch, lift},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
         CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime,
         check_folder, compare_starts, looks, nearest_starts, package, report_html,
     },
-    field::{InstructionSet, Occupancy, TrainInput},
+    field::{InstructionSet, ObjectField, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
     model::{ArticulatedModel, validate},
@@ -158,30 +159,7 @@ pub fn reconstruct_twin(
     let frames: Vec<&[RgbdFrame]> = recorded[..1].iter().copied().chain(own).collect();
     let scene = scene_box(&frames, noise).unwrap_or(scene);
     let band = Band::of(&frames, &scene, noise, &config.surface);
-    let occupancy = occupancy(&frames, &scene, &band);
-    let mut fields = Vec::with_capacity(count);
-    let mut surfaces = Vec::with_capacity(count);
-    let mut replaced_engines = Vec::new();
-    for (state, frames) in frames.iter().enumerate() {
-        let input = TrainInput { frames, scene, occupancy: &occupancy };
-        let volume = stages
-            .run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, &scene, &band, noise, config.surface.nodes)))?;
-        let field = if config.trains_fields() {
-            let stage = format!("field/state{state}");
-            let train = |m: &Monitor| train_field(state, &input, &band, config, checkpoint, m);
-            let trained = stages.run(&stage, Some(config.train.steps), train)?;
-            replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
-            Some(trained.field)
-        } else {
-            None
-        };
-        let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
-        let surface = stages.run(&format!("surface/state{state}"), None, |_| {
-            state_surface(frames, &volume, geometry, &scene, &band, noise, &config.surface)
-        })?;
-        fields.push(field);
-        surfaces.push(surface);
-    }
+    let Observed { surfaces, fields, replaced_engines } = observe(&frames, scene, &band, config, checkpoint, stages)?;
     let search = |state: usize| Search {
         frames: [frames[0], frames[state]],
         surfaces: [&surfaces[0], &surfaces[state]],
@@ -204,7 +182,7 @@ pub fn reconstruct_twin(
     let Found { articulation, registered, curve, mut notes, warnings } = found;
     let joints = stages.run("joints", None, |_| {
         let aligned: Vec<bool> = drifts.iter().map(Option::is_some).collect();
-        let seen = Observed { frames: &frames, surfaces: &surfaces, matches: &matches, aligned: &aligned };
+        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, aligned: &aligned };
         Ok::<_, RunError>(joints(&seen, &articulation, &scene, config))
     })?;
     let parts = joints.len() + 1;
@@ -225,9 +203,49 @@ pub fn reconstruct_twin(
     Ok(Twin { model, starts, registered, part_count, drifts, notes, warnings, replaced_engines })
 }
 
-/// Name of the stage of a state behind state 0, of so many states in all.
-fn stage_of(name: &str, state: usize, count: usize) -> String {
-    if count == 2 { name.to_owned() } else { format!("{name}/state{state}") }
+/// The surface of every state.
+struct Observed {
+    surfaces: Vec<StateSurface>,
+    /// Fields, where they were trained.
+    fields: Vec<Option<ObjectField>>,
+    /// Why the CPU engine took over, by state.
+    replaced_engines: Vec<String>,
+}
+
+/// Surfaces and, where they are wanted, fields of all states, one after the other.
+fn observe(
+    frames: &[&[RgbdFrame]],
+    scene: SceneBox,
+    band: &Band,
+    config: &Config,
+    checkpoint: Option<&Checkpoint>,
+    stages: &mut Stages,
+) -> Result<Observed, RunError> {
+    let occupancy = occupancy(frames, &scene, band);
+    let noise = &config.capture.noise;
+    let mut all =
+        Observed { surfaces: Vec::with_capacity(frames.len()), fields: Vec::with_capacity(frames.len()), replaced_engines: Vec::new() };
+    for (state, frames) in frames.iter().enumerate() {
+        let input = TrainInput { frames, scene, occupancy: &occupancy };
+        let volume = stages
+            .run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, &scene, band, noise, config.surface.nodes)))?;
+        let field = if config.trains_fields() {
+            let stage = format!("field/state{state}");
+            let train = |m: &Monitor| train_field(state, &input, band, config, checkpoint, m);
+            let trained = stages.run(&stage, Some(config.train.steps), train)?;
+            all.replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+            Some(trained.field)
+        } else {
+            None
+        };
+        let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
+        let surface = stages.run(&format!("surface/state{state}"), None, |_| {
+            state_surface(frames, &volume, geometry, &scene, band, noise, &config.surface)
+        })?;
+        all.fields.push(field);
+        all.surfaces.push(surface);
+    }
+    Ok(all)
 }
 
 /// Matches of state 0 with another state, in the world frame of state 0, and how that state was brought there if it had to be.
@@ -250,79 +268,6 @@ fn match_pair(
     let moved = aligned.as_mut().map(|a| std::mem::take(&mut a.matches));
     Ok((moved.unwrap_or(matches), aligned))
 }
-
-/// Parts and motions, and what is told of them.
-struct Found {
-    articulation: Articulation,
-    /// Motions to the last state that registration found, in its own order.
-    registered: Vec<Pose>,
-    curve: Vec<EvidencePoint>,
-    notes: Vec<String>,
-    warnings: Vec<String>,
-}
-
-/// Parts and motions of two states.
-fn found_in_pair(
-    registration: &Registration,
-    search: &Search,
-    config: &Config,
-    checkpoint: Option<&Checkpoint>,
-    stages: &mut Stages,
-) -> Result<Found, RunError> {
-    let Registration { motions, curve, notes, warnings, .. } = registration.clone();
-    warnings.iter().for_each(|w| stages.monitor.warn(w));
-    notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
-    let articulation = search.articulate(registration, config, checkpoint, stages)?;
-    Ok(Found { articulation, registered: motions[1..].to_vec(), curve, notes, warnings })
-}
-
-/// Parts and motions of more than two states.
-fn found_in_all(
-    registrations: &[Registration],
-    surfaces: &[StateSurface],
-    matches: &[Vec<LiftedMatch>],
-    config: &Config,
-    stages: &mut Stages,
-) -> Result<Found, RunError> {
-    let united = stages.run("unite", None, |_| unite_states(surfaces, matches, registrations, config))?;
-    let said = |of: fn(&Registration) -> &Vec<String>| {
-        // Of a pair without motion nothing is told here.
-        let moving = registrations.iter().enumerate().filter(|(_, r)| r.motions.len() > 1);
-        moving.flat_map(move |(k, r)| of(r).iter().map(move |s| format!("states 0 and {}: {s}", k + 1))).collect::<Vec<_>>()
-    };
-    let notes = [said(|r| &r.notes), united.notes].concat();
-    let warnings = [said(|r| &r.warnings), united.warnings].concat();
-    warnings.iter().for_each(|w| stages.monitor.warn(w));
-    notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
-    let last = united.motions.last().cloned().unwrap_or_default();
-    let articulation = Articulation { motions: united.motions, starts: last.clone(), labels: united.labels };
-    Ok(Found { articulation, registered: last[1..].to_vec(), curve: united.curve, notes, warnings })
-}
-
-/// Sentences about states in which every joint stands as in an earlier one.
-fn more_views(model: &ArticulatedModel) -> Vec<String> {
-    let std = |j: usize, state: usize| {
-        let std = &model.joints[j].evidence.position_std;
-        state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default()
-    };
-    let alike = |a: usize, b: usize| {
-        let same = |j: usize| {
-            let [lower, upper] = model.observed_interval(j);
-            let apart = (model.states[a][j] - model.states[b][j]).abs();
-            apart <= (ALIKE_SIGMAS * std(j, a).hypot(std(j, b))).max(ALIKE_SHARE * (upper - lower))
-        };
-        (0..model.joints.len()).all(same)
-    };
-    let said = |b: usize| {
-        let a = (0..b).find(|&a| alike(a, b))?;
-        Some(format!("state {b} shows all joints where state {a} does: it adds views, and no motion"))
-    };
-    (1..model.states.len()).filter_map(said).collect()
-}
-
-/// Positions of a joint within so many standard deviations, or within this share of what was observed of it, are the same.
-const ALIKE_SIGMAS: f64 = 3.0;
-const ALIKE_SHARE: f64 = 0.01;
 
 /// Cells near the object in any state.
 fn occupancy(frames: &[&[RgbdFrame]], scene: &SceneBox, band: &Band) -> Occupancy {

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// What all states show.
-pub(super) struct Observed<'a> {
+pub(super) struct Seen<'a> {
     /// Frames of every state.
     pub frames: &'a [&'a [RgbdFrame]],
     /// Surface of every state.
@@ -33,8 +33,8 @@ pub(super) struct Observed<'a> {
 
 /// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states that were aligned
 /// is taken out of theirs.
-pub(super) fn joints(seen: &Observed<'_>, articulation: &Articulation, scene: &SceneBox, config: &Config) -> Vec<TreeJointEstimate> {
-    let state = |(s, surface): (usize, &'_ StateSurface)| ObservedState {
+pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &SceneBox, config: &Config) -> Vec<TreeJointEstimate> {
+    let state = |(s, surface): (usize, &StateSurface)| ObservedState {
         frames: seen.frames[s],
         samples: &seen.surfaces[s].samples,
         labels: &articulation.labels[s],
