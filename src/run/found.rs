@@ -84,7 +84,7 @@ pub(super) fn found_in_all(
 pub(super) fn more_views(model: &ArticulatedModel) -> Vec<String> {
     let std = |j: usize, state: usize| {
         let std = &model.joints[j].evidence.position_std;
-        state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default()
+        state.checked_sub(1).and_then(|k| std.get(k)).copied().filter(|s| s.is_finite()).unwrap_or_default()
     };
     let alike = |a: usize, b: usize| {
         let same = |j: usize| {
