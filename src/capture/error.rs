@@ -146,6 +146,14 @@ pub enum CaptureError {
         /// What was given.
         path: PathBuf,
     },
+    /// More states than a run takes.
+    #[error("{count} states, {limit} at most; give the paths of those that show the joints farthest apart")]
+    TooManyStates {
+        /// Number of states.
+        count: usize,
+        /// Most that are taken.
+        limit: usize,
+    },
     /// The states cannot be told apart at the place given.
     #[error("cannot split the recording into two states: {reason}")]
     Split {

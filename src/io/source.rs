@@ -28,7 +28,7 @@ impl Source {
             [] => Err(CaptureError::NotARecording { path: PathBuf::new(), reason: "no path was given".into() }),
             [one] => Self::of_one(one),
             _ => {
-                check_count(&paths[0], paths.len())?;
+                check_count(paths.len())?;
                 for path in paths {
                     exists(path)?;
                     if !Bag::is_at(path) {
@@ -62,7 +62,7 @@ impl Source {
                     let reason = format!("it holds state{further} but not state{count}; number the states without gaps");
                     return Err(CaptureError::NotARecording { path: path.to_owned(), reason });
                 }
-                check_count(path, count)?;
+                check_count(count)?;
                 Ok(Self::States(states))
             }
             (Some(_), None) | (None, Some(_)) if !path.join("metadata.yaml").is_file() => {
@@ -99,12 +99,8 @@ impl Source {
 }
 
 /// Refuses more states than [`MAX_STATES`].
-fn check_count(path: &Path, count: usize) -> Result<(), CaptureError> {
-    if count <= MAX_STATES {
-        return Ok(());
-    }
-    let reason = format!("{count} states, {MAX_STATES} at most; give the paths of those that show the joints farthest apart");
-    Err(CaptureError::NotARecording { path: path.to_owned(), reason })
+fn check_count(count: usize) -> Result<(), CaptureError> {
+    if count <= MAX_STATES { Ok(()) } else { Err(CaptureError::TooManyStates { count, limit: MAX_STATES }) }
 }
 
 fn exists(path: &Path) -> Result<(), CaptureError> {
