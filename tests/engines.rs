@@ -31,9 +31,9 @@ struct Scene {
 
 /// State 0 of the drawer.
 fn drawer() -> Scene {
-    let capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0).unwrap();
-    let [frames, _] = capture.states;
-    let scene = scene_box([&frames, &[]], &capture.noise).unwrap();
+    let mut capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0).unwrap();
+    let frames = capture.states.swap_remove(0);
+    let scene = scene_box(&[&frames], &capture.noise).unwrap();
     let of =
         |f: &RgbdFrame| (0..f.depth_m.len()).step_by(13).filter(|&p| f.is_object(p)).filter_map(|p| f.world_point(p)).collect::<Vec<_>>();
     let points: Vec<_> = frames.iter().flat_map(of).collect();

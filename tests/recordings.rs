@@ -287,7 +287,7 @@ fn topics_and_budget_can_be_set() {
     let mut few = CaptureConfig { frames_per_state: 4, ..config() };
     few.topics.depth = Some(DEPTH.into());
     let capture = open(std::slice::from_ref(&folder.0), &few, 0).unwrap();
-    assert_eq!(capture.states.each_ref().map(Vec::len), [4, 4]);
+    assert_eq!(capture.states.iter().map(Vec::len).collect::<Vec<_>>(), [4, 4]);
     assert!(capture.notes.iter().any(|n| n.contains("4 of 10 views kept")), "{:?}", capture.notes);
     few.topics.depth = Some("/nope".into());
     assert!(matches!(open(std::slice::from_ref(&folder.0), &few, 0), Err(CaptureError::BadTopic { .. })));

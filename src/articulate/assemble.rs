@@ -1,6 +1,6 @@
-//! One surface per part from both states: each state's field, carried through the part's motion.
+//! One surface per part from all states: each state's field, carried through the part's motion.
 //!
-//! Method.md 5 cuts a part from one state's TSDF by setting it to `+1` where another part has the label. Here the two
+//! Method.md 5 cuts a part from one state's TSDF by setting it to `+1` where another part has the label. Here the
 //! states vote together, so that a drawer gets the inside that only the open state shows.
 
 use nalgebra::Point3;
@@ -23,10 +23,10 @@ pub struct LabelledState {
 /// Marks a node that is away from every surface.
 pub const NO_LABEL: u8 = u8::MAX;
 
-/// Truncated signed distance of a part in the world as it stands in state 0, metres; NaN where neither state says
-/// anything. `motion` is the part's `state1_from_state0`.
+/// Truncated signed distance of a part in the world as it stands in state 0, metres; NaN where no state says anything.
+/// `motions` take the part from state 0 to each of the `states`; the first is the identity.
 #[must_use]
-pub fn part_tsdf(part: u8, motion: &Pose, states: &[LabelledState; 2]) -> Grid3<f32> {
+pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
     let template = &states[0].tsdf;
     let mut out = Grid3 {
         origin: template.origin,
@@ -38,18 +38,19 @@ pub fn part_tsdf(part: u8, motion: &Pose, states: &[LabelledState; 2]) -> Grid3<
     out.values.par_chunks_mut(layer).enumerate().for_each(|(z, values)| {
         for (i, value) in values.iter_mut().enumerate() {
             let x = template.position(z * layer + i);
-            *value = vote(part, &[x, motion * x], states);
+            *value = vote(part, &x, motions, states);
         }
     });
     out
 }
 
-/// Weighted mean of what both states say about one place.
-fn vote(part: u8, places: &[Point3<f64>; 2], states: &[LabelledState; 2]) -> f32 {
+/// Weighted mean of what all states say about one place.
+fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let (mut sum, mut weight, mut elsewhere) = (0.0, 0.0, None::<f32>);
-    for (place, state) in places.iter().zip(states) {
-        let Some(node) = state.tsdf.nearest(place) else { continue };
-        let distance = state.tsdf.sample(place);
+    for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
+        let place = if k == 0 { *place } else { motion * place };
+        let Some(node) = state.tsdf.nearest(&place) else { continue };
+        let distance = state.tsdf.sample(&place);
         if !distance.is_finite() {
             continue;
         }
@@ -95,11 +96,11 @@ mod tests {
     #[test]
     fn each_part_gets_its_own_surface_from_the_state_that_saw_it() {
         let states = [state(0.0, false), state(0.1, true)];
-        let moved = part_tsdf(1, &Pose::translation(0.0, 0.0, 0.1), &states);
+        let moved = part_tsdf(1, &[Pose::identity(), Pose::translation(0.0, 0.0, 0.1)], &states);
         let at = |g: &Grid3<f32>, x: f64, z: f64| g.sample(&Point3::new(x, 0.0, z));
         assert!(at(&moved, 0.3, 0.03) > 0.02 && at(&moved, 0.3, -0.03) < -0.02);
         assert!(at(&moved, -0.3, 0.03) > 0.0, "free space of the other part");
-        let still = part_tsdf(0, &Pose::identity(), &states);
+        let still = part_tsdf(0, &[Pose::identity(); 2], &states);
         assert!(at(&still, -0.3, -0.17) > 0.02 && at(&still, -0.3, -0.23) < -0.02, "seen in state 1 only");
         assert!(at(&still, 0.3, 0.05) > 0.0);
     }

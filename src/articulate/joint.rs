@@ -40,18 +40,26 @@ impl ParentMotion {
 pub struct JointEstimate {
     /// Type with the best evidence.
     pub kind: JointKind,
-    /// Unit axis direction; the motion from state 0 to state 1 is positive.
+    /// Unit axis direction; the farthest motion from state 0 is positive.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis near the part, metres.
     pub point: Point3<f64>,
-    /// Motion from state 0 to state 1, radians or metres, positive.
-    pub motion: f64,
-    /// Rigid motion of the part in the world, state 0 to state 1: that of the parent and of the joint.
-    pub state1_from_state0: Pose,
-    /// Covariance of a left perturbation (translation 3, rotation 3) of that motion.
-    pub motion_covariance: Matrix6<f64>,
+    /// Position in every state behind state 0, where it is 0, radians or metres.
+    pub positions: Vec<f64>,
+    /// Rigid motions of the part in the world from state 0 to these: that of the parent and of the joint.
+    pub motions: Vec<Pose>,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of each motion.
+    pub covariances: Vec<Matrix6<f64>>,
     /// What it rests on.
     pub evidence: JointEvidence,
+}
+
+impl JointEstimate {
+    /// Position farthest from that of state 0, radians or metres, positive.
+    #[must_use]
+    pub fn motion(&self) -> f64 {
+        self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })
+    }
 }
 
 /// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error of
@@ -61,7 +69,7 @@ const SIGMA_FLOOR: f64 = 0.02;
 /// Raftery (1995), on their scale of twice the log likelihood. Less of it is said, and a screw needs as much.
 pub(super) const DECISIVE: f64 = 10.0;
 /// Number of parameters of a prismatic, a revolute and a screw or free motion.
-const PARAMETERS: [f64; 3] = [3.0, 5.0, 6.0];
+pub(super) const PARAMETERS: [f64; 3] = [3.0, 5.0, 6.0];
 /// Standard deviation of an axis direction, radians, and of an axis position, metres, from which it is said.
 const COARSE_DIRECTION_RAD: f64 = 0.02;
 const COARSE_POSITION_M: f64 = 0.01;
@@ -128,7 +136,7 @@ impl Candidates {
 /// What speaks against an axis far from its part, on the scale of the scores: a hinge is on the part or beside it, so that the
 /// distance of the axis from the part's middle is taken as that of a Student distribution with two degrees of freedom, over
 /// twice the radius of the part. A slide is a turn about an axis far away.
-fn far(turn: &RevoluteMotion, near: &Point3<f64>, radius_m: f64) -> f64 {
+pub(super) fn far(turn: &RevoluteMotion, near: &Point3<f64>, radius_m: f64) -> f64 {
     let off_m = (foot(&turn.point, &turn.direction, near) - near).norm();
     4.0 * (off_m / (2.0 * radius_m)).powi(2).ln_1p()
 }
@@ -173,7 +181,7 @@ pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfi
 }
 
 /// The free motion and the squared error of its parameters against what independent residuals give.
-fn fit_free(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> (Refined<FreeMotion>, f64) {
+pub(super) fn fit_free(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> (Refined<FreeMotion>, f64) {
     let floor_m = evidence.reach_m * SIGMA_FLOOR;
     let free = refine(FreeMotion(*start), evidence, evidence.surface_sigma_m(start, floor_m), config);
     let sigma_m = evidence.surface_sigma_m(&free.model.motion(), floor_m);
@@ -199,7 +207,7 @@ pub fn estimate_parallel(
     }
     let candidates = Candidates::fit(&found.evidence.state1_from_state0, parent, evidence, near, config);
     let direction = if direction.dot(&found.axis) < 0.0 { -*direction } else { *direction };
-    let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion });
+    let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion() });
     let sigma_m = candidates.revolute.as_ref()?.sigma_m;
     let fit = refine(Carried { parent: parent.state1_from_state0, joint }, evidence, sigma_m, config);
     let mut scores = candidates.scores((near, radius_m));
@@ -310,12 +318,11 @@ impl Chosen {
         let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
         let forward = self.motion >= 0.0;
         let (axis, motion) = if forward { (self.direction, self.motion) } else { (-self.direction, -self.motion) };
-        let mut cautions = cautions(self.kind, motion, &full, covariance.is_some(), &scores);
-        if self.agreement[0] * 2 < self.agreement[1] {
-            cautions.push(format!("only {} of {} observations agree with the motion", self.agreement[0], self.agreement[1]));
-        }
+        let (kind, agreement) = (self.kind, self.agreement);
+        let cautions = cautions(&Cautioned { kind, motion, covariance: &full, finite: covariance.is_some(), scores: &scores, agreement });
         let evidence = JointEvidence {
             covariance: full.fixed_view::<7, 7>(0, 0).into(),
+            position_std: Vec::new(),
             pitch_std_m_per_rad: if self.kind.pitch_m_per_rad().is_some() { full[(7, 7)].max(0.0).sqrt() } else { 0.0 },
             state1_from_state0: found.free,
             inliers: self.agreement[0],
@@ -325,22 +332,36 @@ impl Chosen {
             type_scores: scores,
             parents: BTreeMap::new(),
             cautions,
-            not_observable: not_observable(self.kind),
+            not_observable: not_observable(self.kind, 2),
         };
         JointEstimate {
             kind: self.kind,
             axis,
             point: foot(&self.point, &axis, near),
-            motion,
-            state1_from_state0: self.state1_from_state0,
-            motion_covariance: own + parent.covariance,
+            positions: vec![motion],
+            motions: vec![self.state1_from_state0],
+            covariances: vec![own + parent.covariance],
             evidence,
         }
     }
 }
 
-/// What speaks against trusting a joint, in words. `covariance` is that of (direction 3, point 3, motion 1, pitch 1).
-fn cautions(kind: JointKind, motion: f64, covariance: &SMatrix<f64, 8, 8>, finite: bool, scores: &BTreeMap<String, f64>) -> Vec<String> {
+/// What a joint is judged by.
+pub(super) struct Cautioned<'a> {
+    pub kind: JointKind,
+    /// Farthest from state 0, positive.
+    pub motion: f64,
+    /// Of (direction 3, point 3, motion 1, pitch 1).
+    pub covariance: &'a SMatrix<f64, 8, 8>,
+    pub finite: bool,
+    pub scores: &'a BTreeMap<String, f64>,
+    /// Observations that agree with the joint, of those tried.
+    pub agreement: [usize; 2],
+}
+
+/// What speaks against trusting a joint, in words.
+pub(super) fn cautions(joint: &Cautioned<'_>) -> Vec<String> {
+    let Cautioned { kind, motion, covariance, finite, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let amount = if kind.turns() { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
     if !finite {
@@ -365,12 +386,16 @@ fn cautions(kind: JointKind, motion: f64, covariance: &SMatrix<f64, 8, 8>, finit
     if motion <= 0.0 {
         cautions.push("no motion".to_owned());
     }
+    if agree * 2 < tried {
+        cautions.push(format!("only {agree} of {tried} observations agree with the motion"));
+    }
     cautions
 }
 
-/// What two states of a part cannot tell.
-fn not_observable(kind: JointKind) -> Vec<String> {
-    let mut said = vec!["the joint's limits: it reaches at least the two observed positions".to_owned()];
+/// What some states of a part cannot tell.
+pub(super) fn not_observable(kind: JointKind, states: usize) -> Vec<String> {
+    let count = if states == 2 { "two".to_owned() } else { states.to_string() };
+    let mut said = vec![format!("the joint's limits: it reaches at least the {count} observed positions")];
     if kind.turns() {
         said.push("whole turns: the smallest rotation between the states is taken".to_owned());
     }
@@ -458,9 +483,9 @@ mod tests {
         let place = (&Point3::new(0.1, 0.05, 0.0), 0.25);
         let e = estimate_joint(&(off * motion), &ParentMotion::still(), &evidence, place, &RefineConfig::default());
         assert_eq!(e.kind, kind, "{:?}", e.evidence.type_scores);
-        let difference = e.state1_from_state0 * motion.inverse();
+        let difference = e.motions[0] * motion.inverse();
         assert!(difference.rotation.angle() < 2e-3, "{}", difference.rotation.angle());
-        assert!((e.state1_from_state0 * Point3::origin() - motion * Point3::origin()).norm() < 1e-3);
+        assert!((e.motions[0] * Point3::origin() - motion * Point3::origin()).norm() < 1e-3);
         e
     }
 
@@ -471,7 +496,7 @@ mod tests {
         let e = check(&screw.motion(), JointKind::Revolute);
         assert!(e.axis.angle(&axis) < 4e-3, "{}", e.axis.angle(&axis));
         assert!(line_distance_m((&e.point, &e.axis), (&screw.point, &axis)) < 2e-3);
-        assert!((e.motion - 0.6).abs() < 2e-3);
+        assert!((e.motion() - 0.6).abs() < 2e-3);
     }
 
     #[test]
@@ -483,7 +508,7 @@ mod tests {
     #[test]
     fn a_slid_box_is_prismatic() {
         let e = check(&Pose::translation(0.12, 0.0, 0.02), JointKind::Prismatic);
-        assert!((e.motion - 0.12f64.hypot(0.02)).abs() < 1e-3);
+        assert!((e.motion() - 0.12f64.hypot(0.02)).abs() < 1e-3);
         assert!(e.evidence.covariance[(6, 6)].sqrt() < 1e-3);
     }
 }

@@ -2,13 +2,19 @@
 //!
 //! A part moves simply against its parent: it turns about one line or slides along one direction. Against any other part
 //! it makes the motions of all joints between them, which are simple only by chance (parallel axes, equal directions).
-//! A part touches its parent in both states. The static part is preferred where it qualifies: of the explanations of two
-//! states it is the one with the shortest chains.
+//! A part touches its parent in all states. The static part is preferred where it qualifies: of the explanations it is the
+//! one with the shortest chains.
+
+use nalgebra::Matrix6;
 
 use super::{
-    JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples, joint::DECISIVE, sample_index::SampleIndex,
+    JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples, joint::DECISIVE, joint_of_part, pair_of,
+    sample_index::SampleIndex,
 };
-use crate::model::{JointKind, ParentScore, link_name};
+use crate::{
+    geometry::Pose,
+    model::{JointKind, ParentScore, link_name},
+};
 
 /// Two parts touch where their samples come closer than this share of the object's longest side, or two grid spacings:
 /// what the surfaces of a joint are apart that hides between them.
@@ -30,7 +36,7 @@ struct Candidate {
     joint: JointEstimate,
     /// Lowest score of a joint with one freedom, against that of the free motion.
     excess: f64,
-    /// Distance of both parts, the larger of both states, metres.
+    /// Distance of both parts, the largest of all states, metres.
     gap_m: f64,
 }
 
@@ -41,14 +47,15 @@ fn qualified(candidates: &[Candidate], contact_m: f64) -> impl Iterator<Item = &
     candidates.iter().filter(touching).filter(move |c| c.excess < simplest + DECISIVE)
 }
 
-/// The joints of all moving parts, in their order, each with its parent. `root` is the motion of the static part, `still` is the static part's surface in each
-/// state, `extent_m` the longest side of the object.
+/// The joints of all moving parts, in their order, each with its parent. A part has one evidence for each motion from state 0
+/// to another state, and `root` is the motion of the static part to each of these; `still` is the static part's surface in
+/// each state, `extent_m` the longest side of the object.
 #[must_use]
 pub fn kinematic_tree(
-    root: &ParentMotion,
-    parts: &[PartEvidence],
-    still: &[SurfaceSamples; 2],
-    states: &[ObservedState; 2],
+    root: &[ParentMotion],
+    parts: &[Vec<PartEvidence>],
+    still: &[SurfaceSamples],
+    states: &[ObservedState],
     extent_m: f64,
     config: &JointConfig,
 ) -> Vec<TreeJointEstimate> {
@@ -59,17 +66,24 @@ pub fn kinematic_tree(
     // Parents first: each joint is estimated with its parent's motion as the tree makes it.
     while let Some(k) = (0..parts.len()).find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some())) {
         let parent = match parents[k].checked_sub(1).and_then(|p| found[p].as_ref()) {
-            None => root.clone(),
-            Some(p) => ParentMotion { state1_from_state0: p.joint.state1_from_state0, covariance: p.joint.motion_covariance },
+            None => root.to_vec(),
+            Some(p) => carried(&p.joint),
         };
-        let mut joint = parts[k].joint(&parent, states, config);
-        if let Some(plane) = turning_child(&candidates, &parents, k) {
-            joint = parts[k].parallel_joint(&joint, plane, &parent, states, config).unwrap_or(joint);
+        let mut joint = joint_of_part(&parts[k], &parent, states, true, config);
+        // Of one motion alone: several tell the direction by themselves.
+        if let (Some(plane), [part], [parent]) = (turning_child(&candidates, &parents, k), parts[k].as_slice(), parent.as_slice()) {
+            joint = part.parallel_joint(&joint, plane, parent, &pair_of(states, 0), config).unwrap_or(joint);
         }
         explain(&mut joint, k, parents[k], &candidates[k], contact_m);
         found[k] = Some(TreeJointEstimate { parent: parents[k], joint });
     }
     found.into_iter().flatten().collect()
+}
+
+/// What the joint's part does in every state behind state 0.
+fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
+    let motion = |(m, c): (&Pose, &Matrix6<f64>)| ParentMotion { state1_from_state0: *m, covariance: *c };
+    joint.motions.iter().zip(&joint.covariances).map(motion).collect()
 }
 
 /// The turn, in the world, of a part that hangs on part `k` (counted from 0) and whose own motion is a plain rotation. Two
@@ -82,21 +96,22 @@ fn turning_child<'a>(candidates: &'a [Vec<Candidate>], parents: &[usize], k: usi
 
 /// All parents that every part could have.
 fn candidates(
-    root: &ParentMotion,
-    parts: &[PartEvidence],
-    still: &[SurfaceSamples; 2],
-    states: &[ObservedState; 2],
+    root: &[ParentMotion],
+    parts: &[Vec<PartEvidence>],
+    still: &[SurfaceSamples],
+    states: &[ObservedState],
     contact_m: f64,
     config: &JointConfig,
 ) -> Vec<Vec<Candidate>> {
     let reach_m = 2.0 * contact_m;
-    let surfaces: Vec<&[SurfaceSamples; 2]> = std::iter::once(still).chain(parts.iter().map(|p| &p.surfaces)).collect();
-    let indices: Vec<[SampleIndex<'_>; 2]> = surfaces.iter().map(|s| [0, 1].map(|k| SampleIndex::new(&s[k], reach_m))).collect();
-    let motion = |part: usize| if part == 0 { root.state1_from_state0 } else { parts[part - 1].motion };
+    let all: Vec<Vec<&SurfaceSamples>> = std::iter::once(still.iter().collect()).chain(parts.iter().map(|p| surfaces(p))).collect();
+    let indices: Vec<Vec<SampleIndex<'_>>> = all.iter().map(|s| s.iter().map(|s| SampleIndex::new(s, reach_m)).collect()).collect();
+    let motion = |part: usize, k: usize| if part == 0 { root[k].state1_from_state0 } else { parts[part - 1][k].motion };
     let candidate = |k: usize, parent: usize| {
-        let carried = ParentMotion { state1_from_state0: motion(parent), ..ParentMotion::still() };
-        let joint = parts[k].joint(&carried, states, config);
-        Candidate { parent, excess: excess(&joint), gap_m: gap_m(&parts[k], &indices[parent]), joint }
+        let carried = |m: usize| ParentMotion { state1_from_state0: motion(parent, m), ..ParentMotion::still() };
+        let carried: Vec<ParentMotion> = (0..root.len()).map(carried).collect();
+        let joint = joint_of_part(&parts[k], &carried, states, false, config);
+        Candidate { parent, excess: excess(&joint), gap_m: gap_m(&all[k + 1], &indices[parent]), joint }
     };
     let of = |k: usize| (0..=parts.len()).filter(|&p| p != k + 1).map(|p| candidate(k, p)).collect();
     (0..parts.len()).map(of).collect()
@@ -110,10 +125,16 @@ fn excess(joint: &JointEstimate) -> f64 {
     of("prismatic").min(of("revolute")).min(screw) - of("free")
 }
 
-/// Distance of a part from another, the larger of both states, metres; at most the reach of the index.
-fn gap_m(part: &PartEvidence, other: &[SampleIndex<'_>; 2]) -> f64 {
-    let in_state = |s: usize| part.surfaces[s].points.iter().map(|p| other[s].distance_m(p)).fold(f64::INFINITY, f64::min);
-    in_state(0).max(in_state(1))
+/// Surface of a part in every state.
+fn surfaces(part: &[PartEvidence]) -> Vec<&SurfaceSamples> {
+    part.iter().take(1).map(|p| &p.surfaces[0]).chain(part.iter().map(|p| &p.surfaces[1])).collect()
+}
+
+/// Distance of a part from another, the largest of all states, metres; at most the reach of the index.
+fn gap_m(part: &[&SurfaceSamples], other: &[SampleIndex<'_>]) -> f64 {
+    let in_state =
+        |(part, other): (&&SurfaceSamples, &SampleIndex<'_>)| part.points.iter().map(|p| other.distance_m(p)).fold(f64::INFINITY, f64::min);
+    part.iter().zip(other).map(in_state).fold(0.0, f64::max)
 }
 
 /// Parent of every part: the static part where it qualifies, else the candidate that does and is in the tree already,
@@ -135,6 +156,7 @@ fn attach(candidates: &[Vec<Candidate>], contact_m: f64) -> Vec<usize> {
 
 /// Says what speaks against the parent and which others would do.
 fn explain(joint: &mut JointEstimate, part: usize, parent: usize, candidates: &[Candidate], contact_m: f64) {
+    let all = if joint.positions.len() == 1 { "both" } else { "all" };
     let evidence = &mut joint.evidence;
     for c in candidates {
         evidence.parents.insert(link_name(c.parent), ParentScore { excess: c.excess, gap_m: c.gap_m });
@@ -146,7 +168,7 @@ fn explain(joint: &mut JointEstimate, part: usize, parent: usize, candidates: &[
     }
     if candidates.len() > 1 && qualified(candidates, contact_m).next().is_none() {
         let name = link_name(part + 1);
-        evidence.cautions.push(format!("no part touches {name} in both states; it hangs on the static part"));
+        evidence.cautions.push(format!("no part touches {name} in {all} states; it hangs on the static part"));
     }
 }
 

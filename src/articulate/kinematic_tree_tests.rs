@@ -33,9 +33,9 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
     let off = Pose::new(Vector3::new(0.001, -0.0008, 0.0012), Vector3::new(0.004, 0.003, -0.004));
     let (config, noise, extent_m) = (JointConfig::default(), NoiseConfig::default(), 0.5);
     let gather = |k: usize| PartEvidence::gather(k as u8, &(off * scene.truth(k)), &states, &[], &noise, extent_m, &config);
-    let parts: Vec<PartEvidence> = (1..scene.parts.len()).map(gather).collect();
+    let parts: Vec<Vec<PartEvidence>> = (1..scene.parts.len()).map(|k| vec![gather(k)]).collect();
     let still = [0, 1].map(|s| super::super::select(&observed[s].0, &observed[s].1, 0));
-    kinematic_tree(&ParentMotion::still(), &parts, &still, &states, extent_m, &config)
+    kinematic_tree(&[ParentMotion::still()], &parts, &still, &states, extent_m, &config)
 }
 
 /// Distance of a joint's axis from the line through a point along a direction, metres.
@@ -52,9 +52,9 @@ fn a_lamp_is_a_chain_although_its_axes_are_parallel() {
         assert!(t.joint.axis.cross(&Vector3::y()).norm() < 0.01, "{:?}", t.joint.axis);
         assert!(line_error_m(&t.joint, at, Vector3::y()) < 0.002, "{}", line_error_m(&t.joint, at, Vector3::y()));
     }
-    assert!((found[0].joint.motion - 0.5).abs() < 0.01 && (found[1].joint.motion - 0.6).abs() < 0.01);
+    assert!((found[0].joint.motion() - 0.5).abs() < 0.01 && (found[1].joint.motion() - 0.6).abs() < 0.01);
     // The carried motion is that of both joints.
-    let apart = found[1].joint.state1_from_state0 * Scene::lamp().truth(2).inverse();
+    let apart = found[1].joint.motions[0] * Scene::lamp().truth(2).inverse();
     assert!(apart.rotation.angle() < 0.01 && found[1].joint.evidence.parents.len() == 2);
 }
 
@@ -75,7 +75,7 @@ fn an_unscrewed_lid_has_its_pitch() {
     assert!(found[0].joint.evidence.pitch_std_m_per_rad > 0.0);
     assert!(line_error_m(&found[0].joint, [0.0; 3], Vector3::z()) < 0.002);
     let truth = Screw::of(&Scene::jar().truth(1)).unwrap();
-    assert!((found[0].joint.motion - truth.angle_rad).abs() < 0.01);
+    assert!((found[0].joint.motion() - truth.angle_rad).abs() < 0.01);
 }
 
 #[test]

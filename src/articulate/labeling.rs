@@ -107,6 +107,11 @@ impl<'a> Evidence<'a> {
         evidence
     }
 
+    /// Gives up the landings that are kept.
+    pub fn forget(&self) {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// Number of the flat patch that a sample is on.
     pub fn patch(&self, state: usize, sample: usize) -> u32 {
         self.graphs[state].patch(sample)

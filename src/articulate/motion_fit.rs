@@ -57,6 +57,7 @@ pub struct MatchEvidence {
 }
 
 /// All that is known about the motion of one part.
+#[derive(Clone, Copy)]
 pub struct MotionEvidence<'a> {
     /// Surface points of the part in each state.
     pub surfaces: [&'a SurfaceSamples; 2],

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{
     RegisterError,
     labeling::{FREE, HIDDEN},
-    piece::pieces,
+    piece::{groups, pieces},
     register::{Run, occupied_cells},
     residual::unexplained,
 };
@@ -29,13 +29,13 @@ pub(super) const CONTRADICTED: f64 = 2.0;
 const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its distance in
 /// three dimensions and its look, a wrong surface by its distance in one.
-const SURFACE_WEIGHT: f64 = 0.16;
+pub(super) const SURFACE_WEIGHT: f64 = 0.16;
 /// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by chance. Three
 /// fix the motion, and where one in a thousand lands in the gate, six or seven of 300 are expected on some motion of the
 /// 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
-const CHANCE: f64 = 5.0;
+pub(super) const CHANCE: f64 = 5.0;
 /// Motions with less evidence than this many times the least are said to rest on little of it.
-const LITTLE: f64 = 1.5;
+pub(super) const LITTLE: f64 = 1.5;
 /// A further motion with more than this share of the least evidence is told.
 const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
@@ -223,29 +223,38 @@ impl Run<'_> {
     fn preferred(&self, motions: &[Pose], costs: &[Vec<f32>; 2], labels: &[Vec<u8>; 2]) -> Vec<f64> {
         let mut gains = vec![0.0; motions.len()];
         for piece in pieces(&self.evidence, motions, labels) {
-            let own = piece.label;
-            let told = [0, 1].map(|s| {
-                let cost = |i: usize, k: usize| costs[s][i * motions.len() + k];
-                let samples = &piece.samples[s];
-                let count = |holds: fn(f32) -> bool| samples.iter().filter(|i| holds(cost(**i, own))).count() as f64;
-                let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
-                let beside = samples.iter().flat_map(|&i| self.evidence.beside(s, i)).map(|j| usize::from(labels[s][j]));
-                let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
-                let total = |k: usize| samples.iter().map(|&i| preference(cost(i, own), cost(i, k))).sum::<f64>();
-                others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect::<Vec<_>>()
-            });
+            let told = [0, 1].map(|s| self.told(s, &piece.samples[s], piece.label, &[&costs[s]], &labels[s], motions.len()));
             let pairs = told[0].iter().flat_map(|first| told[1].iter().map(move |second| (first, second)));
             let possible = pairs.filter(|(a, b)| a.0 == b.0 || !piece.crosses(&self.evidence, &motions[a.0], &motions[b.0]));
-            let least = possible.map(|(a, b)| a.1 + b.1).fold(f64::INFINITY, f64::min);
-            gains[own] += least.min(MISSED * piece.samples.iter().map(Vec::len).sum::<usize>() as f64);
+            gains[piece.label] += possible.map(|(a, b)| a.1 + b.1).reduce(f64::min).unwrap_or(0.0);
         }
         let count = labels.iter().map(Vec::len).sum::<usize>();
         gains.into_iter().map(|g| g / count.max(1) as f64).collect()
     }
 
+    /// Adds what the samples of one state say for each motion, patch by patch. They have `costs` for every state in which they
+    /// land.
+    pub fn prefer(&self, state: usize, costs: &[&[f32]], labels: &[u8], gains: &mut [f64]) {
+        for (own, samples) in groups(&self.evidence, state, labels) {
+            let told = self.told(state, &samples, own, costs, labels, gains.len());
+            gains[own] += told.into_iter().map(|t| t.1).reduce(f64::min).unwrap_or(0.0);
+        }
+    }
+
+    /// What samples of one state say for their own motion rather than for the static part and each motion beside them.
+    fn told(&self, state: usize, samples: &[usize], own: usize, costs: &[&[f32]], labels: &[u8], motions: usize) -> Vec<(usize, f64)> {
+        let beside = samples.iter().flat_map(|&i| self.evidence.beside(state, i)).map(|j| usize::from(labels[j]));
+        let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
+        let landings = || samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
+        let count = |holds: fn(f32) -> bool| landings().filter(|c| holds(c[own])).count() as f64;
+        let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+        let total = |k: usize| landings().map(|c| preference(c[own], c[k])).sum::<f64>();
+        others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
+    }
+
     /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all other motions; the
     /// state with fewer decides.
-    fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
+    pub fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
         let cell_m = self.config.ransac.cell * self.extent_m;
         let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
@@ -298,7 +307,7 @@ fn point(scores: &[f64]) -> EvidencePoint {
 
 /// What a sample says for the first of two motions of these costs: that it lands on a surface, where the other takes it into
 /// space seen empty or lands worse.
-fn preference(own: f32, rival: f32) -> f64 {
+pub(super) fn preference(own: f32, rival: f32) -> f64 {
     match (own, rival) {
         (own, rival) if own >= HIDDEN => {
             if rival < HIDDEN {

@@ -4,8 +4,8 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    JointEstimate, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig, estimate_joint,
-    estimate_parallel, free_motion, match_evidence, texture_matches,
+    JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig,
+    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence, texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
@@ -23,6 +23,7 @@ pub struct JointConfig {
 }
 
 /// What is known of one state once its surface is there.
+#[derive(Clone, Copy)]
 pub struct ObservedState<'a> {
     /// Frames of the state.
     pub frames: &'a [RgbdFrame],
@@ -44,13 +45,13 @@ const ROUNDS: usize = 2;
 /// to measure a spread, few enough for a block to be wider than what fusion smooths.
 const BLOCKS_ALONG: f64 = 6.0;
 
-/// All that both states show of one part.
+/// All that state 0 and another state show of one part.
 pub struct PartEvidence {
     /// Surface points in each state.
     pub surfaces: [SurfaceSamples; 2],
     /// Lifted and dense matches on it.
     pub matches: Vec<MatchEvidence>,
-    /// Its motion from state 0 to state 1 in the world, refined without a joint.
+    /// Its motion from state 0 to the other in the world, refined without a joint.
     pub motion: Pose,
     /// Middle of its surface in state 0.
     pub center: Point3<f64>,
@@ -101,7 +102,7 @@ impl PartEvidence {
             let found = part.joint(&ParentMotion::still(), states, config);
             let sdf = [states[0].sdf, states[1].sdf];
             let surfaces = [&part.surfaces[0], &part.surfaces[1]];
-            let dense = texture_matches(surfaces, frames, sdf, &found.state1_from_state0, noise, &config.texture);
+            let dense = texture_matches(surfaces, frames, sdf, &found.motions[0], noise, &config.texture);
             part.matches.truncate(sparse);
             part.matches.extend(dense);
             part.motion = found.evidence.state1_from_state0;
@@ -148,6 +149,39 @@ impl PartEvidence {
             block_m: (side_m / BLOCKS_ALONG).max(self.correlation_m),
         }
     }
+}
+
+/// Of all states those that motion `k` joins: state 0 and state `k + 1`.
+#[must_use]
+pub fn pair_of<'a>(states: &[ObservedState<'a>], k: usize) -> [ObservedState<'a>; 2] {
+    [states[0], states[k + 1]]
+}
+
+/// The joint between a parent and a part, by the part's motions to all other states. One joint is fitted to all of them;
+/// where a `doubt` is allowed, a motion that contradicts the others is left out and told.
+#[must_use]
+pub fn joint_of_part(
+    part: &[PartEvidence],
+    parents: &[ParentMotion],
+    states: &[ObservedState],
+    doubt: bool,
+    config: &JointConfig,
+) -> JointEstimate {
+    if let ([part], [parent]) = (part, parents) {
+        return part.joint(parent, &pair_of(states, 0), config);
+    }
+    let pairs: Vec<[ObservedState; 2]> = (0..part.len()).map(|k| pair_of(states, k)).collect();
+    let mut motions: Vec<JointMotion> = part
+        .iter()
+        .zip(&pairs)
+        .zip(parents)
+        .map(|((part, pair), parent)| JointMotion { start: part.motion, parent, evidence: part.evidence(pair) })
+        .collect();
+    // Blocks of state 0 are counted across motions.
+    let block_m = motions.iter().map(|m| m.evidence.block_m).fold(0.0, f64::max);
+    motions.iter_mut().for_each(|m| m.evidence.block_m = block_m);
+    let place = part.first().map_or((Point3::origin(), 0.0), |p| (p.center, p.radius_m));
+    estimate_shared_joint(&motions, (&place.0, place.1), doubt, &config.refine)
 }
 
 /// The points with a label.

@@ -99,7 +99,7 @@ pub(super) fn pieces(evidence: &Evidence<'_>, motions: &[Pose], labels: &[Vec<u8
 }
 
 /// The samples of a state by label and patch, with the label.
-fn groups(evidence: &Evidence<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
+pub(super) fn groups(evidence: &Evidence<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
     let mut of: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, label) in labels.iter().enumerate() {
         of.entry((*label, evidence.patch(state, i))).or_default().push(i);

@@ -154,7 +154,7 @@ pub fn register(
     config: &RegisterConfig,
     rng: &mut impl Rng,
 ) -> Result<Registration, RegisterError> {
-    let extent_m = checked_extent_m(surfaces, parts)?;
+    let extent_m = checked_extent_m(&surfaces, parts)?;
     let wanted = parts.map_or(PROPOSED, |p| p - 1);
     let proposals = propose(matches, wanted, extent_m, &config.ransac, rng);
     let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
@@ -186,8 +186,8 @@ pub fn register(
     Ok(Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings })
 }
 
-/// Longest side of the box around both surfaces.
-fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: Option<usize>) -> Result<f64, RegisterError> {
+/// Longest side of the box around all surfaces.
+pub(super) fn checked_extent_m(surfaces: &[&SurfaceSamples], parts: Option<usize>) -> Result<f64, RegisterError> {
     let input = |what: String, remedy| Err(RegisterError::Input { what, remedy });
     if let Some(parts) = parts.filter(|p| !(2..=32).contains(p)) {
         return input(format!("{parts} parts were asked for"), "ask for 2 to 32, the static part included");
@@ -211,7 +211,7 @@ fn checked_extent_m(surfaces: [&SurfaceSamples; 2], parts: Option<usize>) -> Res
 }
 
 /// The wished reach, or more where the samples lie too far apart for it.
-fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
+pub(super) fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
     let spacing_m = surfaces.map(|s| spacing_m(&s.points, wished_m));
     wished_m.max(1.5 * spacing_m[0].max(spacing_m[1]))
 }

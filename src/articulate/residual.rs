@@ -23,7 +23,7 @@ const EXPLAINED: f32 = 0.5;
 /// Patches tried per state.
 const PATCHES: usize = 12;
 /// A patch, and what a motion explains, must have this share of a state's samples: less could not outweigh the cost of a part.
-const LEAST_SHARE: f64 = 0.004;
+pub(super) const LEAST_SHARE: f64 = 0.004;
 /// Points of a patch that a trial looks at.
 const TRIAL_POINTS: usize = 60;
 /// Trials of each kind of which the worth for all unexplained surface is measured, per patch.

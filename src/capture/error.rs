@@ -16,7 +16,7 @@ pub enum CaptureError {
     /// Neither a bag nor a dataset.
     #[error(
         "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds `state0` and \
-         `state1`, or a dataset folder", path.display()
+         `state1` (and `state2`, ...), or a dataset folder", path.display()
     )]
     NotARecording {
         /// What was given.
@@ -110,7 +110,7 @@ pub enum CaptureError {
          the first to after the last image, or name a pose topic with `--topic pose=TOPIC`"
     )]
     NoPoses {
-        /// State 0 or 1.
+        /// The state.
         state: usize,
         /// Number of frames.
         frames: usize,
@@ -145,6 +145,14 @@ pub enum CaptureError {
     OneState {
         /// What was given.
         path: PathBuf,
+    },
+    /// More states than a run takes.
+    #[error("{count} states, {limit} at most; give the paths of those that show the joints farthest apart")]
+    TooManyStates {
+        /// Number of states.
+        count: usize,
+        /// Most that are taken.
+        limit: usize,
     },
     /// The states cannot be told apart at the place given.
     #[error("cannot split the recording into two states: {reason}")]
@@ -219,7 +227,7 @@ pub enum CaptureError {
     /// A state without frames.
     #[error("state {state} has no usable frame: {reason}")]
     NoFrames {
-        /// State 0 or 1.
+        /// The state.
         state: usize,
         /// What became of them.
         reason: String,
@@ -230,7 +238,7 @@ pub enum CaptureError {
          topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set capture.depth_max_m=METERS`)"
     )]
     NoDepth {
-        /// State 0 or 1.
+        /// The state.
         state: usize,
         /// Number of frames.
         frames: usize,
@@ -241,13 +249,15 @@ pub enum CaptureError {
     },
     /// The states were recorded in different world frames.
     #[error(
-        "state 0 is in world frame `{world0}` and state 1 in `{world1}`; both states need one fixed frame: name one \
-         that both recordings hold with `--set capture.world_frame=FRAME`"
+        "state 0 is in world frame `{world0}` and state {state} in `{world1}`; all states need one fixed frame: name one \
+         that all recordings hold with `--set capture.world_frame=FRAME`"
     )]
     WorldFrames {
         /// Root frame of state 0.
         world0: String,
-        /// Root frame of state 1.
+        /// The state in another frame.
+        state: usize,
+        /// Its root frame.
         world1: String,
     },
     /// A dataset folder that breaks its format.
@@ -264,18 +274,25 @@ pub enum CaptureError {
         /// What is missing.
         reason: String,
     },
-    /// One recording was given for both states.
+    /// One recording was given for two states.
     #[error(
-        "both states hold the same images: one recording was given twice; give the recording that was made after the joints \
-         were moved"
+        "states {first} and {second} hold the same images: one recording was given twice; give the recording that was made after the \
+         joints were moved"
     )]
-    SameRecording,
+    SameRecording {
+        /// A state.
+        first: usize,
+        /// The state that repeats it.
+        second: usize,
+    },
     /// The states lie in different places.
     #[error(
-        "the states have no place in common: only {share_percent:.1} % of the object's points in one state lie near those of \
+        "states 0 and {state} have no place in common: only {share_percent:.1} % of the object's points in one state lie near those of \
          the other; the static part must stand still in the world frame: check the camera poses of both recordings"
     )]
     NoOverlap {
+        /// The state that lies apart from state 0.
+        state: usize,
         /// Points in common.
         share_percent: f64,
     },

@@ -67,13 +67,13 @@ pub fn median_over_object<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, value
     (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The recording: frames of state 0 and of state 1, and what was found or lost on the way.
+/// The recording: frames of every state, and what was found or lost on the way.
 #[derive(Clone, Debug, Default)]
 pub struct Capture {
     /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
     /// Frames per state, in time order.
-    pub states: [Vec<RgbdFrame>; 2],
+    pub states: Vec<Vec<RgbdFrame>>,
     /// Pixel matches that came with the data, if any.
     pub matches: Vec<PixelMatch>,
     /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say otherwise.
@@ -83,6 +83,23 @@ pub struct Capture {
     /// Sentences about what was found and chosen: topics, counts, frames.
     pub notes: Vec<String>,
 }
+
+impl Capture {
+    /// A recording of so many states, without frames yet.
+    #[must_use]
+    pub fn of_states(count: usize) -> Self {
+        Self { states: vec![Vec::new(); count], ..Self::default() }
+    }
+
+    /// Frames of every state.
+    #[must_use]
+    pub fn frames(&self) -> Vec<&[RgbdFrame]> {
+        self.states.iter().map(Vec::as_slice).collect()
+    }
+}
+
+/// Most states of one recording.
+pub const MAX_STATES: usize = 16;
 
 /// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
 #[derive(Clone, Copy, Debug, PartialEq)]

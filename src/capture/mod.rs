@@ -17,7 +17,7 @@ mod undistort;
 pub use config::{CaptureConfig, IsolateConfig, TopicConfig};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
-pub use frame::{Capture, PixelMatch, RgbdFrame, median_over_object};
+pub use frame::{Capture, MAX_STATES, PixelMatch, RgbdFrame, median_over_object};
 pub use isolate::isolate;
 pub use noise::{NoiseConfig, pixel_weights};
 pub use noise_estimate::noise_factor;

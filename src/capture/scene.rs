@@ -14,12 +14,12 @@ const TRIM: f64 = 0.002;
 /// Every how many pixels a point is taken.
 const STRIDE: usize = 3;
 
-/// Scene cube around the object in both states (method.md 1.4): points from at least two frames (one, if a state has
+/// Scene cube around the object in all states (method.md 1.4): points from at least two frames (one, if a state has
 /// only one) within a cell. `None` without points.
 #[must_use]
-pub fn scene_box(states: [&[RgbdFrame]; 2], noise: &NoiseConfig) -> Option<SceneBox> {
+pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
     let mut points: Vec<(usize, Point3<f64>)> = Vec::new();
-    for (f, frame) in states[0].iter().chain(states[1]).enumerate() {
+    for (f, frame) in states.iter().copied().flatten().enumerate() {
         let weights = pixel_weights(frame, noise);
         let w = frame.intrinsics.width;
         for i in (0..weights.len()).filter(|i| (i % w).is_multiple_of(STRIDE) && (i / w).is_multiple_of(STRIDE)) {

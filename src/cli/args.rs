@@ -83,7 +83,7 @@ pub struct SettingArgs {
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
 pub struct InspectArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0 and state1
+    /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0, state1, ...
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
 }
@@ -211,7 +211,7 @@ pub struct SynthArgs {
     /// By how much the world of state 1 is off, millimeters and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
     pub drift: PoseSpread,
-    /// States to film; those beyond two have other joint positions, in state2, state3, ...
+    /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,
     /// Views of each state
@@ -236,8 +236,8 @@ fn vector(text: &str) -> Result<[f64; 3], String> {
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0 and state1, or a dataset folder; two of them are the
-    /// two states of one object
+    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder; several of them are
+    /// the states of one object, 16 at most
     #[arg(value_name = "BAG", required = true)]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time

@@ -61,10 +61,7 @@ fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>) -> Result<Vec<Res
     };
     let monitor = Monitor::new(events.clone(), stop_on_request(events.clone())?);
     let Some(jobs) = args.jobs else {
-        if args.bags.len() > 2 {
-            return Err(CliError::Usage("more than two recordings were given; for several objects, each with both states, give --jobs N"));
-        }
-        if args.bags.len() == 2 && (!args.split.is_empty() || args.marker_topic.is_some()) {
+        if args.bags.len() > 1 && (!args.split.is_empty() || args.marker_topic.is_some()) {
             return Err(CliError::Usage(
                 "--split and --marker-topic divide one recording, but one for each state was given; leave out one or the other",
             ));

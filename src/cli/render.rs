@@ -22,14 +22,22 @@ fn joint(joint: &JointSummary) -> String {
     let triple = |v: [f64; 3], digits: usize| v.map(|x| format!("{:.digits$}", x + 0.0)).join(", ");
     let axis = triple(joint.axis_in_world, 4);
     match joint.kind {
-        JointKind::Prismatic => format!("{}: prismatic, {:.1} mm along ({axis})", joint.name, joint.motion * 1000.0),
+        JointKind::Prismatic => {
+            format!("{}: prismatic, {:.1} mm along ({axis}){}", joint.name, joint.motion * 1000.0, positions(joint, 1000.0))
+        }
         kind => {
             let point = triple(joint.point_in_world_m, 4);
             let turn = format!("{}: {}, {:.2} deg about ({axis}) through ({point}) m", joint.name, kind.name(), joint.motion.to_degrees());
             let pitch = kind.pitch_m_per_rad().map(|p| format!(", advancing {:.2} mm a radian", 1e3 * p));
-            turn + &pitch.unwrap_or_default()
+            turn + &pitch.unwrap_or_default() + &positions(joint, 1f64.to_degrees())
         }
     }
+}
+
+/// Positions in all states, where the motion does not tell them.
+fn positions(joint: &JointSummary, scale: f64) -> String {
+    let all: Vec<String> = joint.positions.iter().map(|q| format!("{:.1}", q * scale + 0.0)).collect();
+    if all.len() > 2 { format!("; in the states at {}", all.join(", ")) } else { String::new() }
 }
 
 #[cfg(test)]
@@ -44,6 +52,7 @@ mod tests {
             axis_in_world: [0.0, -0.0, 1.0],
             point_in_world_m: [0.25, 0.5, 0.0],
             motion,
+            positions: vec![0.0, motion],
         };
         let outcome = Outcome {
             folder: "runs/box".into(),
@@ -54,5 +63,7 @@ mod tests {
         let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through (0.2500, 0.5000, 0.0000) m\n  \
                         lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warnings, see report.json\n";
         assert_eq!(super::outcome(&outcome), expected);
+        let three = JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
+        assert!(super::joint(&three).ends_with("; in the states at 0.0, 20.0, -123.4"), "{}", super::joint(&three));
     }
 }

@@ -13,7 +13,7 @@ use super::{
     surface_metrics::{chamfer, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
-use crate::{run::stage_rng, surface::TriangleMesh};
+use crate::{geometry::Pose, run::stage_rng, surface::TriangleMesh};
 
 /// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square metre and 10,000 samples
 /// (method.md 6: `1000 * 2 A / (pi N)`).
@@ -96,10 +96,17 @@ pub fn compare(name: &str, truth: &Truth, run: &RunFiles, options: &EvaluateOpti
     Ok(Evaluation { run: name.to_owned(), parts_true: truth.parts.len(), parts_found, joints, mesh })
 }
 
-/// Mean displacement of a true part under the motion of every found movable part, metres.
+/// Mean displacement of a true part under the motion of every found movable part over all states that run and truth have,
+/// metres.
 fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
     let points = &part.meshes[0].vertices;
-    (1..run.parts.len()).map(|k| displacement_m(points, &joint.state1_from_state0, &run.motion(k)).unwrap_or(f64::MAX)).collect()
+    let states = run.states.len();
+    let in_state = |part: usize, (k, motion): (usize, &Pose)| displacement_m(points, motion, &run.motion(part, k + 1)).unwrap_or(f64::MAX);
+    let over_all = |part: usize| {
+        let all: Vec<f64> = joint.motions().take(states - 1).enumerate().map(|m| in_state(part, m)).collect();
+        all.iter().sum::<f64>() / all.len() as f64
+    };
+    (1..run.parts.len()).map(over_all).collect()
 }
 
 fn mesh_row(key: &str, truth: &Truth, part: Option<&TruePart>, found: &TriangleMesh, state: usize, options: &EvaluateOptions) -> MeshRow {

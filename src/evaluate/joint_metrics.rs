@@ -29,18 +29,21 @@ pub struct JointRow {
     /// Angle between the axes, sign ignored, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_deg: Option<f64>,
-    /// Mean displacement of the true part's vertices between the found and the true motion, millimetres.
+    /// Mean displacement of the true part's vertices between the found and the true motion, over all states, millimetres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_mm: Option<f64>,
     /// Revolute and screw: distance of the two axes as lines, millimetres; parallel lines keep their gap.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_mm: Option<f64>,
-    /// Revolute and screw: angle of the rotation between the found and the true motion, degrees.
+    /// Revolute and screw: angle of the rotation between the found and the true motion to state 1, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_deg: Option<f64>,
-    /// Prismatic: length of the difference of the translations, millimetres.
+    /// Prismatic: length of the difference of the translations to state 1, millimetres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_mm: Option<f64>,
+    /// The same for the states behind the first two that run and truth have, degrees or millimetres.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub further_motions: Vec<f64>,
 }
 
 impl JointRow {
@@ -53,10 +56,15 @@ impl JointRow {
     /// The row of a matched part; `error_m` is its mean displacement.
     #[must_use]
     pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
-        let (kind, motion) = (run.kind(found), run.motion(found));
+        let kind = run.kind(found);
         let axis = run.axis(found);
         let turns = truth.kind != "prismatic";
-        let (t, m) = (truth.state1_from_state0, motion);
+        let motion = |t: &Pose, m: &Pose| {
+            let slide_mm = 1000.0 * (m.translation.vector - t.translation.vector).norm();
+            if turns { rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees() } else { slide_mm }
+        };
+        let states = truth.motions().take(run.states.len() - 1).enumerate();
+        let motions: Vec<f64> = states.map(|(k, t)| motion(t, &run.motion(found, k + 1))).collect();
         let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs());
         let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| line_distance_m((&p, &d), (&truth.origin, &truth.axis));
         Self {
@@ -69,8 +77,9 @@ impl JointRow {
             axis_deg: axis.as_ref().map(angle).map(f64::to_degrees),
             error_mm: Some(1000.0 * error_m),
             axis_mm: axis.filter(|_| turns).map(gap).map(|m| 1000.0 * m),
-            motion_deg: turns.then(|| rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees()),
-            motion_mm: (!turns).then(|| 1000.0 * (m.translation.vector - t.translation.vector).norm()),
+            motion_deg: turns.then(|| motions[0]),
+            motion_mm: (!turns).then(|| motions[0]),
+            further_motions: motions[1..].to_vec(),
         }
     }
 }

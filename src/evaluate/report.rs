@@ -72,9 +72,10 @@ fn joint_cells(row: &JointRow) -> Vec<String> {
     }
     let kind = row.kind.clone().unwrap_or_default();
     let kind = if row.type_right == Some(true) { kind } else { format!("{kind}, not {}", row.type_true) };
+    let all = |first: f64| std::iter::once(first).chain(row.further_motions.iter().copied()).map(|m| format!("{m:.3}")).collect::<Vec<_>>();
     let motion = match (row.motion_deg, row.motion_mm) {
-        (Some(deg), _) => format!("{deg:.3} deg"),
-        (_, Some(mm)) => format!("{mm:.3} mm"),
+        (Some(deg), _) => format!("{} deg", all(deg).join(" / ")),
+        (_, Some(mm)) => format!("{} mm", all(mm).join(" / ")),
         _ => "-".into(),
     };
     vec![row.part.clone(), kind, cell(row.axis_deg), cell(row.axis_mm), motion, cell(row.error_mm)]

@@ -20,12 +20,12 @@ use crate::{
 /// Largest `report.json`, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// What a simulator gets from a run: a tree and the joint positions of the two observed states.
+/// What a simulator gets from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {
     /// Links and joints; the root frame is the world.
     pub tree: Tree,
-    /// Joint positions by name in state 0 and 1; a joint that is not named is at 0.
-    pub states: [BTreeMap<String, f64>; 2],
+    /// Joint positions by name in every state, two at least; a joint that is not named is at 0.
+    pub states: Vec<BTreeMap<String, f64>>,
     /// Links of each rigid part; the first holds the root.
     pub parts: Vec<Vec<usize>>,
 }
@@ -56,9 +56,10 @@ impl RunFiles {
         let path = folder.join("report.json");
         let text = read_text(&path, MAX_BYTES)?;
         let report: ReportFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
-        let states: Result<[StateEntry; 2], _> = report.states.try_into();
-        let states =
-            states.map_err(|s| EvaluateError::Invalid { path, problem: format!("{} states; two are needed", s.len()) })?.map(|s| s.joints);
+        let states: Vec<BTreeMap<String, f64>> = report.states.into_iter().map(|s| s.joints).collect();
+        if states.len() < 2 {
+            return Err(EvaluateError::Invalid { path, problem: format!("{} states; two are needed", states.len()) });
+        }
         let parts = tree.rigid_parts();
         Ok(Self { tree, states, parts })
     }
@@ -71,11 +72,11 @@ impl RunFiles {
         merge(&placed.iter().collect::<Vec<_>>())
     }
 
-    /// Motion of a part in the world from state 0 to state 1.
+    /// Motion of a part in the world from state 0 to another state.
     #[must_use]
-    pub fn motion(&self, part: usize) -> Pose {
+    pub fn motion(&self, part: usize, state: usize) -> Pose {
         let head = self.parts[part][0];
-        self.tree.world_from_link(head, &self.states[1]) * self.tree.world_from_link(head, &self.states[0]).inverse()
+        self.tree.world_from_link(head, &self.states[state]) * self.tree.world_from_link(head, &self.states[0]).inverse()
     }
 
     /// Axis of a part's joint in the world in state 0: direction and a point; `None` for the part of the root.

@@ -29,6 +29,15 @@ pub struct TrueJoint {
     pub origin: Point3<f64>,
     /// Motion of the part in the world.
     pub state1_from_state0: Pose,
+    /// The same to the states behind the first two, where there are any.
+    pub further_from_state0: Vec<Pose>,
+}
+
+impl TrueJoint {
+    /// Motion of the part in the world from state 0 to each other state.
+    pub fn motions(&self) -> impl Iterator<Item = &Pose> {
+        std::iter::once(&self.state1_from_state0).chain(&self.further_from_state0)
+    }
 }
 
 /// A rigid part.
@@ -78,6 +87,8 @@ struct PartEntry {
     axis: Option<[f64; 3]>,
     origin: Option<[f64; 3]>,
     state1_from_state0: Option<[[f64; 4]; 4]>,
+    #[serde(default)]
+    further_from_state0: Vec<[[f64; 4]; 4]>,
 }
 
 impl Truth {
@@ -132,7 +143,9 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, String> {
     };
     let axis = Unit::try_new(Vector3::from(axis), 1e-9).ok_or_else(|| format!("part '{name}' has an axis of no length"))?;
     let motion = rigid(&motion).ok_or_else(|| format!("state1_from_state0 of part '{name}' is not rigid"))?;
-    Ok(Some(TrueJoint { kind: entry.kind.clone(), axis, origin: Point3::from(origin), state1_from_state0: motion }))
+    let further: Option<Vec<Pose>> = entry.further_from_state0.iter().map(rigid).collect();
+    let further_from_state0 = further.ok_or_else(|| format!("a further_from_state0 of part '{name}' is not rigid"))?;
+    Ok(Some(TrueJoint { kind: entry.kind.clone(), axis, origin: Point3::from(origin), state1_from_state0: motion, further_from_state0 }))
 }
 
 /// A pose from a row-major 4x4 matrix; `None` where that is not rigid.

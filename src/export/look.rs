@@ -79,7 +79,7 @@ impl Look {
     }
 }
 
-/// Looks of all links from the photos of both states, in the order of the links.
+/// Looks of all links from the photos of all states, in the order of the links.
 #[must_use]
 pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
     let meshes: Vec<TriangleMesh> = model.links.iter().map(|l| reduced(&l.visual, config)).collect();

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::number::{decimal, round_significant};
-use crate::articulate::{EvidencePoint, Registration};
+use crate::articulate::EvidencePoint;
 
 /// Significant digits of evidence.
 const DIGITS: usize = 6;
@@ -35,16 +35,17 @@ pub struct EvidencePointReport {
 }
 
 impl PartCountReport {
-    /// Of a registration that was asked for `given` parts, or for as many as there are.
+    /// Of a registration that was asked for `given` parts, or for as many as there are, and found some on a `curve` of evidence,
+    /// most parts first.
     #[must_use]
-    pub fn new(given: Option<usize>, registration: &Registration, least_evidence: f64) -> Self {
+    pub fn new(given: Option<usize>, found: usize, curve: &[EvidencePoint], least_evidence: f64) -> Self {
         let point = |p: &EvidencePoint| EvidencePointReport {
             parts: p.parts,
             evidence: round_significant(p.evidence, DIGITS),
             weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
         };
-        let curve = registration.curve.iter().rev().map(point).collect();
-        Self { given, found: registration.motions.len(), least_evidence, curve }
+        let curve = curve.iter().rev().map(point).collect();
+        Self { given, found, least_evidence, curve }
     }
 
     /// Rows of a table: number of parts, evidence, weakest motion; the chosen one marked.

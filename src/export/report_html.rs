@@ -146,7 +146,7 @@ fn push_joints(out: &mut String, report: &Report) {
                 escape(&joint.parent)
             ),
             escape(&joint.kind),
-            escape(&motion(&joint.motion, &joint.motion_std)),
+            escape(&motion(&joint.motion, &joint.motion_std)) + &positions(joint),
             vector(joint.axis) + &through,
             unit(&significant(joint.axis_std_deg, 2), "\u{b0}"),
             place,
@@ -246,6 +246,14 @@ fn motion(value: &Quantity, std: &Quantity) -> String {
     let (factor, unit) = if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let spread = decimal((factor * std.value).max(0.01), 2);
     minus(&format!("{:+.2}{unit} \u{b1} {spread}{unit}", factor * value.value))
+}
+
+/// Positions in all states, where there are more than two, and what was observed.
+fn positions(joint: &JointReport) -> String {
+    let (factor, unit) = if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
+    let all: Vec<String> = joint.positions.iter().map(|p| minus(&decimal(factor * p.value, 2))).collect();
+    let Some([lower, upper]) = joint.limit.observed_in else { return String::new() };
+    format!("<br><span class=\"soft\">in the states at {}{unit}; limits seen in states {lower} and {upper}</span>", escape(&all.join(", ")))
 }
 
 /// Three coordinates.

@@ -23,7 +23,7 @@ pub struct Report {
     pub format: String,
     /// Name of the object.
     pub name: String,
-    /// Joint positions of the two observed states.
+    /// Joint positions of the observed states.
     pub states: Vec<StateReport>,
     /// Joints, in the order of the URDF.
     pub joints: Vec<JointReport>,
@@ -63,8 +63,11 @@ pub struct JointReport {
     pub axis: [f64; 3],
     /// A point on the axis in the world in state 0, metres.
     pub origin: [f64; 3],
-    /// Position in state 1 minus position in state 0.
+    /// Position in state 1 minus position in state 0; of more states that of the one farthest from state 0.
     pub motion: Quantity,
+    /// Position in every state with its standard deviation, in the unit of the motion; left out of two states.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub positions: Vec<PositionReport>,
     /// Position interval.
     pub limit: LimitReport,
     /// Friction and damping.
@@ -109,6 +112,17 @@ pub struct ParentReport {
     pub gap_mm: f64,
 }
 
+/// Position of a joint in a state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PositionReport {
+    /// The state.
+    pub state: usize,
+    /// Position, radians or metres.
+    pub value: f64,
+    /// Standard deviation; none where it is not known. State 0 is where positions are counted from.
+    pub std: Option<f64>,
+}
+
 /// A number with its unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
@@ -129,12 +143,15 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// What both bounds are: `observed`, the interval between the two states, which the joint reaches at least; or
+    /// What both bounds are: `observed`, the interval that holds the states, which the joint reaches at least; or
     /// `swept`, as far as the collision solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
     #[serde(default)]
     pub observed: [f64; 2],
+    /// States that show these two; left out of two states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub observed_in: Option<[usize; 2]>,
     /// Outer bound: the interval without collision; none where it was not swept.
     #[serde(default)]
     pub swept: Option<[f64; 2]>,
@@ -301,7 +318,6 @@ impl Report {
 fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointReport {
     let none = vec![0.0; model.joints.len()];
     let first = model.states.first().unwrap_or(&none);
-    let last = model.states.last().unwrap_or(&none);
     let world_from_joint = model.world_from_link(joint.parent, first) * joint.parent_from_joint;
     let axis = world_from_joint.rotation * joint.axis.into_inner();
     let unit = unit(joint.kind);
@@ -318,7 +334,8 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         child: model.links[joint.child].name.clone(),
         axis: round3(axis.into()),
         origin: round3(world_from_joint.translation.vector.into()),
-        motion: quantity(last[index] - first[index]),
+        motion: quantity(model.motion(index)),
+        positions: positions(model, index),
         limit: LimitReport {
             lower: round_significant(l.lower, 12),
             upper: round_significant(l.upper, 12),
@@ -329,6 +346,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
                 LimitSource::Swept => "swept".into(),
             },
             observed: model.observed_interval(index).map(|q| round_significant(q, 12)),
+            observed_in: (model.states.len() > 2).then(|| observed_in(model, index)),
             swept: l.swept.map(|s| s.map(|q| round_significant(q, DIGITS))),
         },
         dynamics: DynamicsReport {
@@ -349,6 +367,24 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         cautions: e.cautions.clone(),
         not_observable: e.not_observable.clone(),
     }
+}
+
+/// Position in every state, of more than two states.
+fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
+    if model.states.len() < 3 {
+        return Vec::new();
+    }
+    let std = |state: usize| match state.checked_sub(1) {
+        None => Some(0.0),
+        Some(k) => model.joints[joint].evidence.position_std.get(k).copied().filter(|s| s.is_finite()).map(|s| round_significant(s, 4)),
+    };
+    let of = |(state, q): (usize, &Vec<f64>)| PositionReport { state, value: round_significant(q[joint], 12), std: std(state) };
+    model.states.iter().enumerate().map(of).collect()
+}
+
+/// The first states that show the lowest and the highest position.
+fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
+    model.observed_interval(joint).map(|q| model.states.iter().position(|s| s[joint] == q).unwrap_or(0))
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {

@@ -57,16 +57,13 @@ fn with_masks(
     if frames.len() < 2 {
         return Ok(frames);
     }
-    let mut capture = Capture { noise, ..Capture::default() };
-    let mut halves = [0, 1].map(|_| Vec::new());
+    let mut capture = Capture { noise, ..Capture::of_states(2) };
     for (i, frame) in frames.into_iter().enumerate() {
-        halves[i % 2].push(frame);
+        capture.states[i % 2].push(frame);
     }
-    capture.states = halves;
     isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0))?;
     warnings.append(&mut capture.warnings);
-    let [even, odd] = capture.states;
-    let mut all: Vec<RgbdFrame> = even.into_iter().chain(odd).collect();
+    let mut all: Vec<RgbdFrame> = capture.states.into_iter().flatten().collect();
     all.sort_by_key(|f| f.stamp_nanos);
     Ok(all)
 }

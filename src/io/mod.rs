@@ -57,6 +57,6 @@ pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
-pub use recording::{object_name, open};
+pub use recording::{object_name, open, state_count};
 pub use synth_folder::{SynthError, write_synth, write_synth_bag, write_true_twin};
 pub use views::check_size;

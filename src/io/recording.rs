@@ -19,7 +19,7 @@ use crate::{
 /// Least and greatest factor on the noise model.
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
-/// Opens one or two paths: two bags, a folder with `state0` and `state1`, one bag with both states, or a dataset folder.
+/// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset folder.
 /// Every frame of the result has a mask, and each state has at least one frame with depth on the object. `seed` is that of
 /// the run; the search for background planes draws from it.
 ///
@@ -54,11 +54,21 @@ pub fn object_name(sources: &[PathBuf]) -> Result<String, CaptureError> {
     Ok(Source::of(sources)?.object_name())
 }
 
-fn open_states(paths: &[PathBuf; 2], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+/// Number of states that the recordings at the paths hold.
+///
+/// # Errors
+/// Where the paths hold no recording.
+pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
+    Ok(Source::of(sources)?.states())
+}
+
+fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
     if !config.split_secs.is_empty() || config.topics.marker.is_some() {
-        return Err(CaptureError::Split { reason: "a split was asked for, but two recordings were given, one per state".into() });
+        return Err(CaptureError::Split {
+            reason: format!("a split was asked for, but {} recordings were given, one per state", paths.len()),
+        });
     }
-    let mut capture = Capture::default();
+    let mut capture = Capture::of_states(paths.len());
     let mut worlds = Vec::new();
     for (state, path) in paths.iter().enumerate() {
         let bag = Bag::open(path)?;
@@ -69,9 +79,9 @@ fn open_states(paths: &[PathBuf; 2], config: &CaptureConfig) -> Result<Capture, 
         worlds.push(views.world_frame.clone());
         add_frames(&mut capture, &bag, views, &chosen, config)?;
     }
-    match worlds.as_slice() {
-        [world0, world1] if world0 != world1 => Err(CaptureError::WorldFrames { world0: world0.clone(), world1: world1.clone() }),
-        _ => Ok(capture),
+    match (1..worlds.len()).find(|&k| worlds[k] != worlds[0]) {
+        Some(state) => Err(CaptureError::WorldFrames { world0: worlds[0].clone(), state, world1: worlds[state].clone() }),
+        None => Ok(capture),
     }
 }
 
@@ -85,7 +95,7 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
         (None, []) => return Err(CaptureError::OneState { path: path.to_owned() }),
         (None, times) => Split::at(times, first, last)?,
     };
-    let mut capture = Capture::default();
+    let mut capture = Capture::of_states(2);
     let mut chosen = Vec::new();
     for state in 0..2 {
         let of_state: Vec<usize> = (0..views.views.len()).filter(|v| split.state(views.views[*v].log_nanos) == Some(state)).collect();
@@ -138,12 +148,16 @@ fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
     capture.states[state].push(frame);
 }
 
-/// Refuses one recording given for both states: noise makes images of two recordings differ.
+/// Refuses one recording given for two states: noise makes images of two recordings differ.
 fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
     let same = |(a, b): (&RgbdFrame, &RgbdFrame)| a.world_from_camera == b.world_from_camera && a.depth_m == b.depth_m && a.rgb == b.rgb;
-    let [state0, state1] = &capture.states;
-    let twice = state0.len() == state1.len() && state0.iter().zip(state1).all(same);
-    if twice { Err(CaptureError::SameRecording) } else { Ok(()) }
+    let twice = |a: &[RgbdFrame], b: &[RgbdFrame]| a.len() == b.len() && a.iter().zip(b).all(same);
+    let states = &capture.states;
+    let mut pairs = (0..states.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
+    match pairs.find(|&(first, second)| twice(&states[first], &states[second])) {
+        Some((first, second)) => Err(CaptureError::SameRecording { first, second }),
+        None => Ok(()),
+    }
 }
 
 /// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot be.

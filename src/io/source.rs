@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::bag::Bag;
-use crate::capture::CaptureError;
+use crate::capture::{CaptureError, MAX_STATES};
 
 /// What is to be opened.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
-    /// One recording per state.
-    States([PathBuf; 2]),
+    /// One recording per state, two at least.
+    States(Vec<PathBuf>),
     /// One recording with both states.
     Both(PathBuf),
     /// A dataset folder with posed images (cam_K.txt, init_keyframes.yml).
@@ -25,19 +25,17 @@ impl Source {
     /// [`CaptureError::NotARecording`] and [`CaptureError::Read`].
     pub fn of(paths: &[PathBuf]) -> Result<Self, CaptureError> {
         match paths {
+            [] => Err(CaptureError::NotARecording { path: PathBuf::new(), reason: "no path was given".into() }),
             [one] => Self::of_one(one),
-            [zero, one] => {
+            _ => {
+                check_count(paths.len())?;
                 for path in paths {
                     exists(path)?;
                     if !Bag::is_at(path) {
                         return Err(CaptureError::NotARecording { path: path.clone(), reason: describe(path) });
                     }
                 }
-                Ok(Self::States([zero.clone(), one.clone()]))
-            }
-            _ => {
-                let path = paths.first().cloned().unwrap_or_default();
-                Err(CaptureError::NotARecording { path, reason: format!("{} paths were given, not one or two", paths.len()) })
+                Ok(Self::States(paths.to_vec()))
             }
         }
     }
@@ -56,7 +54,17 @@ impl Source {
             files.into_iter().find(|p| Bag::is_at(p))
         };
         match (state(0), state(1)) {
-            (Some(zero), Some(one)) => Ok(Self::States([zero, one])),
+            (Some(_), Some(_)) => {
+                let states: Vec<PathBuf> = (0..).map_while(&state).collect();
+                // One that is skipped was hardly meant to be left out.
+                let count = states.len();
+                if let Some(further) = (count + 1..=count + MAX_STATES).find(|s| state(*s).is_some()) {
+                    let reason = format!("it holds state{further} but not state{count}; number the states without gaps");
+                    return Err(CaptureError::NotARecording { path: path.to_owned(), reason });
+                }
+                check_count(count)?;
+                Ok(Self::States(states))
+            }
             (Some(_), None) | (None, Some(_)) if !path.join("metadata.yaml").is_file() => {
                 Err(CaptureError::OneState { path: path.to_owned() })
             }
@@ -65,18 +73,34 @@ impl Source {
         }
     }
 
+    /// Number of states.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        match self {
+            Self::States(paths) => paths.len(),
+            Self::Both(_) | Self::Keyframes(_) | Self::StartEnd(_) => 2,
+        }
+    }
+
     /// A name for the object: that of the folder above the states, or of the recording; `[A-Za-z][A-Za-z0-9_]*`.
     #[must_use]
     pub fn object_name(&self) -> String {
         let path = match self {
-            Self::States([zero, one]) => match (zero.parent(), one.parent()) {
-                (Some(a), Some(b)) if a == b && zero != one => own_name(a),
-                _ => own_name(zero),
+            Self::States(paths) => match paths.as_slice() {
+                [zero, others @ ..] if !others.is_empty() && others.iter().all(|o| o.parent() == zero.parent() && o != zero) => {
+                    zero.parent().map_or_else(String::new, own_name)
+                }
+                paths => paths.first().map_or_else(String::new, |zero| own_name(zero)),
             },
             Self::Both(path) | Self::Keyframes(path) | Self::StartEnd(path) => own_name(path),
         };
         sanitize(&path)
     }
+}
+
+/// Refuses more states than [`MAX_STATES`].
+fn check_count(count: usize) -> Result<(), CaptureError> {
+    if count <= MAX_STATES { Ok(()) } else { Err(CaptureError::TooManyStates { count, limit: MAX_STATES }) }
 }
 
 fn exists(path: &Path) -> Result<(), CaptureError> {
@@ -117,8 +141,24 @@ mod tests {
         let of = |s: &str| Source::Both(PathBuf::from(s)).object_name();
         assert_eq!(of("/x/my fridge-2.mcap"), "my_fridge_2");
         assert_eq!(of("/x/2nd"), "object_2nd");
-        let states = |a: &str, b: &str| Source::States([PathBuf::from(a), PathBuf::from(b)]).object_name();
+        let states = |a: &str, b: &str| Source::States(vec![PathBuf::from(a), PathBuf::from(b)]).object_name();
         assert_eq!(states("/x/laptop/state0", "/x/laptop/state1"), "laptop");
         assert_eq!(states("/x/a/open", "/y/b/closed"), "open");
+    }
+
+    #[test]
+    fn all_states_of_a_folder_are_found_and_a_gap_is_refused() {
+        let root = std::env::temp_dir().join(format!("artitwin-states-{}", std::process::id()));
+        std::fs::create_dir_all(&root).unwrap();
+        let add = |s: usize| std::fs::write(root.join(format!("state{s}.mcap")), b"\x89MCAP0\r\n").unwrap();
+        let of = || Source::of(std::slice::from_ref(&root));
+        (0..3).for_each(add);
+        let Ok(Source::States(states)) = of() else { panic!("{:?}", of()) };
+        assert_eq!(states.len(), 3);
+        add(4);
+        assert!(of().unwrap_err().to_string().contains("state4 but not state3"));
+        (3..MAX_STATES + 1).for_each(add);
+        assert!(of().unwrap_err().to_string().contains("17 states, 16 at most"));
+        std::fs::remove_dir_all(&root).unwrap();
     }
 }

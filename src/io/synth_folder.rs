@@ -75,6 +75,9 @@ struct JointEntry {
     limits: [f64; 2],
     pitch_m_per_rad: f64,
     state1_from_state0: [[f64; 4]; 4],
+    /// The same for the states behind the first two.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    further_from_state0: Vec<[[f64; 4]; 4]>,
 }
 
 /// Writes the true twin of an object, `truth/twin.urdf` and its meshes, into a new folder.
@@ -124,14 +127,15 @@ pub fn write_synth(out: &Path, config: &SynthConfig) -> Result<(PathBuf, Object)
         family: object.family,
         seed: config.seed,
         recorded_from_world: recorded_from_world.map(|p| rows(&p)),
-        parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, k, *seen)).collect(),
+        parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, &further, k, *seen)).collect(),
         further: further.iter().map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect()).collect(),
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))
 }
 
-fn entry(object: &Object, k: usize, seen_points: [usize; 2]) -> PartEntry<'_> {
+/// What is true of part `k`; `further` hold it in their state 1.
+fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usize; 2]) -> PartEntry<'a> {
     let part = &object.parts[k];
     let joint = part.joint.as_ref().zip(object.axis_in_world(k)).map(|(joint, (axis, origin))| {
         let [q0, q1] = joint.positions;
@@ -145,6 +149,7 @@ fn entry(object: &Object, k: usize, seen_points: [usize; 2]) -> PartEntry<'_> {
             limits: joint.limits,
             pitch_m_per_rad: if let PartJointKind::Screw { pitch_m_per_rad } = joint.kind { pitch_m_per_rad } else { 0.0 },
             state1_from_state0: rows(&(after * before.inverse())),
+            further_from_state0: further.iter().map(|o| rows(&(o.world_from_parts(1)[k] * before.inverse()))).collect(),
         }
     });
     let parent = part.joint.map_or(-1, |j| j.parent as i64);

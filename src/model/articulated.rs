@@ -147,9 +147,11 @@ pub struct ParentScore {
 /// What a joint's estimate rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointEvidence {
-    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and metres.
+    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and metres. Of several motions it
+    /// is the farthest from state 0's position.
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Full rigid motion of the child from state 0 to state 1 in the world, before the joint constraint.
+    /// Full rigid motion of the child from state 0 to state 1 (of several: the state farthest from state 0) in the world,
+    /// before the joint constraint.
     pub state1_from_state0: Pose,
     /// Surface points and lifted matches that support the motion.
     pub inliers: usize,
@@ -157,6 +159,9 @@ pub struct JointEvidence {
     pub tried: usize,
     /// Root mean square distance of the inliers after the motion, metres.
     pub residual_rms_m: f64,
+    /// Standard deviation of the position in every state after state 0, radians or metres; empty for two states, whose motion
+    /// has the covariance's.
+    pub position_std: Vec<f64>,
     /// Standard deviation of the pitch, metres per radian; 0 for a joint without one.
     pub pitch_std_m_per_rad: f64,
     /// Squared error of the parameters against what independent observations would give; the covariance holds it.
@@ -223,6 +228,14 @@ impl Joint {
 }
 
 impl ArticulatedModel {
+    /// Position of a joint farthest from that in state 0, less that, radians or metres; 0 without states.
+    #[must_use]
+    pub fn motion(&self, joint: usize) -> f64 {
+        let Some((first, others)) = self.states.split_first() else { return 0.0 };
+        let motions = others.iter().map(|s| s[joint] - first[joint]);
+        motions.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or_default()
+    }
+
     /// Pose of a link in the world at the given joint positions (order of `joints`).
     #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &[f64]) -> Pose {

@@ -87,8 +87,8 @@ pub struct MovingPart {
     pub axis: nalgebra::Unit<nalgebra::Vector3<f64>>,
     /// Point of the axis, world, metres; becomes the link's origin.
     pub point: nalgebra::Point3<f64>,
-    /// Motion from state 0 to state 1, positive, radians or metres.
-    pub motion: f64,
+    /// Position in every state after state 0, where it is 0, radians or metres; the one farthest from there is positive.
+    pub positions: Vec<f64>,
     /// What it rests on.
     pub evidence: JointEvidence,
     /// Surface in the world in state 0.
@@ -98,8 +98,8 @@ pub struct MovingPart {
 }
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids follow the
-/// surfaces and leave the observed paths free; masses come from the solids; the limits are the observed interval or the
-/// one that the solids allow.
+/// surfaces and leave the observed paths free; masses come from the solids; the limits are the interval that holds all
+/// observed positions or the one that the solids allow.
 #[must_use]
 pub fn build(name: &str, base: TriangleMesh, mut parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
     // Of moving parts only: what the static one hides, a moving part may need.
@@ -135,7 +135,10 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
     // In state 0 all frames stand as the world's, each in the point of its joint.
     let origins: Vec<_> = std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
     let mut joints = Vec::new();
-    let positions: Vec<f64> = parts.iter().map(|p| p.motion).collect();
+    // There are two states, even of an object of one part.
+    let count = parts.iter().map(|p| p.positions.len()).max().unwrap_or(1);
+    let of_state = |k: usize| parts.iter().map(|p| p.positions.get(k).copied().unwrap_or_default()).collect();
+    let states: Vec<Vec<f64>> = std::iter::once(vec![0.0; parts.len()]).chain((0..count).map(of_state)).collect();
     for (i, part) in parts.into_iter().enumerate() {
         let shift = |v: nalgebra::Vector3<f64>| Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity());
         let parent_from_joint = shift(part.point.coords - origins[part.parent]);
@@ -148,8 +151,8 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
             parent_from_joint,
             axis: part.axis,
             limit: Limit {
-                lower: 0.0,
-                upper: part.motion,
+                lower: part.positions.iter().copied().fold(0.0, f64::min),
+                upper: part.positions.iter().copied().fold(0.0, f64::max),
                 effort: config.effort,
                 velocity: config.velocity,
                 source: LimitSource::Observed,
@@ -159,7 +162,6 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
             evidence: part.evidence,
         });
     }
-    let states = vec![vec![0.0; positions.len()], positions];
     ArticulatedModel { name: name.to_owned(), links, joints, states }
 }
 

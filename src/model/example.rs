@@ -69,6 +69,7 @@ fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axi
         inliers: 900,
         tried: 1000,
         residual_rms_m: 0.0012,
+        position_std: Vec::new(),
         pitch_std_m_per_rad: 0.0,
         dispersion: 1.0,
         type_scores: BTreeMap::from([("prismatic".into(), 120.0), ("revolute".into(), 10.0)]),

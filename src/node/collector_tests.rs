@@ -107,7 +107,7 @@ fn what_is_collected_has_the_frames_of_the_recording() {
         assert_eq!(own.world_from_camera, given.world_from_camera);
         assert!(own.rgb == given.rgb && own.depth_m == given.depth_m && own.mask == given.mask);
     }
-    assert_eq!(own.states.each_ref().map(Vec::len), [16, 16]);
+    assert_eq!(own.states.iter().map(Vec::len).collect::<Vec<_>>(), [16, 16]);
     let session = Collector::new(settings(), &folder.0);
     assert_eq!(session.recordings(), collector.recordings(), "an earlier session is taken up");
 }

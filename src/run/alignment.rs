@@ -1,4 +1,4 @@
-//! The step that brings both states into one world frame.
+//! The step that brings a state into the world frame of state 0.
 
 use super::{RunError, stage_rng};
 use crate::{
@@ -8,23 +8,25 @@ use crate::{
     geometry::{Pose, SceneBox},
 };
 
-/// State 1 in the frame of state 0.
+/// A state in the frame of state 0.
 pub(super) struct Aligned {
-    /// Frames of state 1.
+    /// Frames of the state.
     pub frames: Vec<RgbdFrame>,
-    /// Matches with their ends in state 1 moved along.
+    /// Matches with state 0, their ends in the state moved along.
     pub matches: Vec<LiftedMatch>,
-    /// Takes what stands still from state 0's world frame to state 1's, as recorded.
-    pub state1_from_state0: Pose,
+    /// Takes what stands still from state 0's world frame to the state's, as recorded.
+    pub world_from_world0: Pose,
     /// What was corrected, in words.
     pub note: String,
 }
 
-/// State 1 as it would have been recorded in the world frame of state 0; `None` where it was.
+/// State number `state`, the second of `frames`, as it would have been recorded in the world frame of state 0; `None` where
+/// it was.
 ///
 /// # Errors
 /// A drift that cannot be resolved.
 pub(super) fn align(
+    state: usize,
     frames: [&[RgbdFrame]; 2],
     matches: &[LiftedMatch],
     scene: &SceneBox,
@@ -36,9 +38,9 @@ pub(super) fn align(
         let states = [&turned[0][..], &turned[1][..]];
         lift(states, &match_states(states, &config.matching), &config.capture.noise)
     };
-    let mut rng = stage_rng(config.run.seed, "align", 0);
+    let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let found = align_states(matches, around, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
-    Ok(found.map(|a| apply(&a, frames[1], matches, scene)))
+    Ok(found.map(|a| apply(&a, state, frames[1], matches, scene)))
 }
 
 /// The frame with what is not the object for its object.
@@ -47,13 +49,13 @@ fn surroundings(frame: &RgbdFrame) -> RgbdFrame {
     RgbdFrame { mask: Some(others), ..frame.clone() }
 }
 
-/// Frames of state 1 in the world frame of state 0.
-pub(super) fn moved_back(frames: &[RgbdFrame], state1_from_state0: &Pose) -> Vec<RgbdFrame> {
-    let back = state1_from_state0.inverse();
+/// Frames of a state in the world frame of state 0.
+pub(super) fn moved_back(frames: &[RgbdFrame], world_from_world0: &Pose) -> Vec<RgbdFrame> {
+    let back = world_from_world0.inverse();
     frames.iter().map(|f| RgbdFrame { world_from_camera: back * f.world_from_camera, ..f.clone() }).collect()
 }
 
-fn apply(alignment: &StateAlignment, frames: &[RgbdFrame], matches: &[LiftedMatch], scene: &SceneBox) -> Aligned {
+fn apply(alignment: &StateAlignment, state: usize, frames: &[RgbdFrame], matches: &[LiftedMatch], scene: &SceneBox) -> Aligned {
     let back = alignment.state1_from_state0.inverse();
     let center = scene.center;
     let shift_mm = 1e3 * (alignment.state1_from_state0 * center - center).norm();
@@ -63,10 +65,10 @@ fn apply(alignment: &StateAlignment, frames: &[RgbdFrame], matches: &[LiftedMatc
         AlignedBy::LargestPart => "its largest part",
     };
     let note = format!(
-        "state 1 was recorded in another world frame than state 0, or the object was moved as a whole: by {shift_mm:.1} mm and \
-         {turn_deg:.2} deg, told by {:.0} cells of matches on {by}; state 1 was moved back, and the twin stands as in state 0",
+        "state {state} was recorded in another world frame than state 0, or the object was moved as a whole: by {shift_mm:.1} mm and \
+         {turn_deg:.2} deg, told by {:.0} cells of matches on {by}; state {state} was moved back, and the twin stands as in state 0",
         alignment.cells
     );
     let matches = matches.iter().map(|m| LiftedMatch { point1: back * m.point1, ..*m }).collect();
-    Aligned { frames: moved_back(frames, &alignment.state1_from_state0), matches, state1_from_state0: alignment.state1_from_state0, note }
+    Aligned { frames: moved_back(frames, &alignment.state1_from_state0), matches, world_from_world0: alignment.state1_from_state0, note }
 }

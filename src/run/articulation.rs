@@ -1,10 +1,11 @@
-//! The stages that find parts and motions: registration, then consistency between the states.
+//! The stages that find parts and motions: registration of state 0 with every other state, what all pairs make together, and
+//! on request consistency between two states.
 
 use super::{Checkpoint, Event, Monitor, RunError, Stages, stage_rng, state_surface::StateSurface};
 use crate::{
     articulate::{
-        ArticulationProblem, ArticulationStart, ArticulationTrainer, ColorField, LiftedMatch, Registration, StateModel, SurfaceRay,
-        register,
+        ArticulationProblem, ArticulationStart, ArticulationTrainer, ColorField, LiftedMatch, Registration, StateModel, StatePair,
+        SurfaceRay, United, register, unite,
     },
     capture::{NoiseConfig, RgbdFrame, pixel_weights},
     config::{Config, Init},
@@ -12,7 +13,7 @@ use crate::{
     geometry::{Intrinsics, Pose, SceneBox},
 };
 
-/// What both states give to the search.
+/// What a pair of states gives to the search.
 pub(super) struct Search<'a> {
     pub frames: [&'a [RgbdFrame]; 2],
     pub surfaces: [&'a StateSurface; 2],
@@ -27,28 +28,49 @@ pub(super) struct Search<'a> {
 
 /// Parts and motions.
 pub(super) struct Articulation {
-    /// `state1_from_state0` of every part; the first is the identity.
-    pub motions: Vec<Pose>,
-    /// Motions that the search started from.
+    /// Motion of every part from state 0 to each other state, by state; the first part is the static one.
+    pub motions: Vec<Vec<Pose>>,
+    /// Motions to the last state that the search started from.
     pub starts: Vec<Pose>,
     /// Part of every surface sample of each state.
-    pub labels: [Vec<u8>; 2],
+    pub labels: Vec<Vec<u8>>,
+}
+
+/// What is known of a state for registration: its surface, and which places are empty.
+fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
+    let grid = &surface.free;
+    move |p| grid.nearest(p).is_some_and(|i| grid.values[i])
+}
+
+/// Parts of more than two states from the registrations of state 0 with each other state.
+///
+/// # Errors
+/// Fewer parts than asked for.
+pub(super) fn unite_states(
+    surfaces: &[StateSurface],
+    matches: &[Vec<LiftedMatch>],
+    found: &[Registration],
+    config: &Config,
+) -> Result<United, RunError> {
+    let empty: Vec<_> = surfaces.iter().map(empty_in).collect();
+    let mut pairs = Vec::with_capacity(found.len());
+    for (k, found) in found.iter().enumerate() {
+        pairs.push(StatePair { matches: &matches[k], surface: &surfaces[k + 1].samples, free: Some(&empty[k + 1]), found });
+    }
+    unite((&surfaces[0].samples, Some(&empty[0])), &pairs, config.run.parts, &config.register).map_err(|e| RunError::stage("register", e))
 }
 
 impl Search<'_> {
-    /// Registration of matches and surfaces.
+    /// Registration of matches and surfaces of state 0 and number `state`.
     ///
     /// # Errors
     /// No motion, no overlap, fewer motions than parts.
-    pub fn register(&self, config: &Config) -> Result<Registration, RunError> {
-        let empty = [0, 1].map(|s| {
-            let grid = &self.surfaces[s].free;
-            move |p: &nalgebra::Point3<f64>| grid.nearest(p).is_some_and(|i| grid.values[i])
-        });
-        let mut rng = stage_rng(config.run.seed, "register", 0);
+    pub fn register(&self, state: usize, stage: &str, config: &Config) -> Result<Registration, RunError> {
+        let empty = self.surfaces.map(empty_in);
+        let mut rng = stage_rng(config.run.seed, "register", state as u64 - 1);
         let samples = [&self.surfaces[0].samples, &self.surfaces[1].samples];
         register(self.matches, samples, [Some(&empty[0]), Some(&empty[1])], self.parts, &config.register, &mut rng)
-            .map_err(|e| RunError::stage("register", e))
+            .map_err(|e| RunError::stage(stage, e))
     }
 
     /// Parts and motions of the registration, or what the consistency between the fields makes of them.
@@ -67,7 +89,7 @@ impl Search<'_> {
                 self.optimise([field0, field1], start, config, checkpoint, stages)
             }
             // A static object has nothing to refine.
-            _ => Ok(Articulation { motions: start.motions.clone(), starts: start.motions.clone(), labels: start.labels.clone() }),
+            _ => Ok(Articulation { motions: vec![start.motions.clone()], starts: start.motions.clone(), labels: start.labels.to_vec() }),
         }
     }
 
@@ -113,8 +135,8 @@ impl Search<'_> {
             run(&mut trainer, checkpoint, monitor)
         })?;
         let starts = from.motions.map_or_else(|| vec![Pose::identity(); start.motions.len()], <[Pose]>::to_vec);
-        let labels = [0, 1].map(|s| trainer.labels(s, &self.surfaces[s].samples.points));
-        Ok(Articulation { motions: trainer.motions(), starts, labels })
+        let labels = (0..2).map(|s| trainer.labels(s, &self.surfaces[s].samples.points)).collect();
+        Ok(Articulation { motions: vec![trainer.motions()], starts, labels })
     }
 }
 

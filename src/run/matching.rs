@@ -1,37 +1,37 @@
-//! The stage that finds pixel matches between the states.
+//! The stage that finds pixel matches between two states.
 
 use rayon::prelude::*;
 
 use super::{Event, Monitor, RunError};
 use crate::{
     articulate::{MatchConfig, frame_pairs, match_states, on_object},
-    capture::{Capture, PixelMatch, RgbdFrame},
+    capture::{PixelMatch, RgbdFrame},
     io::OnnxMatcher,
 };
 
 const STAGE: &str = "match";
 
-/// Matches by the user's model; else those that came with the recording; else those of the built-in features.
+/// Matches by the user's model; else those that came with the recording, as `told`; else those of the built-in features.
 ///
 /// # Errors
 /// A model that fails, a stop request.
 pub(super) fn pixel_matches(
-    capture: &Capture,
+    frames: [&[RgbdFrame]; 2],
+    told: &[PixelMatch],
     matcher: Option<&OnnxMatcher>,
     config: &MatchConfig,
     monitor: &Monitor,
 ) -> Result<Vec<PixelMatch>, RunError> {
-    let frames = [&capture.states[0][..], &capture.states[1][..]];
     match matcher {
         Some(matcher) => by_model(frames, matcher, config, monitor),
-        None if capture.matches.is_empty() => Ok(match_states(frames, config)),
-        None => Ok(capture.matches.clone()),
+        None if told.is_empty() => Ok(match_states(frames, config)),
+        None => Ok(told.to_vec()),
     }
 }
 
 /// Number of pairs of frames that a model is asked about.
-pub(super) fn pairs(capture: &Capture, config: &MatchConfig) -> usize {
-    frame_pairs([&capture.states[0], &capture.states[1]], config.neighbors).len()
+pub(super) fn pairs(frames: [&[RgbdFrame]; 2], config: &MatchConfig) -> usize {
+    frame_pairs(frames, config.neighbors).len()
 }
 
 fn by_model(

@@ -9,6 +9,7 @@ mod diagnose;
 mod diagnose_frames;
 mod fields;
 mod fingerprint;
+mod found;
 mod matching;
 mod monitor;
 mod outcome;

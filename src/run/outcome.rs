@@ -52,8 +52,10 @@ pub struct JointSummary {
     pub axis_in_world: [f64; 3],
     /// Origin of the joint frame, a point of the axis, meters.
     pub point_in_world_m: [f64; 3],
-    /// Position in state 1 minus position in state 0, radians or meters.
+    /// Position in state 1 minus position in state 0, radians or meters; of more states that of the one farthest from state 0.
     pub motion: f64,
+    /// Position in every state.
+    pub positions: Vec<f64>,
 }
 
 /// Why a run ended without a result. Nothing stands under the final name then.
@@ -112,10 +114,10 @@ pub fn chain(error: &dyn std::error::Error) -> String {
 }
 
 impl JointSummary {
-    /// Summaries of all joints of a model that was observed in two states.
+    /// Summaries of all joints of a model; none of one that was observed in fewer than two states.
     #[must_use]
     pub fn of(model: &ArticulatedModel) -> Vec<Self> {
-        let [state0, state1] = model.states.as_slice() else { return Vec::new() };
+        let [state0, _, ..] = model.states.as_slice() else { return Vec::new() };
         let summary = |(j, joint): (usize, &crate::model::Joint)| {
             let world_from_joint = model.world_from_link(joint.child, state0);
             Self {
@@ -123,7 +125,8 @@ impl JointSummary {
                 kind: joint.kind,
                 axis_in_world: (world_from_joint.rotation * joint.axis).into_inner().into(),
                 point_in_world_m: world_from_joint.translation.vector.into(),
-                motion: state1[j] - state0[j],
+                motion: model.motion(j),
+                positions: model.states.iter().map(|s| s[j]).collect(),
             }
         };
         model.joints.iter().enumerate().map(summary).collect()
@@ -157,6 +160,7 @@ mod tests {
             inliers: 0,
             tried: 0,
             residual_rms_m: 0.0,
+            position_std: Vec::new(),
             pitch_std_m_per_rad: 0.0,
             dispersion: 1.0,
             type_scores: std::collections::BTreeMap::new(),

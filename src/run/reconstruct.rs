@@ -4,24 +4,25 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
-    alignment::{align, moved_back},
+    alignment::{Aligned, align, moved_back},
     articulation::Search,
     fields::train_field,
+    found::{Found, found_in_all, found_in_pair, more_views, stage_of},
     matching::{pairs, pixel_matches},
     outcome::OUTPUT_STAGE,
     pictures::pictures,
     state_surface::{Band, StateSurface, fuse, state_surface},
-    twin::{assemble, joints},
+    twin::{Seen, assemble, joints},
 };
 use crate::{
-    articulate::lift,
+    articulate::{LiftedMatch, lift},
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
         CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime,
         check_folder, compare_starts, looks, nearest_starts, package, report_html,
     },
-    field::{InstructionSet, Occupancy, TrainInput},
+    field::{InstructionSet, ObjectField, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
     io,
     model::{ArticulatedModel, validate},
@@ -32,15 +33,15 @@ use crate::{
 pub struct Twin {
     /// The model.
     pub model: ArticulatedModel,
-    /// `state1_from_state0` that each moving part's refinement started from, in the order of the joints.
+    /// Motion to the last state that each moving part's refinement started from, in the order of the joints.
     pub starts: Vec<Pose>,
     /// The motions that registration found, in its own order.
     pub registered: Vec<Pose>,
     /// How the number of parts was found.
     pub part_count: PartCountReport,
-    /// Takes what stands still from state 0's world frame to state 1's, where they differed: the model stands in state
-    /// 0's.
-    pub world1_from_world0: Option<Pose>,
+    /// For every state behind state 0 what takes what stands still from state 0's world frame to its own, where they
+    /// differed: the model stands in state 0's.
+    pub drifts: Vec<Option<Pose>>,
     /// Sentences about what was chosen.
     pub notes: Vec<String>,
     /// Sentences about evidence that is weak.
@@ -81,6 +82,14 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
 fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     request.config.check().map_err(|e| e.with_origin(&request.origins))?;
     let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    let states = io::state_count(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    if states > 2 && request.config.seeks_consistency() {
+        let message = format!(
+            "{states} states were given, but fields are made consistent between two; give two states, or leave out `--init identity`, \
+             the presets fields and paper, and `articulation.refine`"
+        );
+        return Err(RunError::stage("articulate", message));
+    }
     let name = request.name.clone().unwrap_or(found);
     io::RunDir::check(&request.out, &name).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     Ok(name)
@@ -108,8 +117,10 @@ fn reconstruct_files(
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     let twin = reconstruct_twin(name, &capture, matcher, config, Some(checkpoint), &mut stages)?;
-    if let Some(drift) = &twin.world1_from_world0 {
-        capture.states[1] = moved_back(&capture.states[1], drift);
+    for (frames, drift) in capture.states.iter_mut().skip(1).zip(&twin.drifts) {
+        if let Some(drift) = drift {
+            *frames = moved_back(frames, drift);
+        }
     }
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
     let files = stages
@@ -134,79 +145,132 @@ pub fn reconstruct_twin(
     checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
 ) -> Result<Twin, RunError> {
-    let frames = [&capture.states[0][..], &capture.states[1][..]];
+    let recorded = capture.frames();
+    let count = recorded.len();
     // The noise model scaled to what the recording shows.
     let config = &Config { capture: CaptureConfig { noise: capture.noise, ..config.capture.clone() }, ..config.clone() };
     let noise = &config.capture.noise;
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
-    let scene = scene_box(frames, noise).ok_or_else(no_depth)?;
-    let matches =
-        stages.run("match", matcher.map(|_| pairs(capture, &config.matching)), |m| pixel_matches(capture, matcher, &config.matching, m))?;
-    let matches = lift(frames, &matches, noise);
-    let aligned = stages.run("align", None, |_| align(frames, &matches, &scene, config))?;
-    aligned.iter().for_each(|a| stages.monitor.warn(&a.note));
-    let drift = aligned.as_ref().map(|a| a.state1_from_state0);
-    let (frames, matches) = aligned.as_ref().map_or((frames, &matches), |a| ([frames[0], &a.frames[..]], &a.matches));
-    let scene = scene_box(frames, noise).unwrap_or(scene);
-    let band = Band::of(frames, &scene, noise, &config.surface);
-    let occupancy = occupancy(frames, &scene, &band);
-    let mut fields = Vec::with_capacity(2);
-    let mut surfaces = Vec::with_capacity(2);
-    let mut replaced_engines = Vec::new();
-    for state in [0, 1] {
-        let input = TrainInput { frames: frames[state], scene, occupancy: &occupancy };
-        let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
-            Ok::<_, RunError>(fuse(frames[state], &scene, &band, noise, config.surface.nodes))
-        })?;
+    let scene = scene_box(&recorded, noise).ok_or_else(no_depth)?;
+    let pairs = (1..count).map(|state| match_pair(state, capture, matcher, &scene, config, stages)).collect::<Result<Vec<_>, _>>()?;
+    let (matches, aligned): (Vec<Vec<LiftedMatch>>, Vec<Option<Aligned>>) = pairs.into_iter().unzip();
+    let drifts: Vec<Option<Pose>> = aligned.iter().map(|a| a.as_ref().map(|a| a.world_from_world0)).collect();
+    let own = aligned.iter().zip(&recorded[1..]).map(|(a, frames)| a.as_ref().map_or(*frames, |a| &a.frames[..]));
+    let frames: Vec<&[RgbdFrame]> = recorded[..1].iter().copied().chain(own).collect();
+    let scene = scene_box(&frames, noise).unwrap_or(scene);
+    let band = Band::of(&frames, &scene, noise, &config.surface);
+    let Observed { surfaces, fields, replaced_engines } = observe(&frames, scene, &band, config, checkpoint, stages)?;
+    let search = |state: usize| Search {
+        frames: [frames[0], frames[state]],
+        surfaces: [&surfaces[0], &surfaces[state]],
+        fields: [fields[0].as_ref(), fields[state].as_ref()],
+        matches: &matches[state - 1],
+        scene,
+        truncation_m: band.truncation_m,
+        // Of more states each shows some of the parts.
+        parts: config.run.parts.filter(|_| count == 2),
+    };
+    let mut registrations = Vec::with_capacity(count - 1);
+    for state in 1..count {
+        let stage = stage_of("register", state, count);
+        registrations.push(stages.run(&stage, None, |_| search(state).register(state, &stage, config))?);
+    }
+    let found = match registrations.as_slice() {
+        [one] => found_in_pair(one, &search(1), config, checkpoint, stages)?,
+        several => found_in_all(several, &surfaces, &matches, config, stages)?,
+    };
+    let Found { articulation, registered, curve, mut notes, warnings } = found;
+    let joints = stages.run("joints", None, |_| {
+        let aligned: Vec<bool> = drifts.iter().map(Option::is_some).collect();
+        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, aligned: &aligned };
+        Ok::<_, RunError>(joints(&seen, &articulation, &scene, config))
+    })?;
+    let parts = joints.len() + 1;
+    let model = stages.run("assemble", None, |_| assemble(name, &surfaces, &articulation, joints, &band, config))?;
+    let findings = validate(&model);
+    if !findings.is_empty() {
+        let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+        return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
+    }
+    if count > 2 {
+        let said = more_views(&model);
+        said.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
+        notes.extend(said);
+    }
+    let part_count = PartCountReport::new(config.run.parts, parts, &curve, config.register.least_score);
+    let starts = articulation.starts[1..].to_vec();
+    let warnings = aligned.into_iter().flatten().map(|a| a.note).chain(warnings).collect();
+    Ok(Twin { model, starts, registered, part_count, drifts, notes, warnings, replaced_engines })
+}
+
+/// The surface of every state.
+struct Observed {
+    surfaces: Vec<StateSurface>,
+    /// Fields, where they were trained.
+    fields: Vec<Option<ObjectField>>,
+    /// Why the CPU engine took over, by state.
+    replaced_engines: Vec<String>,
+}
+
+/// Surfaces and, where they are wanted, fields of all states, one after the other.
+fn observe(
+    frames: &[&[RgbdFrame]],
+    scene: SceneBox,
+    band: &Band,
+    config: &Config,
+    checkpoint: Option<&Checkpoint>,
+    stages: &mut Stages,
+) -> Result<Observed, RunError> {
+    let occupancy = occupancy(frames, &scene, band);
+    let noise = &config.capture.noise;
+    let mut all =
+        Observed { surfaces: Vec::with_capacity(frames.len()), fields: Vec::with_capacity(frames.len()), replaced_engines: Vec::new() };
+    for (state, frames) in frames.iter().enumerate() {
+        let input = TrainInput { frames, scene, occupancy: &occupancy };
+        let volume = stages
+            .run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, &scene, band, noise, config.surface.nodes)))?;
         let field = if config.trains_fields() {
             let stage = format!("field/state{state}");
-            let train = |m: &Monitor| train_field(state, &input, &band, config, checkpoint, m);
+            let train = |m: &Monitor| train_field(state, &input, band, config, checkpoint, m);
             let trained = stages.run(&stage, Some(config.train.steps), train)?;
-            replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+            all.replaced_engines.extend(trained.replaced.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
             Some(trained.field)
         } else {
             None
         };
         let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
         let surface = stages.run(&format!("surface/state{state}"), None, |_| {
-            state_surface(frames[state], &volume, geometry, &scene, &band, noise, &config.surface)
+            state_surface(frames, &volume, geometry, &scene, band, noise, &config.surface)
         })?;
-        fields.push(field);
-        surfaces.push(surface);
+        all.fields.push(field);
+        all.surfaces.push(surface);
     }
-    let (Ok([field0, field1]), Ok([surface0, surface1])) = (<[_; 2]>::try_from(fields), <[_; 2]>::try_from(surfaces)) else {
-        return Err(RunError::stage("surface", "a state is missing"));
-    };
-    let surfaces: [&StateSurface; 2] = [&surface0, &surface1];
-    let search = Search {
-        frames,
-        surfaces,
-        fields: [field0.as_ref(), field1.as_ref()],
-        matches,
-        scene,
-        truncation_m: band.truncation_m,
-        parts: config.run.parts,
-    };
-    let registration = stages.run("register", None, |_| search.register(config))?;
-    registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
-    registration.notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
-    let articulation = search.articulate(&registration, config, checkpoint, stages)?;
-    let joints = stages
-        .run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, drift.is_some(), config)))?;
-    let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
-    let findings = validate(&model);
-    if !findings.is_empty() {
-        let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-        return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
-    }
-    let (starts, registered) = (articulation.starts[1..].to_vec(), registration.motions[1..].to_vec());
-    let part_count = PartCountReport::new(config.run.parts, &registration, config.register.least_score);
-    let warnings = aligned.into_iter().map(|a| a.note).chain(registration.warnings).collect();
-    Ok(Twin { model, starts, registered, part_count, world1_from_world0: drift, notes: registration.notes, warnings, replaced_engines })
+    Ok(all)
 }
 
-/// Cells near the object in either state.
-fn occupancy(frames: [&[RgbdFrame]; 2], scene: &SceneBox, band: &Band) -> Occupancy {
+/// Matches of state 0 with another state, in the world frame of state 0, and how that state was brought there if it had to be.
+fn match_pair(
+    state: usize,
+    capture: &Capture,
+    matcher: Option<&io::OnnxMatcher>,
+    scene: &SceneBox,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<(Vec<LiftedMatch>, Option<Aligned>), RunError> {
+    let count = capture.states.len();
+    let frames = [&capture.states[0][..], &capture.states[state][..]];
+    let steps = matcher.map(|_| pairs(frames, &config.matching));
+    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
+    let matches = stages.run(&stage_of("match", state, count), steps, found)?;
+    let matches = lift(frames, &matches, &config.capture.noise);
+    let mut aligned = stages.run(&stage_of("align", state, count), None, |_| align(state, frames, &matches, scene, config))?;
+    aligned.iter().for_each(|a| stages.monitor.warn(&a.note));
+    let moved = aligned.as_mut().map(|a| std::mem::take(&mut a.matches));
+    Ok((moved.unwrap_or(matches), aligned))
+}
+
+/// Cells near the object in any state.
+fn occupancy(frames: &[&[RgbdFrame]], scene: &SceneBox, band: &Band) -> Occupancy {
     const EVERY: usize = 7;
     let points: Vec<_> = frames
         .iter()
@@ -258,7 +322,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         seed: request.config.run.seed,
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
-        device: device(request.config.run.engine, twin.replaced_engines.len()),
+        device: device(request.config.run.engine, twin.replaced_engines.len(), capture.states.len()),
         notes: capture.notes.iter().chain(&twin.notes).chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
     }
@@ -282,8 +346,8 @@ fn config_digest(config: &Config) -> String {
     format!("{hash:016x}")
 }
 
-/// What trained the fields, of which the CPU engine finished `replaced`.
-fn device(engine: Engine, replaced: usize) -> String {
+/// What trained the `fields`, of which the CPU engine finished `replaced`.
+fn device(engine: Engine, replaced: usize, fields: usize) -> String {
     let threads = rayon::current_num_threads();
     let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
     let asked = match engine {
@@ -291,7 +355,7 @@ fn device(engine: Engine, replaced: usize) -> String {
         Engine::Burn => "burn on the CPU",
         Engine::Gpu => "burn on the GPU",
     };
-    let by_cpu = if replaced > 0 { format!(", {replaced} of 2 fields finished by the {cpu}") } else { String::new() };
+    let by_cpu = if replaced > 0 { format!(", {replaced} of {fields} fields finished by the {cpu}") } else { String::new() };
     format!("{asked}, {threads} threads{by_cpu}")
 }
 

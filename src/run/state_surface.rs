@@ -25,10 +25,10 @@ pub struct Band {
 }
 
 impl Band {
-    /// From the median depth of the object's pixels in both states.
+    /// From the median depth of the object's pixels in all states.
     #[must_use]
-    pub fn of(states: [&[RgbdFrame]; 2], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
-        let all = || states.into_iter().flatten();
+    pub fn of(states: &[&[RgbdFrame]], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
+        let all = || states.iter().copied().flatten();
         let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
         let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
         let one_reading_m = noise.sigma_m(depth_m);

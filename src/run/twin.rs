@@ -10,7 +10,7 @@ use super::{
 use crate::{
     articulate::{
         JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
-        label_grid, part_tsdf, select,
+        label_grid, pair_of, part_tsdf, select,
     },
     capture::RgbdFrame,
     config::Config,
@@ -19,82 +19,117 @@ use crate::{
     surface::{TriangleMesh, keep_components, marching_cubes},
 };
 
-/// Joints of all moving parts, in the order of the parts. Where the states were `aligned`, coarsely so far, what is left of
-/// the static part's motion is taken out of theirs.
-pub(super) fn joints(
-    frames: [&[RgbdFrame]; 2],
-    surfaces: [&StateSurface; 2],
-    articulation: &Articulation,
-    matches: &[LiftedMatch],
-    scene: &SceneBox,
-    aligned: bool,
-    config: &Config,
-) -> Vec<TreeJointEstimate> {
-    let states = [0, 1].map(|s| ObservedState {
-        frames: frames[s],
-        samples: &surfaces[s].samples,
+/// What all states show.
+pub(super) struct Seen<'a> {
+    /// Frames of every state.
+    pub frames: &'a [&'a [RgbdFrame]],
+    /// Surface of every state.
+    pub surfaces: &'a [StateSurface],
+    /// Matches of state 0 with each other state.
+    pub matches: &'a [Vec<LiftedMatch>],
+    /// Which of the other states were aligned, coarsely so far.
+    pub aligned: &'a [bool],
+}
+
+/// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states that were aligned
+/// is taken out of theirs.
+pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &SceneBox, config: &Config) -> Vec<TreeJointEstimate> {
+    let state = |(s, surface): (usize, &StateSurface)| ObservedState {
+        frames: seen.frames[s],
+        samples: &seen.surfaces[s].samples,
         labels: &articulation.labels[s],
-        sdf: &surfaces[s].sdf,
-        visible: &surfaces[s].visible,
-        area_m2: surfaces[s].mesh.area_m2(),
-    });
-    let extent_m = scene.extent_m();
-    let owners = match_owners(matches, &articulation.motions, config.joint.refine.reach * extent_m);
-    let gather = |part: usize| {
-        let own: Vec<LiftedMatch> = matches.iter().zip(&owners).filter(|(_, o)| **o == Some(part)).map(|(m, _)| *m).collect();
-        PartEvidence::gather(part as u8, &articulation.motions[part], &states, &own, &config.capture.noise, extent_m, &config.joint)
+        sdf: &seen.surfaces[s].sdf,
+        visible: &seen.surfaces[s].visible,
+        area_m2: surface.mesh.area_m2(),
     };
-    let parts: Vec<PartEvidence> = (1..articulation.motions.len()).map(gather).collect();
-    let root = if aligned { gather(0).free_motion(&states, &config.joint) } else { ParentMotion::still() };
-    let still = [0, 1].map(|s| select(states[s].samples, states[s].labels, 0));
+    let states: Vec<ObservedState> = seen.surfaces.iter().enumerate().map(state).collect();
+    let extent_m = scene.extent_m();
+    let labelled = Labelled { nearest: NearestPoints::new(&seen.surfaces[0].samples.points), labels: &articulation.labels[0] };
+    let reach_m = config.joint.refine.reach * extent_m;
+    let owners: Vec<Vec<Option<usize>>> =
+        seen.matches.iter().zip(&articulation.motions).map(|(m, motions)| match_owners(m, motions, &labelled, reach_m)).collect();
+    let gather = |part: usize, k: usize| {
+        let of_part = seen.matches[k].iter().zip(&owners[k]).filter(|(_, o)| **o == Some(part));
+        let own: Vec<LiftedMatch> = of_part.map(|(m, _)| *m).collect();
+        let (pair, start) = (pair_of(&states, k), &articulation.motions[k][part]);
+        PartEvidence::gather(part as u8, start, &pair, &own, &config.capture.noise, extent_m, &config.joint)
+    };
+    let count = articulation.motions.first().map_or(1, Vec::len);
+    let motions = 0..articulation.motions.len();
+    let parts: Vec<Vec<PartEvidence>> = (1..count).map(|part| motions.clone().map(|k| gather(part, k)).collect()).collect();
+    let root = |k: usize| {
+        if seen.aligned[k] { gather(0, k).free_motion(&pair_of(&states, k), &config.joint) } else { ParentMotion::still() }
+    };
+    let root: Vec<ParentMotion> = motions.clone().map(root).collect();
+    let still: Vec<_> = states.iter().map(|s| select(s.samples, s.labels, 0)).collect();
     kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint)
 }
 
-/// The motion that explains each match best; `None` where none comes within `reach_m`.
-fn match_owners(matches: &[LiftedMatch], motions: &[Pose], reach_m: f64) -> Vec<Option<usize>> {
+/// Part of the surface of state 0.
+struct Labelled<'a> {
+    nearest: NearestPoints,
+    labels: &'a [u8],
+}
+
+impl Labelled<'_> {
+    fn part(&self, point: &nalgebra::Point3<f64>) -> Option<usize> {
+        self.nearest.nearest(point).map(|(i, _)| usize::from(self.labels[i]))
+    }
+}
+
+/// The motion that explains each match best, of equal ones that of the part whose surface it is on; `None` where none comes
+/// within `reach_m`.
+fn match_owners(matches: &[LiftedMatch], motions: &[Pose], surface: &Labelled<'_>, reach_m: f64) -> Vec<Option<usize>> {
+    let alike = |a: usize| motions.iter().filter(|m| **m == motions[a]).count() > 1;
     let owner = |m: &LiftedMatch| {
         let error = |k: &usize| (motions[*k] * m.point0 - m.point1).norm();
-        (0..motions.len()).min_by(|a, b| error(a).total_cmp(&error(b))).filter(|k| error(k) < reach_m)
+        let best = (0..motions.len()).min_by(|a, b| error(a).total_cmp(&error(b))).filter(|k| error(k) < reach_m)?;
+        let own = || surface.part(&m.point0).filter(|own| motions[*own] == motions[best]);
+        Some(if alike(best) { own().unwrap_or(best) } else { best })
     };
     matches.iter().map(owner).collect()
 }
 
-/// The model: a surface for every part from both states, links, joints.
+/// The model: a surface for every part from all states, links, joints.
 ///
 /// # Errors
 /// A part without a surface.
 pub(super) fn assemble(
     name: &str,
-    surfaces: [&StateSurface; 2],
+    surfaces: &[StateSurface],
     articulation: &Articulation,
     joints: Vec<TreeJointEstimate>,
     band: &Band,
     config: &Config,
 ) -> Result<ArticulatedModel, RunError> {
-    let states = [0, 1].map(|s| {
-        let surface = surfaces[s];
+    let state = |(s, surface): (usize, &StateSurface)| {
         let labels = label_grid(&surface.tsdf, &surface.samples.points, &articulation.labels[s], 0.999 * band.truncation_m);
         LabelledState { tsdf: surface.tsdf.clone(), weight: surface.weight.clone(), labels, truncation_m: band.truncation_m }
-    });
-    let colors = [0, 1].map(|s| ColorLookup::new(surfaces[s]));
-    let part_surface = |part: usize, motion: &Pose| {
-        let field = part_tsdf(part as u8, motion, &states);
+    };
+    let states: Vec<LabelledState> = surfaces.iter().enumerate().map(state).collect();
+    let colors: Vec<ColorLookup> = surfaces.iter().map(ColorLookup::new).collect();
+    let part_surface = |part: usize, motions: &[Pose]| {
+        let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
+        let field = part_tsdf(part as u8, &motions, &states);
         let mut mesh = keep_components(&marching_cubes(&field, 0.0), config.surface.min_component);
         if mesh.is_empty() {
             let message = format!("part {part} has no surface: nothing was seen of it; ask for fewer parts or record more views of it");
             return Err(RunError::stage("assemble", message));
         }
-        paint(&mut mesh, motion, &states, &colors);
+        paint(&mut mesh, &motions, &states, &colors);
         Ok((mesh, field))
     };
-    let (base, _) = part_surface(0, &Pose::identity())?;
+    let (base, _) = part_surface(0, &vec![Pose::identity(); surfaces.len() - 1])?;
     let mut parts = Vec::with_capacity(joints.len());
     for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {
-        let (surface, field) = part_surface(i + 1, &joint.state1_from_state0)?;
-        let JointEstimate { kind, axis, point, motion, evidence, .. } = joint;
-        parts.push(MovingPart { parent, kind, axis, point, motion, evidence, surface, field: Some(field) });
+        let (surface, field) = part_surface(i + 1, &joint.motions)?;
+        let JointEstimate { kind, axis, point, positions, evidence, .. } = joint;
+        parts.push(MovingPart { parent, kind, axis, point, positions, evidence, surface, field: Some(field) });
     }
-    Ok(build(name, base, parts, &config.model))
+    let mut model = build(name, base, parts, &config.model);
+    // Of an object of one part nothing else tells how often it was seen.
+    model.states.resize_with(surfaces.len(), Vec::new);
+    Ok(model)
 }
 
 /// Colors of a state's surface by nearest vertex.
@@ -111,17 +146,17 @@ impl<'a> ColorLookup<'a> {
 }
 
 /// Gives every vertex the color of the state that saw the place better.
-fn paint(mesh: &mut TriangleMesh, motion: &Pose, states: &[LabelledState; 2], colors: &[ColorLookup; 2]) {
+fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], colors: &[ColorLookup]) {
     let color = |p: &nalgebra::Point3<f32>| {
-        let places = [p.cast::<f64>(), motion * p.cast::<f64>()];
+        let place = |s: usize| if s == 0 { p.cast::<f64>() } else { motions[s] * p.cast::<f64>() };
         let seen = |s: usize| {
             states[s]
                 .labels
-                .nearest(&places[s])
+                .nearest(&place(s))
                 .map_or(0.0, |i| if states[s].labels.values[i] == NO_LABEL { 0.0 } else { states[s].weight.values[i] })
         };
-        let s = usize::from(seen(1) > seen(0));
-        colors[s].vertices.nearest(&places[s]).and_then(|(i, _)| colors[s].mesh.colors.get(i)).copied().unwrap_or([128; 3])
+        let (s, _) = (1..states.len()).map(|s| (s, seen(s))).fold((0, seen(0)), |a, b| if b.1 > a.1 { b } else { a });
+        colors[s].vertices.nearest(&place(s)).and_then(|(i, _)| colors[s].mesh.colors.get(i)).copied().unwrap_or([128; 3])
     };
     mesh.colors = mesh.vertices.par_iter().with_min_len(1024).map(color).collect();
 }

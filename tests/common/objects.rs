@@ -65,6 +65,7 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         inliers: 900,
         tried: 1000,
         residual_rms_m: 0.001,
+        position_std: Vec::new(),
         pitch_std_m_per_rad: 0.0,
         dispersion: 1.0,
         type_scores: BTreeMap::new(),
@@ -150,7 +151,16 @@ fn boards(boards: &[[[f64; 3]; 2]], color: [u8; 3]) -> TriangleMesh {
 /// A part as reconstruction gives it: a surface in the world and how it moves.
 fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: TriangleMesh) -> MovingPart {
     let evidence = joint("unused", kind, 0, 1, Pose::identity(), axis, [0.0, 1.0]).evidence;
-    MovingPart { parent: 0, kind, axis: Unit::new_normalize(axis.into()), point: point.into(), motion, evidence, surface, field: None }
+    MovingPart {
+        parent: 0,
+        kind,
+        axis: Unit::new_normalize(axis.into()),
+        point: point.into(),
+        positions: vec![motion],
+        evidence,
+        surface,
+        field: None,
+    }
 }
 
 /// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The

@@ -149,9 +149,12 @@ fn find_object(capture: &mut Capture, config: &CaptureConfig, size_m: f64, rng: 
         ));
     }
     let background = Background { planes, config, noise: capture.noise };
-    let weights: [Vec<Vec<f32>>; 2] = [0, 1].map(|s| capture.states[s].par_iter().map(|f| pixel_weights(f, &capture.noise)).collect());
-    let supports = [0, 1].map(|s| find_support(&capture.states[s], &weights[s], size_m, &background));
-    let cells = supports.each_ref().map(|s| s.cells.clone());
+    let support = |frames: &Vec<RgbdFrame>| {
+        let weights: Vec<Vec<f32>> = frames.par_iter().map(|f| pixel_weights(f, &capture.noise)).collect();
+        find_support(frames, &weights, size_m, &background)
+    };
+    let supports: Vec<_> = capture.states.iter().map(support).collect();
+    let cells: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     let reach = config.isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     let object = choose_object(&cells, size_m, reach, common_focus(&poses), workspace.is_some())?;
@@ -222,12 +225,14 @@ fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
         }
         cells.push(supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), frames_needed(frames)));
     }
-    let near = dilated(&cells[0], 1);
-    let common = cells[1].iter().filter(|c| near.contains(*c)).count();
-    let least = cells.iter().map(Vec::len).min().unwrap_or(0).max(1);
-    let share = common as f64 / least as f64;
-    if share < MIN_OVERLAP {
-        return Err(CaptureError::NoOverlap { share_percent: 100.0 * share });
+    let Some((first, others)) = cells.split_first() else { return Ok(()) };
+    let near = dilated(first, 1);
+    for (k, other) in others.iter().enumerate() {
+        let common = other.iter().filter(|c| near.contains(*c)).count();
+        let share = common as f64 / first.len().min(other.len()).max(1) as f64;
+        if share < MIN_OVERLAP {
+            return Err(CaptureError::NoOverlap { state: k + 1, share_percent: 100.0 * share });
+        }
     }
     Ok(())
 }

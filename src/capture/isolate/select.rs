@@ -26,7 +26,7 @@ impl Object {
 /// # Errors
 /// [`CaptureError::Isolation`] where there are no cells.
 pub fn choose_object(
-    cells: &[Vec<Cell>; 2],
+    cells: &[Vec<Cell>],
     size_m: f64,
     reach: i32,
     focus: Option<Point3<f64>>,

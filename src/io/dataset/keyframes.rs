@@ -29,7 +29,7 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let camera_file = folder.join("cam_K.txt");
     let text = read_text(&camera_file)?;
     let k: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
-    let mut capture = Capture::default();
+    let mut capture = Capture::of_states(2);
     capture.notes.push(format!("`{}` is a dataset of keyframes; poses are turned from OpenGL to optical axes", folder.display()));
     let mut seen = BTreeMap::new();
     for (state, entries) in keyframes(&folder.join("init_keyframes.yml"))?.into_iter().enumerate() {

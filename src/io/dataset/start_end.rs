@@ -18,7 +18,7 @@ use crate::{
 /// # Errors
 /// [`CaptureError::NoTopic`]-like [`CaptureError::Dataset`] where there is no depth; [`CaptureError::Read`].
 pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
-    let mut capture = Capture::default();
+    let mut capture = Capture::of_states(2);
     capture.notes.push(format!("`{}` is a dataset of start and end; poses are turned from OpenGL to optical axes", folder.display()));
     for (state, name) in ["start", "end"].iter().enumerate() {
         let part = folder.join(name);
