@@ -18,8 +18,8 @@ use crate::{
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime,
-        check_folder, compare_starts, looks, nearest_starts, package, report_html,
+        CameraPosesReport, CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures,
+        RunFacts, StageTime, check_folder, compare_starts, looks, nearest_starts, package, report_html,
     },
     field::{InstructionSet, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
@@ -191,8 +191,10 @@ pub fn reconstruct_twin(
     registration.warnings.iter().for_each(|w| stages.monitor.warn(w));
     registration.notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
     let articulation = search.articulate(&registration, config, checkpoint, stages)?;
-    let joints = stages
-        .run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, drift.is_some(), config)))?;
+    // Corrections of poses leave each state a world frame that is a little its own.
+    let moved = drift.is_some() || capture.poses.iter().flatten().any(|p| p.used);
+    let joints =
+        stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, moved, config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);
     if !findings.is_empty() {
@@ -253,6 +255,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
+        camera_poses: CameraPosesReport::of(&capture.poses),
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,

@@ -19,15 +19,15 @@ use crate::{
     surface::{TriangleMesh, keep_components, marching_cubes},
 };
 
-/// Joints of all moving parts, in the order of the parts. Where the states were `aligned`, coarsely so far, what is left of
-/// the static part's motion is taken out of theirs.
+/// Joints of all moving parts, in the order of the parts. Where the states' frames were `moved`, coarsely so far, what is left
+/// of the static part's motion is taken out of theirs.
 pub(super) fn joints(
     frames: [&[RgbdFrame]; 2],
     surfaces: [&StateSurface; 2],
     articulation: &Articulation,
     matches: &[LiftedMatch],
     scene: &SceneBox,
-    aligned: bool,
+    moved: bool,
     config: &Config,
 ) -> Vec<TreeJointEstimate> {
     let states = [0, 1].map(|s| ObservedState {
@@ -45,7 +45,7 @@ pub(super) fn joints(
         PartEvidence::gather(part as u8, &articulation.motions[part], &states, &own, &config.capture.noise, extent_m, &config.joint)
     };
     let parts: Vec<PartEvidence> = (1..articulation.motions.len()).map(gather).collect();
-    let root = if aligned { gather(0).free_motion(&states, &config.joint) } else { ParentMotion::still() };
+    let root = if moved { gather(0).free_motion(&states, &config.joint) } else { ParentMotion::still() };
     let still = [0, 1].map(|s| select(states[s].samples, states[s].labels, 0));
     kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint)
 }

@@ -1,0 +1,167 @@
+//! Small flat pieces of surface in a frame: what its depth says with least noise.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{
+    capture::{
+        NoiseConfig, RgbdFrame,
+        window::{R, READINGS, WindowPlane},
+    },
+    geometry::{Intrinsics, Pose},
+};
+
+/// Fewest pixels from one piece to the next, along both sides, and most pieces in a row.
+const LEAST_STEP: usize = 4;
+const COLUMNS: usize = 160;
+/// A piece whose readings scatter by more than this many times the noise is no plane.
+const MISFIT: f64 = 2.0;
+/// Independent readings of a window: stereo noise is correlated over about two pixels.
+const INDEPENDENT: f64 = READINGS as f64 / 4.0;
+/// Pieces seen at a smaller cosine to their normal are not used.
+const GRAZING_COSINE: f64 = 0.25;
+/// Pieces whose normals differ by a smaller cosine are of different surfaces.
+const SAME_COSINE: f64 = 0.8;
+
+/// A flat piece of surface in the camera's optical frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surfel {
+    /// Its middle, metres.
+    pub point: Point3<f32>,
+    /// Unit normal, away from the camera.
+    pub normal: Vector3<f32>,
+    /// Standard deviation along the normal, metres.
+    pub sigma_m: f32,
+}
+
+/// The pieces of a frame on a grid of pixels.
+pub(super) struct Surfels {
+    intrinsics: Intrinsics,
+    step: usize,
+    columns: usize,
+    rows: usize,
+    cells: Vec<Option<Surfel>>,
+    /// Cells that hold a piece.
+    filled: Vec<u32>,
+}
+
+/// How far a piece lies off that of another frame.
+pub(super) struct Residual {
+    /// Distance from the other's plane, metres.
+    pub distance_m: f64,
+    /// Its standard deviation by the noise of both, metres.
+    pub sigma_m: f64,
+    /// The other's normal in this frame, and this point.
+    pub normal: Vector3<f64>,
+    pub point: Point3<f64>,
+    /// The same in the other frame.
+    pub other_normal: Vector3<f64>,
+    pub other_point: Point3<f64>,
+}
+
+impl Surfels {
+    /// Of all that the frame sees.
+    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
+        let k = frame.intrinsics;
+        let step = (k.width / COLUMNS).max(LEAST_STEP);
+        let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
+        let (columns, rows) = (count(k.width), count(k.height));
+        let cells: Vec<Option<Surfel>> =
+            (0..columns * rows).map(|i| surfel(frame, noise, R + i % columns * step, R + i / columns * step)).collect();
+        let filled = (0..cells.len() as u32).filter(|&i| cells[i as usize].is_some()).collect();
+        Self { intrinsics: k, step, columns, rows, cells, filled }
+    }
+
+    /// Indices of the cells that hold a piece, rising.
+    pub fn filled(&self) -> &[u32] {
+        &self.filled
+    }
+
+    /// Block of `side` x `side` cells that a cell lies in: column and row.
+    pub fn block(&self, cell: u32, side: usize) -> [usize; 2] {
+        let cell = cell as usize;
+        [cell % self.columns / side, cell / self.columns / side]
+    }
+
+    /// The piece of a cell against what `other` sees in its place; `None` where that is nothing, or another surface.
+    /// `gate_m` by depth is the largest distance that counts.
+    pub fn residual(&self, cell: u32, other: &Self, other_from_this: &Pose, gate_m: impl Fn(f64) -> f64) -> Option<Residual> {
+        let this = self.cells[cell as usize]?;
+        let point: Point3<f64> = this.point.cast();
+        let other_point = other_from_this * point;
+        let there = other.at(&other_point)?;
+        let other_normal: Vector3<f64> = there.normal.cast();
+        let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
+        if distance_m.abs() > gate_m(other_point.z) {
+            return None;
+        }
+        let normal = other_from_this.inverse_transform_vector(&other_normal);
+        if normal.dot(&this.normal.cast()) < SAME_COSINE {
+            return None;
+        }
+        let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
+        Some(Residual { distance_m, sigma_m, normal, point, other_normal, other_point })
+    }
+
+    /// The piece nearest to where a point is seen.
+    fn at(&self, point: &Point3<f64>) -> Option<&Surfel> {
+        let (u, v) = self.intrinsics.project(point)?;
+        let cell = |pixel: f64, count: usize| {
+            let at = (pixel - R as f64) / self.step as f64 + 0.5;
+            (at >= 0.0 && at < count as f64).then_some(at as usize)
+        };
+        self.cells[cell(v, self.rows)? * self.columns + cell(u, self.columns)?].as_ref()
+    }
+}
+
+/// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
+fn surfel(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<Surfel> {
+    let plane = WindowPlane::fit(frame, x, y)?;
+    let reading_m = noise.sigma_m(plane.mean_depth_m);
+    if plane.reading_sigma_m() > MISFIT * reading_m {
+        return None;
+    }
+    let k = &frame.intrinsics;
+    let ray = k.ray(x as f64, y as f64);
+    let [b, c] = [plane.slopes[0] * k.fx, plane.slopes[1] * k.fy];
+    let normal = Vector3::new(b, c, plane.inverse - b * ray.x - c * ray.y).try_normalize(0.0)?;
+    let along = normal.dot(&ray);
+    if along < GRAZING_COSINE * ray.norm() {
+        return None;
+    }
+    let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
+    Some(Surfel { point: Point3::from(ray / plane.inverse).cast(), normal: normal.cast(), sigma_m: sigma_m as f32 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
+
+    #[test]
+    fn pieces_lie_on_the_surface_with_its_normal() {
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let half = Vector3::new(0.2, 0.15, 0.1);
+        let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
+        let surfels = Surfels::of(&frame, &NoiseConfig::default());
+        assert!(surfels.filled().len() > 50, "{}", surfels.filled().len());
+        for s in surfels.cells.iter().flatten() {
+            let p = frame.world_from_camera * s.point.cast::<f64>();
+            let n = frame.world_from_camera * s.normal.cast::<f64>();
+            assert!(cuboid(half)(&p).abs() < 1e-4, "{p}");
+            let face = (0..3).min_by(|a, b| (p[*a].abs() - half[*a]).abs().total_cmp(&(p[*b].abs() - half[*b]).abs())).unwrap();
+            // Outward is towards the camera; a normal of a piece points away from it.
+            assert!((n[face] + p[face].signum()).abs() < 1e-3, "{n} on face {face}");
+        }
+    }
+
+    #[test]
+    fn a_frame_agrees_with_another_of_the_same_scene() {
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
+        let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)].map(|eye| view_of(&shape, k, looking_at_origin(eye)));
+        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &NoiseConfig::default()));
+        let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
+        let all: Vec<Residual> = sa.filled().iter().filter_map(|&i| sa.residual(i, &sb, &b_from_a, |_| 0.02)).collect();
+        assert!(all.len() > 30 && all.iter().all(|r| r.distance_m.abs() < 1e-4), "{}", all.len());
+    }
+}
