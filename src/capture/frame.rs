@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::{NoiseConfig, PoseCorrection};
+use super::{NoiseConfig, PoseFindings};
 use crate::geometry::{Intrinsics, Pose};
 
 /// One view: colour and depth share one undistorted camera.
@@ -78,8 +78,8 @@ pub struct Capture {
     pub matches: Vec<PixelMatch>,
     /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say otherwise.
     pub noise: NoiseConfig,
-    /// What was found of the camera poses of each state; `None` where it was not looked for, or could not be told.
-    pub poses: [Option<PoseCorrection>; 2],
+    /// What was found of the camera poses.
+    pub poses: PoseFindings,
     /// Sentences about what was degraded: damage, drops, frames not used.
     pub warnings: Vec<String>,
     /// Sentences about what was found and chosen: topics, counts, frames.

@@ -23,7 +23,7 @@ pub use frame::{Capture, PixelMatch, RgbdFrame, median_over_object};
 pub use isolate::isolate;
 pub use noise::{NoiseConfig, pixel_weights};
 pub use noise_estimate::noise_factor;
-pub use poses::{PoseCorrection, RefinePoses, refine_poses};
+pub use poses::{PoseCorrection, PoseFindings, PoseNoise, RefinePoses, WorldCorrection, align_worlds, refine_poses};
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;

@@ -170,11 +170,11 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
 
 /// Corrects the camera poses of each state, and tells of it.
 fn correct_poses(capture: &mut Capture) {
-    for state in 0..2 {
-        let found = refine_poses(&mut capture.states[state], &capture.noise);
+    capture.poses = refine_poses(&mut capture.states, &capture.noise);
+    for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| format!("state {state}: {found}")));
-        capture.poses[state] = found;
     }
+    capture.notes.extend(capture.poses.world.iter().map(ToString::to_string));
 }
 
 /// Refuses a state without any depth reading, and tells of one with few.

@@ -18,6 +18,7 @@ mod seed;
 mod stage;
 mod state_surface;
 mod twin;
+mod world_noise;
 
 pub use batch::{MAX_JOBS, reconstruct_all};
 pub use checkpoint::{Checkpoint, CheckpointError};

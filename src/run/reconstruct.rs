@@ -192,7 +192,7 @@ pub fn reconstruct_twin(
     registration.notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
     let articulation = search.articulate(&registration, config, checkpoint, stages)?;
     // Corrections of poses leave each state a world frame that is a little its own.
-    let moved = drift.is_some() || capture.poses.iter().flatten().any(|p| p.used);
+    let moved = (drift.is_some() || capture.poses.changed(), capture.poses.noise(0));
     let joints =
         stages.run("joints", None, |_| Ok::<_, RunError>(joints(frames, surfaces, &articulation, matches, &scene, moved, config)))?;
     let model = stages.run("assemble", None, |_| assemble(name, surfaces, &articulation, joints, &band, config))?;
@@ -255,7 +255,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
-        camera_poses: CameraPosesReport::of(&capture.poses),
+        camera_poses: CameraPosesReport::of(&capture.poses.states),
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,

@@ -6,13 +6,14 @@ use super::{
     RunError,
     articulation::Articulation,
     state_surface::{Band, StateSurface},
+    world_noise::world_covariance,
 };
 use crate::{
     articulate::{
         JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
         label_grid, part_tsdf, select,
     },
-    capture::RgbdFrame,
+    capture::{PoseNoise, RgbdFrame},
     config::Config,
     geometry::{NearestPoints, Pose, SceneBox},
     model::{ArticulatedModel, MovingPart, build},
@@ -20,14 +21,14 @@ use crate::{
 };
 
 /// Joints of all moving parts, in the order of the parts. Where the states' frames were `moved`, coarsely so far, what is left
-/// of the static part's motion is taken out of theirs.
+/// of the static part's motion is taken out of theirs. `pose_noise`: errors of the camera poses, where they were corrected.
 pub(super) fn joints(
     frames: [&[RgbdFrame]; 2],
     surfaces: [&StateSurface; 2],
     articulation: &Articulation,
     matches: &[LiftedMatch],
     scene: &SceneBox,
-    moved: bool,
+    (moved, pose_noise): (bool, Option<PoseNoise>),
     config: &Config,
 ) -> Vec<TreeJointEstimate> {
     let states = [0, 1].map(|s| ObservedState {
@@ -47,7 +48,13 @@ pub(super) fn joints(
     let parts: Vec<PartEvidence> = (1..articulation.motions.len()).map(gather).collect();
     let root = if moved { gather(0).free_motion(&states, &config.joint) } else { ParentMotion::still() };
     let still = [0, 1].map(|s| select(states[s].samples, states[s].labels, 0));
-    kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint)
+    let mut joints = kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint);
+    if let Some(noise) = pose_noise {
+        for joint in joints.iter_mut().map(|j| &mut j.joint) {
+            joint.evidence.covariance += world_covariance(frames[0], &noise, &joint.axis, &joint.point);
+        }
+    }
+    joints
 }
 
 /// The motion that explains each match best; `None` where none comes within `reach_m`.

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::PoseNoise;
 use crate::{
     capture::{
         NoiseConfig, RgbdFrame,
@@ -22,6 +23,11 @@ const GRAZING_COSINE: f64 = 0.25;
 /// Pieces whose normals differ by a smaller cosine are of different surfaces.
 const SAME_COSINE: f64 = 0.8;
 
+/// Ways that a piece can face: the camera, left, right, up, down.
+pub(super) const FACINGS: usize = 5;
+/// A piece faces aside where its normal has a larger component along the image.
+const ASIDE: f32 = 0.4;
+
 /// A flat piece of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surfel {
@@ -40,14 +46,16 @@ pub(super) struct Surfels {
     columns: usize,
     rows: usize,
     cells: Vec<Option<Surfel>>,
-    /// Cells that hold a piece.
-    filled: Vec<u32>,
+    /// Cells that hold a piece, by where it faces.
+    facing: [Vec<u32>; FACINGS],
 }
 
 /// How far a piece lies off that of another frame.
 pub(super) struct Residual {
     /// Distance from the other's plane, metres.
     pub distance_m: f64,
+    /// By how much errors of poses displace it, one standard deviation, metres.
+    pub displacement_m: f64,
     /// Its standard deviation by the noise of both, metres.
     pub sigma_m: f64,
     /// The other's normal in this frame, and this point.
@@ -58,22 +66,46 @@ pub(super) struct Residual {
     pub other_point: Point3<f64>,
 }
 
+impl Surfel {
+    /// Which way it faces.
+    fn facing(&self) -> usize {
+        let (x, y) = (self.normal.x, self.normal.y);
+        match (x.abs() > y.abs(), x.abs().max(y.abs()) > ASIDE) {
+            (_, false) => 0,
+            (true, true) => 1 + usize::from(x > 0.0),
+            (false, true) => 3 + usize::from(y > 0.0),
+        }
+    }
+}
+
 impl Surfels {
-    /// Of all that the frame sees.
-    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
+    /// Of the pixels of a frame that are wanted.
+    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
         let k = frame.intrinsics;
         let step = (k.width / COLUMNS).max(LEAST_STEP);
         let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
         let (columns, rows) = (count(k.width), count(k.height));
-        let cells: Vec<Option<Surfel>> =
-            (0..columns * rows).map(|i| surfel(frame, noise, R + i % columns * step, R + i / columns * step)).collect();
-        let filled = (0..cells.len() as u32).filter(|&i| cells[i as usize].is_some()).collect();
-        Self { intrinsics: k, step, columns, rows, cells, filled }
+        let place = |i: usize| [R + i % columns * step, R + i / columns * step];
+        let cell = |[x, y]: [usize; 2]| if wanted(y * k.width + x) { surfel(frame, noise, x, y) } else { None };
+        let cells: Vec<Option<Surfel>> = (0..columns * rows).map(|i| cell(place(i))).collect();
+        let mut facing: [Vec<u32>; FACINGS] = Default::default();
+        for (i, surfel) in cells.iter().enumerate() {
+            if let Some(s) = surfel {
+                facing[s.facing()].push(i as u32);
+            }
+        }
+        Self { intrinsics: k, step, columns, rows, cells, facing }
     }
 
-    /// Indices of the cells that hold a piece, rising.
-    pub fn filled(&self) -> &[u32] {
-        &self.filled
+    /// Indices of the cells that hold a piece, rising for each way that these face.
+    pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
+        &self.facing
+    }
+
+    /// Sum of the pieces' middles, and their number.
+    pub fn sum(&self) -> (Vector3<f64>, f64) {
+        let sum = self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
+        (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
     }
 
     /// Block of `side` x `side` cells that a cell lies in: column and row.
@@ -83,23 +115,24 @@ impl Surfels {
     }
 
     /// The piece of a cell against what `other` sees in its place; `None` where that is nothing, or another surface.
-    /// `gate_m` by depth is the largest distance that counts.
-    pub fn residual(&self, cell: u32, other: &Self, other_from_this: &Pose, gate_m: impl Fn(f64) -> f64) -> Option<Residual> {
+    /// Distances beyond three standard deviations by the noise of depth and `poses` do not count.
+    pub fn residual(&self, cell: u32, other: &Self, other_from_this: &Pose, poses: &PoseNoise) -> Option<Residual> {
         let this = self.cells[cell as usize]?;
         let point: Point3<f64> = this.point.cast();
         let other_point = other_from_this * point;
         let there = other.at(&other_point)?;
         let other_normal: Vector3<f64> = there.normal.cast();
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
-        if distance_m.abs() > gate_m(other_point.z) {
+        let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
+        let displacement_m = poses.displacement_m(other_point.z);
+        if distance_m.abs() > 3.0 * sigma_m.hypot(displacement_m) {
             return None;
         }
         let normal = other_from_this.inverse_transform_vector(&other_normal);
         if normal.dot(&this.normal.cast()) < SAME_COSINE {
             return None;
         }
-        let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
-        Some(Residual { distance_m, sigma_m, normal, point, other_normal, other_point })
+        Some(Residual { distance_m, displacement_m, sigma_m, normal, point, other_normal, other_point })
     }
 
     /// The piece nearest to where a point is seen.
@@ -142,8 +175,8 @@ mod tests {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let half = Vector3::new(0.2, 0.15, 0.1);
         let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
-        let surfels = Surfels::of(&frame, &NoiseConfig::default());
-        assert!(surfels.filled().len() > 50, "{}", surfels.filled().len());
+        let surfels = Surfels::of(&frame, &NoiseConfig::default(), |_| true);
+        assert!(surfels.sum().1 > 50.0, "{}", surfels.sum().1);
         for s in surfels.cells.iter().flatten() {
             let p = frame.world_from_camera * s.point.cast::<f64>();
             let n = frame.world_from_camera * s.normal.cast::<f64>();
@@ -159,9 +192,10 @@ mod tests {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
         let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)].map(|eye| view_of(&shape, k, looking_at_origin(eye)));
-        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &NoiseConfig::default()));
+        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &NoiseConfig::default(), |_| true));
         let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
-        let all: Vec<Residual> = sa.filled().iter().filter_map(|&i| sa.residual(i, &sb, &b_from_a, |_| 0.02)).collect();
+        let all: Vec<Residual> =
+            sa.facing().iter().flatten().filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED)).collect();
         assert!(all.len() > 30 && all.iter().all(|r| r.distance_m.abs() < 1e-4), "{}", all.len());
     }
 }
