@@ -1,6 +1,6 @@
 //! Small flat pieces of surface in a frame: what its depth says with least noise.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::PoseNoise;
 use crate::{
@@ -23,6 +23,9 @@ const GRAZING_COSINE: f64 = 0.25;
 /// Pieces whose normals differ by a smaller cosine are of different surfaces.
 const SAME_COSINE: f64 = 0.8;
 
+/// Cells on each side of one that its normal is found with, and how many at least.
+const AROUND: i64 = 2;
+const LEAST_AROUND: usize = 8;
 /// Ways that a piece can face: the camera, left, right, up, down.
 pub(super) const FACINGS: usize = 5;
 /// A piece faces aside where its normal has a larger component along the image.
@@ -86,8 +89,10 @@ impl Surfels {
         let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
         let (columns, rows) = (count(k.width), count(k.height));
         let place = |i: usize| [R + i % columns * step, R + i / columns * step];
-        let cell = |[x, y]: [usize; 2]| if wanted(y * k.width + x) { surfel(frame, noise, x, y) } else { None };
-        let cells: Vec<Option<Surfel>> = (0..columns * rows).map(|i| cell(place(i))).collect();
+        let plane = |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
+        let planes = Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+        let cells: Vec<Option<Surfel>> =
+            (0..columns * rows).map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?)).collect();
         let mut facing: [Vec<u32>; FACINGS] = Default::default();
         for (i, surfel) in cells.iter().enumerate() {
             if let Some(s) = surfel {
@@ -146,16 +151,53 @@ impl Surfels {
     }
 }
 
-/// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
-fn surfel(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<Surfel> {
+/// The plane about a pixel; `None` where its readings scatter.
+fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
     let plane = WindowPlane::fit(frame, x, y)?;
-    let reading_m = noise.sigma_m(plane.mean_depth_m);
-    if plane.reading_sigma_m() > MISFIT * reading_m {
-        return None;
+    (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
+}
+
+/// The planes of all cells.
+struct Planes {
+    columns: usize,
+    rows: usize,
+    step: usize,
+    all: Vec<Option<WindowPlane>>,
+}
+
+impl Planes {
+    /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(metre pixel). Those of one window
+    /// are noisy, and noise of normals tells of motions that no surface tells of.
+    fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
+        let own = self.all[cell].as_ref()?;
+        let (x, y) = ((cell % self.columns) as i64, (cell / self.columns) as i64);
+        let gate = own.variance.sqrt();
+        let (mut moments, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
+        for (dx, dy) in (-AROUND..=AROUND).flat_map(|dy| (-AROUND..=AROUND).map(move |dx| (dx, dy))) {
+            let (column, row) = (x + dx, y + dy);
+            if column < 0 || row < 0 || column >= self.columns as i64 || row >= self.rows as i64 {
+                continue;
+            }
+            let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
+            let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
+            let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
+            if residual.abs() <= 3.0 * gate {
+                moments += at * at.transpose();
+                right += at * residual;
+                count += 1;
+            }
+        }
+        // A few cells, or cells in a row, tell no better than the window.
+        let change = if count > LEAST_AROUND { moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right) } else { Vector3::zeros() };
+        Some([own.slopes[0] + change.y, own.slopes[1] + change.z])
     }
-    let k = &frame.intrinsics;
+}
+
+/// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
+fn surfel(k: &Intrinsics, noise: &NoiseConfig, [x, y]: [usize; 2], plane: &WindowPlane, slopes: [f64; 2]) -> Option<Surfel> {
+    let reading_m = noise.sigma_m(plane.mean_depth_m);
     let ray = k.ray(x as f64, y as f64);
-    let [b, c] = [plane.slopes[0] * k.fx, plane.slopes[1] * k.fy];
+    let [b, c] = [slopes[0] * k.fx, slopes[1] * k.fy];
     let normal = Vector3::new(b, c, plane.inverse - b * ray.x - c * ray.y).try_normalize(0.0)?;
     let along = normal.dot(&ray);
     if along < GRAZING_COSINE * ray.norm() {
@@ -170,12 +212,15 @@ mod tests {
     use super::*;
     use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
 
+    /// Windows across an edge are no planes.
+    const FINE: NoiseConfig = NoiseConfig { constant_m: 2e-5, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+
     #[test]
     fn pieces_lie_on_the_surface_with_its_normal() {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let half = Vector3::new(0.2, 0.15, 0.1);
         let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
-        let surfels = Surfels::of(&frame, &NoiseConfig::default(), |_| true);
+        let surfels = Surfels::of(&frame, &FINE, |_| true);
         assert!(surfels.sum().1 > 50.0, "{}", surfels.sum().1);
         for s in surfels.cells.iter().flatten() {
             let p = frame.world_from_camera * s.point.cast::<f64>();
@@ -192,7 +237,7 @@ mod tests {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
         let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)].map(|eye| view_of(&shape, k, looking_at_origin(eye)));
-        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &NoiseConfig::default(), |_| true));
+        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &FINE, |_| true));
         let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
         let all: Vec<Residual> =
             sa.facing().iter().flatten().filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED)).collect();

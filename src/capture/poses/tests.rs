@@ -8,7 +8,7 @@ use crate::{
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
 
-const NOISE: NoiseConfig = NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0015, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+const NOISE: NoiseConfig = NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };
 const INTRINSICS: Intrinsics = Intrinsics { width: 240, height: 180, fx: 230.0, fy: 230.0, cx: 119.2, cy: 91.0 };
 
 struct Normal(Box<dyn FnMut() -> f64>);
@@ -39,7 +39,8 @@ fn wall(p: &Point3<f64>) -> f64 {
 fn frames(scene: &dyn Fn(&Point3<f64>) -> f64, tilt: f64, count: usize) -> Vec<RgbdFrame> {
     let mut normal = Normal::new(5);
     let view = |i: usize| {
-        let turn = 1.5 * i as f64 / count as f64;
+        // Every frame sees two sides of the boxes.
+        let turn = 0.5 + 0.6 * i as f64 / count as f64;
         let eye = Point3::new(0.8 * tilt * turn.cos(), 0.8 * tilt * turn.sin(), 0.6 + 0.1 * (i % 3) as f64);
         let mut frame = view_of(scene, INTRINSICS, looking_at_origin(eye));
         frame.mask = None;
@@ -75,13 +76,13 @@ fn relative_errors(found: &[RgbdFrame], truth: &[RgbdFrame]) -> [f64; 2] {
 
 #[test]
 fn known_errors_are_found() {
-    let truth = frames(&boxes, 1.0, 8);
+    let truth = frames(&boxes, 1.0, 9);
     let told = disturbed(&truth, 0.004, 0.006);
     let mut found = told.clone();
     let correction = refine(&mut found).unwrap();
     assert!(correction.used, "{correction:?}");
     let (before, after) = (relative_errors(&told, &truth), relative_errors(&found, &truth));
-    assert!(after[0] < 0.1 * before[0] && after[1] < 0.1 * before[1], "{before:?} {after:?}");
+    assert!(after[0] < 0.2 * before[0] && after[1] < 0.03 * before[1], "{before:?} {after:?}");
     assert!(correction.residual_m[1] < 0.4 * correction.residual_m[0], "{correction:?}");
     // The gauge: corrections in the camera's frame have about no mean.
     let corrections = found.iter().zip(&told).map(|(f, t)| super::correction(&t.world_from_camera, &f.world_from_camera)[0]);
@@ -105,10 +106,13 @@ fn a_wall_seen_from_the_front_does_not_slide() {
     let mut found = told.clone();
     refine(&mut found);
     for (f, t) in found.iter().zip(&told) {
-        // Nothing tells of motions along the wall and of turns about its normal.
-        let change = f.world_from_camera * t.world_from_camera.inverse();
-        let along = (f.world_from_camera.translation.vector - t.world_from_camera.translation.vector).xy().norm();
-        assert!(along < 0.004 && change.rotation.scaled_axis().z.abs() < 0.003, "{along} {:?}", change.rotation.scaled_axis());
+        // Nothing tells of motions along the wall and of turns about its normal, where the cameras look but for 6 degrees: they
+        // stay within what is expected of poses.
+        let [moved, turned] = super::correction(&t.world_from_camera, &f.world_from_camera);
+        assert!(
+            moved.xy().norm() < PoseNoise::EXPECTED.translation_m && turned.z.abs() < PoseNoise::EXPECTED.rotation_rad,
+            "{moved} {turned}"
+        );
     }
     // Across the wall they agree: heights of all cameras are right up to their common error.
     let height = |f: &RgbdFrame, t: &RgbdFrame| f.world_from_camera.translation.z - t.world_from_camera.translation.z;
