@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CaptureError, NoiseConfig};
+use super::{CaptureError, NoiseConfig, RefinePoses};
 
 /// How recordings are read. `None` means: found from the recording, and told in [`super::Capture::notes`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +35,9 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
+    /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where frames clearly
+    /// agree better then, or `never`.
+    pub refine_poses: RefinePoses,
 }
 
 /// Topic names that replace those found by type and name.
@@ -91,6 +94,7 @@ impl Default for CaptureConfig {
             noise: NoiseConfig::default(),
             measure_noise: true,
             denoise: true,
+            refine_poses: RefinePoses::Auto,
         }
     }
 }

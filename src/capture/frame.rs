@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::NoiseConfig;
+use super::{NoiseConfig, PoseFindings};
 use crate::geometry::{Intrinsics, Pose};
 
 /// One view: colour and depth share one undistorted camera.
@@ -78,6 +78,8 @@ pub struct Capture {
     pub matches: Vec<PixelMatch>,
     /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say otherwise.
     pub noise: NoiseConfig,
+    /// What was found of the camera poses.
+    pub poses: PoseFindings,
     /// Sentences about what was degraded: damage, drops, frames not used.
     pub warnings: Vec<String>,
     /// Sentences about what was found and chosen: topics, counts, frames.

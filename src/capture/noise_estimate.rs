@@ -4,18 +4,15 @@
 //! after an affine fit is the noise, wherever the surface is about flat; the median over many windows takes no notice of
 //! those that are not.
 
-use super::{NoiseConfig, RgbdFrame};
+use super::{
+    NoiseConfig, RgbdFrame,
+    window::{R, WindowPlane},
+};
 
-/// Windows have `2 R + 1` pixels a side.
-const R: usize = 3;
-/// Fitted values of a window.
-const UNKNOWNS: usize = 3;
 /// Windows per frame, about.
 const WINDOWS: f64 = 600.0;
 /// Fewest windows for an estimate.
 const MIN_WINDOWS: usize = 200;
-/// A window whose depths differ by more than this share of their mean shows an edge.
-const MAX_RANGE: f64 = 0.1;
 /// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface: measured on
 /// rendered stereo depth with known noise.
 const CORRELATION: f64 = 1.1;
@@ -47,32 +44,8 @@ fn window_factors(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f64> {
 }
 
 fn window_factor(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<f64> {
-    let side = 2 * R + 1;
-    let count = (side * side) as f64;
-    let mut inverse = [0.0; (2 * R + 1) * (2 * R + 1)];
-    let (mut sum, mut least, mut most) = (0.0, f64::INFINITY, 0.0f64);
-    for (i, value) in inverse.iter_mut().enumerate() {
-        let d = f64::from(frame.depth_m[(y + i / side - R) * frame.intrinsics.width + x + i % side - R]);
-        if d <= 0.0 {
-            return None;
-        }
-        (sum, least, most) = (sum + d, least.min(d), most.max(d));
-        *value = 1.0 / d;
-    }
-    let mean_depth = sum / count;
-    if most - least > MAX_RANGE * mean_depth {
-        return None;
-    }
-    // The window is symmetric: slopes and mean are independent.
-    let place = |i: usize| ((i % side) as f64 - R as f64, (i / side) as f64 - R as f64);
-    let spread: f64 = (0..inverse.len()).map(|i| place(i).0.powi(2)).sum();
-    let mean = inverse.iter().sum::<f64>() / count;
-    let slope_x = inverse.iter().enumerate().map(|(i, v)| place(i).0 * v).sum::<f64>() / spread;
-    let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
-    let residual = |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
-    let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
-    // d(depth) = depth^2 d(1/depth)
-    Some(variance.sqrt() * mean_depth * mean_depth / noise.sigma_m(mean_depth))
+    let plane = WindowPlane::fit(frame, x, y)?;
+    Some(plane.reading_sigma_m() / noise.sigma_m(plane.mean_depth_m))
 }
 
 #[cfg(test)]

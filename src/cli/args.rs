@@ -211,6 +211,9 @@ pub struct SynthArgs {
     /// By how much the world of state 1 is off, millimeters and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
     pub drift: PoseSpread,
+    /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same
+    #[arg(long, value_name = "X", default_value_t = SynthConfig::default().motion_scale)]
+    pub motion_scale: f64,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

@@ -24,6 +24,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         noise: args.noise,
         pose_noise: args.pose_noise,
         drift: args.drift,
+        motion_scale: args.motion_scale,
         further: usize::from(args.states) - 2,
         views: args.views,
         width: args.width,

@@ -1,5 +1,6 @@
 //! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a disk.
 
+mod camera_poses;
 mod check;
 mod look;
 mod mjcf;
@@ -18,6 +19,7 @@ mod urdf;
 mod usda;
 mod viewer;
 
+pub use camera_poses::CameraPosesReport;
 pub use check::{CheckFinding, Folder, Level, check_folder};
 pub use look::{Corner, Look, LookConfig, look, looks};
 pub use mjcf::mjcf;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{number::round_significant, part_count::PartCountReport, start::InitialMotion};
+use super::{camera_poses::CameraPosesReport, number::round_significant, part_count::PartCountReport, start::InitialMotion};
 use crate::{
     geometry::{Intrinsics, Pose},
     model::{ArticulatedModel, Joint, JointKind, LimitSource, ParentScore},
@@ -203,6 +203,9 @@ pub struct RunFacts {
     /// How the number of parts was found.
     #[serde(default)]
     pub part_count: Option<PartCountReport>,
+    /// What was found of the camera poses of each state.
+    #[serde(default)]
+    pub camera_poses: Vec<CameraPosesReport>,
     /// Stages in order with their wall times.
     pub stages: Vec<StageTime>,
     /// Versions of the program and what it was built with, by name.

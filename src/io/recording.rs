@@ -11,7 +11,9 @@ use super::{
     views::{View, Views},
 };
 use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, Split, denoise, isolate, noise_factor, spread_views},
+    capture::{
+        Capture, CaptureConfig, CaptureError, RefinePoses, RgbdFrame, Split, denoise, isolate, noise_factor, refine_poses, spread_views,
+    },
     geometry::Pose,
     run::stage_rng,
 };
@@ -38,6 +40,9 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
     check_depth(&capture, config)?;
     check_states_differ(&capture)?;
     measure_noise(&mut capture, config);
+    if config.refine_poses == RefinePoses::Auto {
+        correct_poses(&mut capture);
+    }
     isolate(&mut capture, config, &mut stage_rng(seed, "capture/isolate", 0))?;
     if config.denoise {
         let noise = capture.noise;
@@ -174,6 +179,17 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
         capture
             .notes
             .push(format!("depth noise is {factor:.2} times the model of the settings: {:.1} mm at 1 m", 1e3 * capture.noise.sigma_m(1.0)));
+    }
+}
+
+/// Corrects the camera poses of each state, and tells of it.
+fn correct_poses(capture: &mut Capture) {
+    capture.poses = refine_poses(&mut capture.states, &capture.noise);
+    for (state, found) in capture.poses.states.iter().enumerate() {
+        capture.notes.extend(found.iter().map(|found| format!("state {state}: {found}")));
+    }
+    for (state, world) in (1..).zip(&capture.poses.worlds) {
+        capture.notes.extend(world.iter().map(|found| format!("state {state}: {found}")));
     }
 }
 

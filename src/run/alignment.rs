@@ -3,7 +3,7 @@
 use super::{RunError, stage_rng};
 use crate::{
     articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states},
-    capture::RgbdFrame,
+    capture::{PoseNoise, RgbdFrame, align_worlds},
     config::Config,
     geometry::{Pose, SceneBox},
 };
@@ -40,6 +40,15 @@ pub(super) fn align(
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let found = align_states(matches, around, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
+    let found = found.map(|mut a| {
+        // Matches bring the states near to each other, surfaces bring them together.
+        let near = moved_back(frames[1], &a.state1_from_state0);
+        let only_object = a.by == AlignedBy::LargestPart;
+        if let Some(fine) = align_worlds([frames[0], &near], &config.capture.noise, &PoseNoise::EXPECTED, only_object) {
+            a.state1_from_state0 *= fine.right_from_told.inverse();
+        }
+        a
+    });
     Ok(found.map(|a| apply(&a, state, frames[1], matches, scene)))
 }
 

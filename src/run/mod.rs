@@ -19,6 +19,7 @@ mod seed;
 mod stage;
 mod state_surface;
 mod twin;
+mod world_noise;
 
 pub use batch::{MAX_JOBS, reconstruct_all};
 pub use checkpoint::{Checkpoint, CheckpointError};

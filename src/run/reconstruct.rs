@@ -19,8 +19,8 @@ use crate::{
     capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures, RunFacts, StageTime,
-        check_folder, compare_starts, looks, nearest_starts, package, report_html,
+        CameraPosesReport, CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures,
+        RunFacts, StageTime, check_folder, compare_starts, looks, nearest_starts, package, report_html,
     },
     field::{InstructionSet, ObjectField, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
@@ -181,8 +181,10 @@ pub fn reconstruct_twin(
     };
     let Found { articulation, registered, curve, mut notes, warnings } = found;
     let joints = stages.run("joints", None, |_| {
-        let aligned: Vec<bool> = drifts.iter().map(Option::is_some).collect();
-        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, aligned: &aligned };
+        // Corrections of poses leave each state a world frame that is a little its own.
+        let moved: Vec<bool> = drifts.iter().map(|d| d.is_some() || capture.poses.changed()).collect();
+        let pose_noise = capture.poses.noise(0);
+        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, moved: &moved, pose_noise };
         Ok::<_, RunError>(joints(&seen, &articulation, &scene, config))
     })?;
     let parts = joints.len() + 1;
@@ -317,6 +319,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
+        camera_poses: CameraPosesReport::of(&capture.poses.states),
         stages: stages.seconds.iter().map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds }).collect(),
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,

@@ -6,13 +6,14 @@ use super::{
     RunError,
     articulation::Articulation,
     state_surface::{Band, StateSurface},
+    world_noise::world_covariance,
 };
 use crate::{
     articulate::{
         JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
         label_grid, pair_of, part_tsdf, select,
     },
-    capture::RgbdFrame,
+    capture::{PoseNoise, RgbdFrame},
     config::Config,
     geometry::{NearestPoints, Pose, SceneBox},
     model::{ArticulatedModel, MovingPart, build},
@@ -27,11 +28,13 @@ pub(super) struct Seen<'a> {
     pub surfaces: &'a [StateSurface],
     /// Matches of state 0 with each other state.
     pub matches: &'a [Vec<LiftedMatch>],
-    /// Which of the other states were aligned, coarsely so far.
-    pub aligned: &'a [bool],
+    /// Which of the other states' frames were moved, coarsely so far.
+    pub moved: &'a [bool],
+    /// Errors of the camera poses of state 0, where they were corrected.
+    pub pose_noise: Option<PoseNoise>,
 }
 
-/// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states that were aligned
+/// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states that were moved
 /// is taken out of theirs.
 pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &SceneBox, config: &Config) -> Vec<TreeJointEstimate> {
     let state = |(s, surface): (usize, &StateSurface)| ObservedState {
@@ -58,11 +61,17 @@ pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &Scene
     let motions = 0..articulation.motions.len();
     let parts: Vec<Vec<PartEvidence>> = (1..count).map(|part| motions.clone().map(|k| gather(part, k)).collect()).collect();
     let root = |k: usize| {
-        if seen.aligned[k] { gather(0, k).free_motion(&pair_of(&states, k), &config.joint) } else { ParentMotion::still() }
+        if seen.moved[k] { gather(0, k).free_motion(&pair_of(&states, k), &config.joint) } else { ParentMotion::still() }
     };
     let root: Vec<ParentMotion> = motions.clone().map(root).collect();
     let still: Vec<_> = states.iter().map(|s| select(s.samples, s.labels, 0)).collect();
-    kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint)
+    let mut joints = kinematic_tree(&root, &parts, &still, &states, extent_m, &config.joint);
+    if let Some(noise) = &seen.pose_noise {
+        for joint in joints.iter_mut().map(|j| &mut j.joint) {
+            joint.evidence.covariance += world_covariance(seen.frames[0], noise, &joint.axis, &joint.point);
+        }
+    }
+    joints
 }
 
 /// Part of the surface of state 0.

@@ -21,7 +21,7 @@ mod raster;
 mod rows;
 mod sample;
 #[cfg(test)]
-mod shapes;
+pub(crate) mod shapes;
 mod simplify;
 mod triangle;
 mod tsdf;

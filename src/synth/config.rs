@@ -98,6 +98,8 @@ pub struct SynthConfig {
     pub pose_noise: PoseSpread,
     /// By how much the world of state 1 is off that of state 0, in a random direction and about a random axis.
     pub drift: PoseSpread,
+    /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same.
+    pub motion_scale: f64,
     /// States filmed beyond the first two, at other positions of the joints.
     pub further: usize,
     /// Views of each state.
@@ -118,6 +120,7 @@ impl Default for SynthConfig {
             noise: 1.0,
             pose_noise: PoseSpread::default(),
             drift: PoseSpread::default(),
+            motion_scale: 1.0,
             further: 0,
             views: 30,
             width: 640,
@@ -154,6 +157,9 @@ impl SynthConfig {
         if !(0.0..=20.0).contains(&self.noise) {
             return Err(format!("noise {}: give a factor from 0 to 20", self.noise));
         }
+        if !(0.01..=1.0).contains(&self.motion_scale) {
+            return Err(format!("motion scale {}: give a factor from 0.01 to 1", self.motion_scale));
+        }
         Ok(())
     }
 }
@@ -181,6 +187,7 @@ mod tests {
         assert_eq!(check(|_| {}), Ok(()));
         assert!(check(|c| c.parts = Some(1)).is_err() && check(|c| c.parts = Some(8)).is_err());
         assert!(check(|c| (c.parts, c.family) = (Some(3), Some(Family::Clamshell))).unwrap_err().contains("clamshell has 2 to 2"));
+        assert!(check(|c| c.motion_scale = 1.5).is_err());
         assert!(check(|c| c.noise = f64::NAN).is_err() && check(|c| c.views = 1).is_err() && check(|c| c.width = 10).is_err());
     }
 }

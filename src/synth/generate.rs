@@ -49,7 +49,7 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
             let parent = |part: usize| object.parts[part].joint.map(|j| j.parent);
             let hinge = |a: usize, b: usize| joined && (parent(a) == Some(b) || parent(b) == Some(a));
             if clearance::is_free(&object, &hinge) && observable::is_observable(&object, config, rng) {
-                return Ok(object);
+                return Ok(scaled(object, config.motion_scale));
             }
         }
     }
@@ -58,6 +58,14 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
         family.name(),
         config.seed
     ))
+}
+
+/// The object with joints that go only a share of their way; what was clear on the whole way is clear on part of it.
+fn scaled(mut object: Object, share: f64) -> Object {
+    for [from, to] in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.positions) {
+        *to = *from + share * (*to - *from);
+    }
+    object
 }
 
 /// A family that can have so many parts; cabinets have half of the share where there is a choice.
@@ -160,6 +168,17 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_smaller_motion_is_that_of_the_same_object() {
+        let of = |motion_scale| generate(&SynthConfig { seed: 4, motion_scale, ..SynthConfig::default() }).unwrap();
+        let (whole, half) = (of(1.0), of(0.5));
+        for (a, b) in whole.parts.iter().zip(&half.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
+            let moved = |j: PartJoint| j.positions[1] - j.positions[0];
+            assert!(a.positions[0] == b.positions[0] && (moved(b) - 0.5 * moved(a)).abs() < 1e-12);
+        }
+        assert!(whole.parts.iter().zip(&half.parts).all(|(a, b)| a.solids == b.solids));
     }
 
     #[test]

@@ -1,0 +1,246 @@
+//! Small flat pieces of surface in a frame: what its depth says with least noise.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::PoseNoise;
+use crate::{
+    capture::{
+        NoiseConfig, RgbdFrame,
+        window::{R, READINGS, WindowPlane},
+    },
+    geometry::{Intrinsics, Pose},
+};
+
+/// Fewest pixels from one piece to the next, along both sides, and most pieces in a row.
+const LEAST_STEP: usize = 4;
+const COLUMNS: usize = 160;
+/// A piece whose readings scatter by more than this many times the noise is no plane.
+const MISFIT: f64 = 2.0;
+/// Independent readings of a window: stereo noise is correlated over about two pixels.
+const INDEPENDENT: f64 = READINGS as f64 / 4.0;
+/// Pieces seen at a smaller cosine to their normal are not used.
+const GRAZING_COSINE: f64 = 0.25;
+/// Pieces whose normals differ by a smaller cosine are of different surfaces.
+const SAME_COSINE: f64 = 0.8;
+
+/// Cells on each side of one that its normal is found with, and how many at least.
+const AROUND: i64 = 2;
+const LEAST_AROUND: usize = 8;
+/// Ways that a piece can face: the camera, left, right, up, down.
+pub(super) const FACINGS: usize = 5;
+/// A piece faces aside where its normal has a larger component along the image.
+const ASIDE: f32 = 0.4;
+
+/// A flat piece of surface in the camera's optical frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surfel {
+    /// Its middle, metres.
+    pub point: Point3<f32>,
+    /// Unit normal, away from the camera.
+    pub normal: Vector3<f32>,
+    /// Standard deviation along the normal, metres.
+    pub sigma_m: f32,
+}
+
+/// The pieces of a frame on a grid of pixels.
+pub(super) struct Surfels {
+    intrinsics: Intrinsics,
+    step: usize,
+    columns: usize,
+    rows: usize,
+    cells: Vec<Option<Surfel>>,
+    /// Cells that hold a piece, by where it faces.
+    facing: [Vec<u32>; FACINGS],
+}
+
+/// How far a piece lies off that of another frame.
+pub(super) struct Residual {
+    /// Distance from the other's plane, metres.
+    pub distance_m: f64,
+    /// By how much errors of poses displace it, one standard deviation, metres.
+    pub displacement_m: f64,
+    /// Its standard deviation by the noise of both, metres.
+    pub sigma_m: f64,
+    /// The other's normal in this frame, and this point.
+    pub normal: Vector3<f64>,
+    pub point: Point3<f64>,
+    /// The same in the other frame.
+    pub other_normal: Vector3<f64>,
+    pub other_point: Point3<f64>,
+}
+
+impl Surfel {
+    /// Which way it faces.
+    fn facing(&self) -> usize {
+        let (x, y) = (self.normal.x, self.normal.y);
+        match (x.abs() > y.abs(), x.abs().max(y.abs()) > ASIDE) {
+            (_, false) => 0,
+            (true, true) => 1 + usize::from(x > 0.0),
+            (false, true) => 3 + usize::from(y > 0.0),
+        }
+    }
+}
+
+impl Surfels {
+    /// Of the pixels of a frame that are wanted.
+    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
+        let k = frame.intrinsics;
+        let step = (k.width / COLUMNS).max(LEAST_STEP);
+        let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
+        let (columns, rows) = (count(k.width), count(k.height));
+        let place = |i: usize| [R + i % columns * step, R + i / columns * step];
+        let plane = |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
+        let planes = Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+        let cells: Vec<Option<Surfel>> =
+            (0..columns * rows).map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?)).collect();
+        let mut facing: [Vec<u32>; FACINGS] = Default::default();
+        for (i, surfel) in cells.iter().enumerate() {
+            if let Some(s) = surfel {
+                facing[s.facing()].push(i as u32);
+            }
+        }
+        Self { intrinsics: k, step, columns, rows, cells, facing }
+    }
+
+    /// Indices of the cells that hold a piece, rising for each way that these face.
+    pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
+        &self.facing
+    }
+
+    /// Sum of the pieces' middles, and their number.
+    pub fn sum(&self) -> (Vector3<f64>, f64) {
+        let sum = self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
+        (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
+    }
+
+    /// Block of `side` x `side` cells that a cell lies in: column and row.
+    pub fn block(&self, cell: u32, side: usize) -> [usize; 2] {
+        let cell = cell as usize;
+        [cell % self.columns / side, cell / self.columns / side]
+    }
+
+    /// The piece of a cell against what `other` sees in its place; `None` where that is nothing, or another surface.
+    /// Distances beyond three standard deviations by the noise of depth and `poses` do not count.
+    pub fn residual(&self, cell: u32, other: &Self, other_from_this: &Pose, poses: &PoseNoise) -> Option<Residual> {
+        let this = self.cells[cell as usize]?;
+        let point: Point3<f64> = this.point.cast();
+        let other_point = other_from_this * point;
+        let there = other.at(&other_point)?;
+        let other_normal: Vector3<f64> = there.normal.cast();
+        let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
+        let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
+        let displacement_m = poses.displacement_m(other_point.z);
+        if distance_m.abs() > 3.0 * sigma_m.hypot(displacement_m) {
+            return None;
+        }
+        let normal = other_from_this.inverse_transform_vector(&other_normal);
+        if normal.dot(&this.normal.cast()) < SAME_COSINE {
+            return None;
+        }
+        Some(Residual { distance_m, displacement_m, sigma_m, normal, point, other_normal, other_point })
+    }
+
+    /// The piece nearest to where a point is seen.
+    fn at(&self, point: &Point3<f64>) -> Option<&Surfel> {
+        let (u, v) = self.intrinsics.project(point)?;
+        let cell = |pixel: f64, count: usize| {
+            let at = (pixel - R as f64) / self.step as f64 + 0.5;
+            (at >= 0.0 && at < count as f64).then_some(at as usize)
+        };
+        self.cells[cell(v, self.rows)? * self.columns + cell(u, self.columns)?].as_ref()
+    }
+}
+
+/// The plane about a pixel; `None` where its readings scatter.
+fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
+    let plane = WindowPlane::fit(frame, x, y)?;
+    (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
+}
+
+/// The planes of all cells.
+struct Planes {
+    columns: usize,
+    rows: usize,
+    step: usize,
+    all: Vec<Option<WindowPlane>>,
+}
+
+impl Planes {
+    /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(metre pixel). Those of one window
+    /// are noisy, and noise of normals tells of motions that no surface tells of.
+    fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
+        let own = self.all[cell].as_ref()?;
+        let (x, y) = ((cell % self.columns) as i64, (cell / self.columns) as i64);
+        let gate = own.variance.sqrt();
+        let (mut moments, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
+        for (dx, dy) in (-AROUND..=AROUND).flat_map(|dy| (-AROUND..=AROUND).map(move |dx| (dx, dy))) {
+            let (column, row) = (x + dx, y + dy);
+            if column < 0 || row < 0 || column >= self.columns as i64 || row >= self.rows as i64 {
+                continue;
+            }
+            let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
+            let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
+            let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
+            if residual.abs() <= 3.0 * gate {
+                moments += at * at.transpose();
+                right += at * residual;
+                count += 1;
+            }
+        }
+        // A few cells, or cells in a row, tell no better than the window.
+        let change = if count > LEAST_AROUND { moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right) } else { Vector3::zeros() };
+        Some([own.slopes[0] + change.y, own.slopes[1] + change.z])
+    }
+}
+
+/// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
+fn surfel(k: &Intrinsics, noise: &NoiseConfig, [x, y]: [usize; 2], plane: &WindowPlane, slopes: [f64; 2]) -> Option<Surfel> {
+    let reading_m = noise.sigma_m(plane.mean_depth_m);
+    let ray = k.ray(x as f64, y as f64);
+    let [b, c] = [slopes[0] * k.fx, slopes[1] * k.fy];
+    let normal = Vector3::new(b, c, plane.inverse - b * ray.x - c * ray.y).try_normalize(0.0)?;
+    let along = normal.dot(&ray);
+    if along < GRAZING_COSINE * ray.norm() {
+        return None;
+    }
+    let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
+    Some(Surfel { point: Point3::from(ray / plane.inverse).cast(), normal: normal.cast(), sigma_m: sigma_m as f32 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
+
+    /// Windows across an edge are no planes.
+    const FINE: NoiseConfig = NoiseConfig { constant_m: 2e-5, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+
+    #[test]
+    fn pieces_lie_on_the_surface_with_its_normal() {
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let half = Vector3::new(0.2, 0.15, 0.1);
+        let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
+        let surfels = Surfels::of(&frame, &FINE, |_| true);
+        assert!(surfels.sum().1 > 50.0, "{}", surfels.sum().1);
+        for s in surfels.cells.iter().flatten() {
+            let p = frame.world_from_camera * s.point.cast::<f64>();
+            let n = frame.world_from_camera * s.normal.cast::<f64>();
+            assert!(cuboid(half)(&p).abs() < 1e-4, "{p}");
+            let face = (0..3).min_by(|a, b| (p[*a].abs() - half[*a]).abs().total_cmp(&(p[*b].abs() - half[*b]).abs())).unwrap();
+            // Outward is towards the camera; a normal of a piece points away from it.
+            assert!((n[face] + p[face].signum()).abs() < 1e-3, "{n} on face {face}");
+        }
+    }
+
+    #[test]
+    fn a_frame_agrees_with_another_of_the_same_scene() {
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
+        let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)].map(|eye| view_of(&shape, k, looking_at_origin(eye)));
+        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &FINE, |_| true));
+        let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
+        let all: Vec<Residual> =
+            sa.facing().iter().flatten().filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED)).collect();
+        assert!(all.len() > 30 && all.iter().all(|r| r.distance_m.abs() < 1e-4), "{}", all.len());
+    }
+}

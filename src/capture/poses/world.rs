@@ -1,0 +1,132 @@
+//! The motion between the world frames of two states by the surfaces that stand still.
+
+use std::fmt;
+
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use rayon::prelude::*;
+
+use super::{
+    PoseNoise,
+    pairs::{Comparison, Gain, PairSums},
+    solve::LOOSE,
+    surfels::Surfels,
+};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::{Pose, log_so3},
+};
+
+/// Rounds of association and Gauss-Newton at most.
+const ROUNDS: usize = 12;
+/// Rounds end when the world moves less than this, metres (radians times one metre).
+const STEP_M: f64 = 1e-5;
+
+/// A correction of state 1's world frame by surfaces that stand still.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldCorrection {
+    /// To be applied to state 1's poses from the left.
+    pub right_from_told: Pose,
+    /// By how much the middle of what is seen moves, metres.
+    pub moved_m: f64,
+    /// By how much it turns, radians.
+    pub turned_rad: f64,
+    /// Robust standard deviation of the distances between surfaces that frames of both states see, held out, before and
+    /// after, metres.
+    pub residual_m: [f64; 2],
+}
+
+impl fmt::Display for WorldCorrection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
+        let (mm, deg) = (1e3 * self.moved_m, self.turned_rad.to_degrees());
+        write!(f, "moved by {mm:.2} mm and {deg:.3} deg onto what stands still; surfaces that its frames and those of state 0 ")?;
+        write!(f, "share lay {before_mm:.2} mm apart, now {after_mm:.2} mm")
+    }
+}
+
+/// The correction of the second state's world frame, expected to be off by `expected`, by what stands still; `only_object`: of the
+/// object alone. `None` where it is not borne out.
+#[must_use]
+pub fn align_worlds(states: [&[RgbdFrame]; 2], noise: &NoiseConfig, expected: &PoseNoise, only_object: bool) -> Option<WorldCorrection> {
+    let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
+    let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
+    correct(states, surfels.each_ref().map(Vec::as_slice), expected)
+}
+
+/// See [`align_worlds`].
+pub(super) fn correct(states: [&[RgbdFrame]; 2], surfels: [&[Surfels]; 2], expected: &PoseNoise) -> Option<WorldCorrection> {
+    let (first, count) = (states[0].len(), states[0].len() + states[1].len());
+    let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j])).collect();
+    let comparison = Comparison::new(surfels.into_iter().flatten().collect(), pairs, *expected);
+    let told: Vec<Pose> = states.iter().flat_map(|s| s.iter()).map(|f| f.world_from_camera).collect();
+    let center = middle(&told[first..], surfels[1])?;
+    let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
+    // A motion about the middle; what is not told stays small there.
+    let mut moved = Pose::identity();
+    let moved_poses = |moved: &Pose| -> Vec<Pose> {
+        let world = from_center * moved * from_center.inverse();
+        told.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
+    };
+    let mut scale = comparison.scale(&told);
+    for round in 0..ROUNDS {
+        let poses = moved_poses(&moved);
+        let sums = comparison.sums(&poses, scale, LOOSE.get(round).copied().unwrap_or(0.0));
+        scale = sums.scale;
+        let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected)?;
+        moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into()) * moved;
+        if round >= LOOSE.len() && step.amax() < STEP_M {
+            break;
+        }
+    }
+    let Gain { sigmas, residual_m } = comparison.gain(&told, &moved_poses(&moved))?;
+    (sigmas > 0.0).then(|| WorldCorrection {
+        right_from_told: from_center * moved * from_center.inverse(),
+        moved_m: moved.translation.vector.norm(),
+        turned_rad: log_so3(&moved.rotation).norm(),
+        residual_m,
+    })
+}
+
+/// One step of the motion about the middle: translation and rotation, from the left.
+fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, moved: &Pose, expected: &PoseNoise) -> Option<Vector6<f64>> {
+    let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+    for sums in sums {
+        // Which of the two cameras is of state 1.
+        let which = usize::from(sums.frames[0] < first);
+        let camera_from_center = poses[sums.frames[which]].inverse() * from_center;
+        let carried = carried(&camera_from_center);
+        let own = sums.information[2 * which];
+        information += carried.transpose() * own * carried;
+        gradient += carried.transpose() * sums.gradient[which];
+    }
+    let (shift, turn) = (moved.translation.vector, log_so3(&moved.rotation));
+    for k in 0..3 {
+        for (at, value, sigma) in [(k, shift[k], expected.translation_m), (3 + k, turn[k], expected.rotation_rad)] {
+            information[(at, at)] += sigma.powi(-2);
+            gradient[at] += value * sigma.powi(-2);
+        }
+    }
+    Some(-information.cholesky()?.solve(&gradient))
+}
+
+/// Takes a small motion about the middle to that of a camera in its own frame (the adjoint of a rigid motion).
+fn carried(camera_from_center: &Pose) -> Matrix6<f64> {
+    let rotation = camera_from_center.rotation.to_rotation_matrix();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
+    let lever = camera_from_center.translation.vector.cross_matrix() * rotation.matrix();
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&lever);
+    adjoint
+}
+
+/// Middle of the pieces that cameras see, in the world; `None` without any.
+fn middle(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for (pose, surfels) in world_from_camera.iter().zip(surfels) {
+        let (own, number) = surfels.sum();
+        sum += pose.rotation * own + pose.translation.vector * number;
+        count += number;
+    }
+    (count > 0.0).then(|| Point3::from(sum / count))
+}

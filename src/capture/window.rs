@@ -1,0 +1,63 @@
+//! Planes in small windows of a depth image.
+//!
+//! The inverse depth of a plane is an affine function of the pixel.
+
+use super::RgbdFrame;
+
+/// Windows have `2 R + 1` pixels a side.
+pub(super) const R: usize = 3;
+/// Readings of a window.
+pub(super) const READINGS: usize = (2 * R + 1) * (2 * R + 1);
+/// Fitted values of a window.
+const UNKNOWNS: usize = 3;
+/// A window whose depths differ by more than this share of their mean shows an edge.
+const MAX_RANGE: f64 = 0.1;
+
+/// Inverse depth in the window about a pixel, least squares.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WindowPlane {
+    /// Inverse depth in the middle, 1/metre.
+    pub inverse: f64,
+    /// Its slopes along u and v, 1/(metre pixel).
+    pub slopes: [f64; 2],
+    /// Variance of a reading about the plane, 1/square metre.
+    pub variance: f64,
+    /// Mean depth, metres.
+    pub mean_depth_m: f64,
+}
+
+impl WindowPlane {
+    /// The plane about a pixel at least [`R`] from the border; `None` where a reading is missing or the window shows an edge.
+    pub fn fit(frame: &RgbdFrame, x: usize, y: usize) -> Option<Self> {
+        let side = 2 * R + 1;
+        let count = READINGS as f64;
+        let mut inverse = [0.0; READINGS];
+        let (mut sum, mut least, mut most) = (0.0, f64::INFINITY, 0.0f64);
+        for (i, value) in inverse.iter_mut().enumerate() {
+            let d = f64::from(frame.depth_m[(y + i / side - R) * frame.intrinsics.width + x + i % side - R]);
+            if d <= 0.0 {
+                return None;
+            }
+            (sum, least, most) = (sum + d, least.min(d), most.max(d));
+            *value = 1.0 / d;
+        }
+        let mean_depth_m = sum / count;
+        if most - least > MAX_RANGE * mean_depth_m {
+            return None;
+        }
+        // The window is symmetric: slopes and mean are independent.
+        let place = |i: usize| ((i % side) as f64 - R as f64, (i / side) as f64 - R as f64);
+        let spread: f64 = (0..inverse.len()).map(|i| place(i).0.powi(2)).sum();
+        let mean = inverse.iter().sum::<f64>() / count;
+        let slope_x = inverse.iter().enumerate().map(|(i, v)| place(i).0 * v).sum::<f64>() / spread;
+        let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
+        let residual = |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
+        let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
+        Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
+    }
+
+    /// Standard deviation of a reading, metres: d(depth) = depth^2 d(1/depth).
+    pub fn reading_sigma_m(&self) -> f64 {
+        self.variance.sqrt() * self.mean_depth_m * self.mean_depth_m
+    }
+}
