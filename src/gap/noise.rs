@@ -7,7 +7,7 @@ use super::{
     joint_model::JointModel,
     problem::Problem,
     rollout::{Rollout, Start},
-    whiten::{Gain, Local},
+    whiten::{Filter, Gain, Local},
 };
 
 /// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
@@ -57,17 +57,11 @@ pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start]
 
 /// Whitens (start position, start velocity, residual) and gives their products.
 fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
-    let (mut q, mut v) = ([0.0; 3], [0.0; 3]);
+    let mut filter = Filter::<3>::new();
     let mut sums = [0.0; 6];
     for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
-        let mut white = [0.0; 3];
-        for c in 0..3 {
-            let innovation = row[c] - q[c];
-            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
-            white[c] = innovation * gain.scale;
-            q[c] = local.a[0] * uq + local.a[1] * uv;
-            v[c] = local.a[2] * uq + local.a[3] * uv;
-        }
+        let mut white = *row;
+        filter.pass(&mut white, local, gain);
         let [x, y, e] = white;
         for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
             *sum += term;
