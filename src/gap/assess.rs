@@ -45,6 +45,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         in_format: Vec::new(),
         replay: Vec::new(),
         nearest: None,
+        off_axis: None,
     };
     if diagnosis.verdict == Verdict::Insufficient || runs.held_out.is_empty() {
         return report;

@@ -10,6 +10,9 @@ use super::{
     whiten::{Filter, Gain, Local},
 };
 
+/// A grid of this ratio is fine enough for a parabola.
+const FINEST: f64 = 1.5;
+
 /// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
 #[must_use]
 pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start], whitening: &mut Whitening, around: f64) -> f64 {
@@ -36,23 +39,29 @@ pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start]
         -0.5 * twice
     };
     let mut best = (score(around), around);
-    let mut factor = 4.0;
-    while factor > 1.08 {
-        let center = best.1;
-        let mut improved = false;
-        for trial in [center / factor, center * factor] {
+    let mut factor = 4.0f64;
+    loop {
+        let (middle, center) = best;
+        let sides = [center / factor, center * factor].map(|trial| {
             let trial = trial.max(problem.min_sigma_u);
-            let s = score(trial);
-            if s > best.0 {
-                best = (s, trial);
-                improved = true;
+            (score(trial), trial)
+        });
+        for side in sides {
+            if side.0 > best.0 {
+                best = side;
             }
         }
-        if !improved {
-            factor = factor.sqrt();
+        if best.1 != center {
+            continue;
         }
+        if factor < FINEST {
+            // The top of the parabola through the three, on a logarithmic scale.
+            let (down, up) = (sides[0].0 - middle, sides[1].0 - middle);
+            let shift = if down + up < 0.0 { (0.5 * (down - up) / (down + up)).clamp(-0.5, 0.5) } else { 0.0 };
+            return (center * factor.powf(shift)).max(problem.min_sigma_u);
+        }
+        factor = factor.sqrt();
     }
-    best.1
 }
 
 /// Whitens (start position, start velocity, residual) and gives their products.

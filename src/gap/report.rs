@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{
+    off_axis::{Across, OffAxis},
     proof::{Gap, ResidualSeries},
     verdict::{Diagnosis, Verdict},
 };
@@ -26,6 +27,8 @@ pub struct JointReport {
     pub replay: Vec<ReplayWindow>,
     /// Before and after on held-out runs with the effects that come nearest, where none is named.
     pub nearest: Option<Gap>,
+    /// What poses of the part say that the joint cannot make, where poses were read.
+    pub off_axis: Option<OffAxis>,
 }
 
 /// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the `after` residual.
@@ -71,7 +74,26 @@ pub struct Report {
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
+    /// What poses of the parts say that the joints cannot make.
+    off_axis: Vec<OffAxisJson>,
     exports: Vec<ExportNote>,
+}
+
+#[derive(Debug, Serialize)]
+struct OffAxisJson {
+    joint: String,
+    suspect: String,
+    text: String,
+    measured: AcrossJson,
+    noise: AcrossJson,
+    left: AcrossJson,
+    axis: AcrossJson,
+}
+
+#[derive(Debug, Serialize)]
+struct AcrossJson {
+    mm: f64,
+    deg: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -171,6 +193,7 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
             unit: main.map(unit),
             runs: runs.collect(),
         },
+        off_axis: joints.iter().filter_map(off_axis).collect(),
         exports,
     }
 }
@@ -187,6 +210,13 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
         full_length_after: finite(r.full_after),
     };
     gap.runs.iter().map(one).collect()
+}
+
+fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
+    let e = joint.off_axis?;
+    let json = |a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() };
+    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis].map(json);
+    Some(OffAxisJson { joint: joint.joint.clone(), suspect: e.suspect.name().to_owned(), text: e.words(), measured, noise, left, axis })
 }
 
 fn nearest(joint: &JointReport) -> Option<NearestJson> {
@@ -264,6 +294,9 @@ pub fn summary(joints: &[JointReport]) -> String {
                 let names: Vec<String> = f.alternatives.iter().map(|(n, w)| format!("{n} {w:.2}")).collect();
                 lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
             }
+        }
+        if let Some(e) = &j.off_axis {
+            lines.push(format!("  {}", e.words()));
         }
         if let Some(g) = &j.gap {
             lines.push(format!("  held out: {:.3e} -> {:.3e} {unit}, noise {:.3e}  {}", g.before, g.after, g.noise_floor, bar(g)));

@@ -265,9 +265,14 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
             Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
         };
         let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
-        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::QUICK))
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::FIRST))
     };
-    let mut fits: Vec<Candidate> = best_of_each_set(jobs.par_iter().map(first).collect());
+    let next = |c: &Candidate| {
+        let on = candidate(problem, fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::NEXT));
+        if on.score > c.score { on } else { c.clone() }
+    };
+    let begun = leading_starts(jobs.par_iter().map(first).collect());
+    let mut fits: Vec<Candidate> = best_of_each_set(begun.par_iter().map(next).collect());
     let further = |c: &Candidate| {
         let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
         let again = candidate(problem, again);
@@ -286,6 +291,21 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
     let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(end).collect();
     fits.splice(..ended.len(), ended);
     fits
+}
+
+/// Starts of a fit that go on after a first round.
+const STARTS: usize = 2;
+
+/// The most likely fits of each set of effects, all of them under the same noise.
+fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
+    fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
+    let mut kept: Vec<Candidate> = Vec::new();
+    for c in fits {
+        if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
+            kept.push(c);
+        }
+    }
+    kept
 }
 
 /// Multiple of its first-order gain that a fit may bring, and what it may bring above that.

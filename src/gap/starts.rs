@@ -126,8 +126,8 @@ pub fn improve(problem: &Problem, model: &JointModel, starts: &mut [Start], whit
         if all || !fits(&given) {
             trials.extend(std::iter::once(fresh[w]).chain(carried).map(|s| bench.try_start(w, s)));
             if half_gap > 0.0 {
-                let more = [fresh[w], starts[w]].into_iter().flat_map(|s| PLAY.map(|p| at_play(s, p, half_gap)));
-                trials.extend(more.collect::<Vec<_>>().into_iter().map(|s| bench.try_start(w, s)));
+                let more = [fresh[w], starts[w]].into_iter().flat_map(|s| PLAY.map(|p| (p != s.play).then(|| at_play(s, p, half_gap))));
+                trials.extend(more.flatten().map(|s| bench.try_start(w, s)).collect::<Vec<_>>());
             }
             trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
         }

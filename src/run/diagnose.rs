@@ -1,6 +1,9 @@
 //! The diagnosis: twin and runs in, verdict, updated twin and report out.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use super::{Event, Monitor, RunError, stage_rng};
 use crate::{
@@ -9,12 +12,15 @@ use crate::{
         chain::{carried, motions},
         drive::Hold,
         effects::catalogue,
+        inputs::complete,
         joint_model::Catalogue,
         log::JointLog,
         mjcf,
+        off_axis::OffAxis,
         plant::Plant,
         recording::Recording,
         report::{self, JointReport},
+        tracks::{Streams, moved_link},
         twin_tree::{Motion, TwinTree},
         update,
         verdict::Verdict,
@@ -41,6 +47,8 @@ pub struct DiagnoseRequest {
     pub seed: u64,
     /// Effects to fit at every joint instead of searching for them, by name.
     pub effects: Vec<String>,
+    /// Wrenches and poses that are read beside the joint states.
+    pub streams: Streams,
 }
 
 /// What a diagnosis gives back.
@@ -69,14 +77,21 @@ struct Split {
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
     let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
+    for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
+        moved_link(&tree, topic, link).map_err(|e| failed("twin", &e))?;
+    }
+    let streams = Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
     let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
     let mut warnings = Vec::new();
     let mut recordings: Vec<(Recording, bool)> = Vec::new();
+    let mut off_axis: Vec<BTreeMap<usize, OffAxis>> = Vec::new();
     let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
-        let recording = io::read_joint_log(path).map_err(|e| failed("recording", &e))?;
+        let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
+        let about = |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
+        off_axis.push(complete(&mut recording, &tree, request.hold).map_err(|e| about(&e))?);
         warnings.extend(recording.warnings.iter().cloned());
         recordings.push((recording, is_held(path)));
     }
@@ -107,7 +122,11 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
                 let turns = tree.joints[j].motion == Motion::Turn;
                 let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold, effects: wanted.clone() };
                 let mut rng = stage_rng(request.seed, &stage, 0);
-                joints.push(assess(&effects, &plant, &name, runs, &mut rng));
+                let mut report = assess(&effects, &plant, &name, runs, &mut rng);
+                // Of all runs the one whose poses leave the joint farthest.
+                let told = off_axis.iter().filter_map(|e| e.get(&j).copied());
+                report.off_axis = told.max_by(|a, b| a.excess().total_cmp(&b.excess()));
+                joints.push(report);
             }
             Err(why) => refused.push(why),
         }
