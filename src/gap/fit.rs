@@ -289,7 +289,7 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
             let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
             let Some(&settle_s) = SETTLE_S.get(next) else { break };
             let trial = JointModel { settle_s, ..best.model.clone() };
-            let trial_pace = Pace { rounds: 1, steps: 4, searches: false, ..pace };
+            let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
             let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, trial_pace);
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;

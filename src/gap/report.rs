@@ -21,7 +21,7 @@ pub struct JointReport {
     pub gap: Option<Gap>,
     /// Residuals of the held-out runs.
     pub series: Vec<ResidualSeries>,
-    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`) holds it.
+    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`, `sdf`, `usd`) holds it.
     pub in_format: Vec<(&'static str, f64)>,
     /// Windows of the held-out runs and the states that the updated twin starts them in.
     pub replay: Vec<ReplayWindow>,
@@ -51,7 +51,7 @@ pub struct ReplayWindow {
 /// What became of an effect in a format.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct ExportNote {
-    /// `urdf` or `mjcf`.
+    /// `urdf`, `mjcf`, `sdf` or `usd`.
     pub format: String,
     /// File in the output folder.
     pub file: String,
@@ -59,7 +59,7 @@ pub struct ExportNote {
     pub joint: String,
     /// Effect.
     pub effect: String,
-    /// `native`, `approximated` or `not expressible`.
+    /// `native`, `approximated`, `not expressible`, or `not written` with the reason.
     pub status: String,
     /// Root mean square residual of the held-out runs with what the file holds of the joint's effects, rad or m.
     pub rmse: Option<f64>,
