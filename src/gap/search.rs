@@ -9,6 +9,7 @@ use super::{
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
+    simplify::HOPELESS,
     smooth::Trace,
 };
 
@@ -247,10 +248,16 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
         left.sort_unstable();
         !known.iter().any(|k| k.effects() == left)
     };
+    let best = known.first().map_or(f64::NEG_INFINITY, |k| k.score);
     let one = |i: usize| {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
-        candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::thorough(3)))
+        let begun = fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::NEXT);
+        let begun = candidate(problem, begun);
+        if begun.score < best - HOPELESS {
+            return begun;
+        }
+        candidate(problem, fit(problem, &begun.fit.model, Some(&begun.fit.starts), begun.fit.sigma_u, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
