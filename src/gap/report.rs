@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{
+    assess::left_of,
     off_axis::{Across, OffAxis},
     proof::{Gap, ResidualSeries},
     verdict::{Diagnosis, Verdict},
@@ -74,9 +75,18 @@ pub struct Report {
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
+    /// What is left beside named effects and is no noise.
+    remainder: Vec<RemainderJson>,
     /// What poses of the parts say that the joints cannot make.
     off_axis: Vec<OffAxisJson>,
     exports: Vec<ExportNote>,
+}
+
+#[derive(Debug, Serialize)]
+struct RemainderJson {
+    joint: String,
+    share_of_gap: f64,
+    times_noise: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -193,6 +203,7 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
             unit: main.map(unit),
             runs: runs.collect(),
         },
+        remainder: joints.iter().filter_map(remainder).collect(),
         off_axis: joints.iter().filter_map(off_axis).collect(),
         exports,
     }
@@ -210,6 +221,17 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
         full_length_after: finite(r.full_after),
     };
     gap.runs.iter().map(one).collect()
+}
+
+/// Share of the gap, and multiple of the noise, from which what names leave is told.
+const TOLD_SHARE: f64 = 0.05;
+const TOLD_NOISES: f64 = 3.0;
+
+fn remainder(joint: &JointReport) -> Option<RemainderJson> {
+    let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;
+    let (share_of_gap, times_noise) = (left_of(gap), gap.after / gap.noise_floor.max(1e-300));
+    let told = share_of_gap > TOLD_SHARE && times_noise > TOLD_NOISES;
+    told.then(|| RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
 }
 
 fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
@@ -300,6 +322,10 @@ pub fn summary(joints: &[JointReport]) -> String {
         }
         if let Some(g) = &j.gap {
             lines.push(format!("  held out: {:.3e} -> {:.3e} {unit}, noise {:.3e}  {}", g.before, g.after, g.noise_floor, bar(g)));
+            if let Some(r) = remainder(j) {
+                let (share, noises) = (100.0 * r.share_of_gap, r.times_noise);
+                lines.push(format!("  beside it something unknown is left: {share:.0} % of the gap, {noises:.0} times the noise"));
+            }
         }
     }
     lines.truncate(15);
