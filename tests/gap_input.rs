@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
 mod common;
+#[path = "common/door.rs"]
+mod door;
 #[path = "common/program.rs"]
 mod program;
 
@@ -14,50 +16,8 @@ use std::{
 
 use artitwin::io::ros2msg::{Header, JointState, Time};
 use common::{BagWriter, START, TempDir};
+use door::{DAMPING, INERTIAL, Sample, door, twin};
 use program::{Ended, end};
-
-const INERTIA: f64 = 2.0;
-const DAMPING: f64 = 0.4;
-const RATE_HZ: usize = 100;
-const STEPS: usize = 10;
-
-/// One message to be: seconds, positions and efforts; an empty list is not recorded.
-#[derive(Clone, Debug)]
-struct Sample {
-    time_s: f64,
-    position: Vec<f64>,
-    effort: Vec<f64>,
-}
-
-/// The door under a mixture of slow and fast pushes, with noise of a milliradian. Intervals vary by the share `uneven`.
-fn door(run: usize, seconds: f64, uneven: f64) -> Vec<Sample> {
-    let (mut q, mut v) = (0.4f64, 0.0f64);
-    let mut state = 77 + run as u64;
-    let mut noise = move || {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            sum += (state >> 11) as f64 / (1u64 << 53) as f64;
-        }
-        1e-3 * (sum - 6.0)
-    };
-    let (mut samples, mut t) = (Vec::new(), 0.0f64);
-    for k in 0..(seconds * RATE_HZ as f64) as usize {
-        let interval_s = (1.0 + uneven * (1.7 * k as f64).sin()) / RATE_HZ as f64;
-        let phase = run as f64;
-        let wave = 3.0 * (0.9 * t + phase).sin() + 2.0 * (2.7 * t + 2.0 * phase).sin() + 1.5 * (7.1 * t).cos();
-        let effort = wave - 2.5 * (q - 0.6);
-        samples.push(Sample { time_s: t, position: vec![q + noise()], effort: vec![effort] });
-        for _ in 0..STEPS {
-            let dt = interval_s / STEPS as f64;
-            q += 0.5 * dt * v;
-            v += dt * (effort - DAMPING * v) / INERTIA;
-            q += 0.5 * dt * v;
-        }
-        t += interval_s;
-    }
-    samples
-}
 
 fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
     let path = folder.join(&format!("{name}.mcap"));
@@ -78,21 +38,6 @@ fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
     path
 }
 
-fn twin(folder: &TempDir, inertial: &str) -> PathBuf {
-    let path = folder.join("twin.urdf");
-    let text = format!(
-        "<robot name=\"twin\"><link name=\"base\"/><link name=\"door\">{inertial}</link><joint name=\"door_joint\" type=\"revolute\">\
-         <parent link=\"base\"/><child link=\"door\"/><axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"3\" effort=\"9\" velocity=\"9\"/>\
-         <dynamics damping=\"{DAMPING}\" friction=\"0\"/></joint></robot>"
-    );
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-/// A mass of two kilograms a meter from the hinge.
-const INERTIAL: &str = "<inertial><origin xyz=\"1 0 0\"/><mass value=\"2\"/>\
-                        <inertia ixx=\"1e-9\" ixy=\"0\" ixz=\"0\" iyy=\"1e-9\" iyz=\"0\" izz=\"1e-9\"/></inertial>";
-
 fn diagnose(folder: &TempDir, twin: &Path, runs: &[PathBuf]) -> (Ended, Option<serde_json::Value>) {
     let out = folder.join("out");
     let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("diagnose").arg(twin).args(runs).arg("--out").arg(&out));
@@ -103,7 +48,7 @@ fn diagnose(folder: &TempDir, twin: &Path, runs: &[PathBuf]) -> (Ended, Option<s
 /// Three runs that went through `change`.
 fn changed(folder: &TempDir, seconds: f64, uneven: f64, change: impl Fn(&mut Vec<Sample>)) -> Vec<PathBuf> {
     let one = |run: usize| {
-        let mut samples = door(run, seconds, uneven);
+        let mut samples = door(run, seconds, uneven, DAMPING);
         change(&mut samples);
         write(folder, &format!("run_{run}"), &samples)
     };
@@ -163,9 +108,36 @@ fn signals_that_do_not_change() {
 }
 
 #[test]
+fn a_joint_that_is_pushed_and_does_not_move() {
+    unnamed("gap-stuck", "insufficient", &["move the joint through most of its range"], (8.0, 0.0), |s| {
+        s.iter_mut().for_each(|s| s.position[0] = 0.4);
+    });
+}
+
+#[test]
+fn stamps_that_stand_still() {
+    refused("gap-clock", INERTIAL, &["1 usable samples of joint 'door_joint'", "record 10 s or more"], |s| {
+        s.iter_mut().for_each(|s| s.time_s = 0.0);
+    });
+}
+
+#[test]
+fn one_run_of_three_without_effort() {
+    let folder = TempDir::new("gap-one-effort");
+    let mut runs = changed(&folder, 8.0, 0.0, |_| {});
+    let mut last = door(2, 8.0, 0.0, DAMPING);
+    last.iter_mut().for_each(|s| s.effort.clear());
+    runs[2] = write(&folder, "run_2", &last);
+    let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &runs);
+    assert_eq!(ended.code, 1, "{}", ended.stdout);
+    assert!(ended.stderr.contains("run 'run_2' has no effort of joint 'door_joint'"), "{}", ended.stderr);
+    assert!(report.is_none());
+}
+
+#[test]
 fn a_run_of_two_seconds() {
     let folder = TempDir::new("gap-short");
-    let run = write(&folder, "run_0", &door(0, 2.0, 0.0));
+    let run = write(&folder, "run_0", &door(0, 2.0, 0.0, DAMPING));
     let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &[run]);
     assert_eq!(ended.code, 3, "{}", ended.stderr);
     assert!(ended.stdout.contains("record 10 s or more"), "{}", ended.stdout);

@@ -152,7 +152,7 @@ pub struct DiagnoseArgs {
     /// URDF of the twin
     #[arg(value_name = "TWIN.urdf")]
     pub twin: PathBuf,
-    /// Bags with sensor_msgs/JointState: positions and efforts
+    /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and --wrench
     #[arg(value_name = "RUN", required_unless_present = "frames")]
     pub runs: Vec<PathBuf>,
     /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's root; may be repeated
@@ -176,6 +176,14 @@ pub struct DiagnoseArgs {
     /// Effects to fit at every joint instead of searching for them, such as viscous_friction,inertia
     #[arg(long, value_name = "EFFECT", value_delimiter = ',')]
     pub effects: Vec<String>,
+    /// Topic with geometry_msgs/WrenchStamped that act on a link, as a force gauge measures them; may be repeated. header.frame_id
+    /// names a link, at whose origin the wrench acts, or the twin's root or `world`: it then acts at the origin of LINK
+    #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
+    pub wrench: Vec<(String, String)>,
+    /// Topic with geometry_msgs/PoseStamped of a link, in the frame of another link or `world`, in place of joint states; may be
+    /// repeated. Without either, transforms on /tf whose child frame is a link of the twin are read
+    #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
+    pub pose: Vec<(String, String)>,
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -226,6 +234,13 @@ pub struct SynthArgs {
     /// Height of the images, pixels
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().height)]
     pub height: usize,
+}
+
+fn topic_of_link(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((topic, link)) if !topic.is_empty() && !link.is_empty() => Ok((topic.to_owned(), link.to_owned())),
+        _ => Err("give TOPIC=LINK, such as /gauge=handle".to_owned()),
+    }
 }
 
 fn vector(text: &str) -> Result<[f64; 3], String> {

@@ -5,7 +5,7 @@ use super::{
     exit::{CliError, Exit},
 };
 use crate::{
-    gap::{camera::assess::FrameOptions, drive::Hold, verdict::Verdict},
+    gap::{camera::assess::FrameOptions, drive::Hold, tracks::Streams, verdict::Verdict},
     run::{self, DiagnoseRequest, Monitor},
 };
 
@@ -23,6 +23,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
         seed: args.seed,
         effects: args.effects.clone(),
+        streams: Streams { wrenches: args.wrench.clone(), poses: args.pose.clone(), ..Streams::default() },
     };
     let outcome = if args.frames.is_empty() {
         run::diagnose(&request, &Monitor::silent())?

@@ -5,6 +5,7 @@ use rand_core::Rng;
 use super::{
     drive::Hold,
     expressed::{Format, expressed},
+    fit::{Free, Pace, fit},
     joint_model::{Catalogue, JointModel},
     log::{JointLog, Span},
     plant::Plant,
@@ -12,7 +13,7 @@ use super::{
     proof::{Gap, WindowGap, prove, windowed_rmse},
     report::{JointReport, ReplayWindow},
     rollout::Start,
-    verdict::{Verdict, diagnose},
+    verdict::{Diagnosis, Verdict, diagnose},
 };
 
 /// Logs of one joint, split.
@@ -45,6 +46,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         in_format: Vec::new(),
         replay: Vec::new(),
         nearest: None,
+        off_axis: None,
     };
     if diagnosis.verdict == Verdict::Insufficient || runs.held_out.is_empty() {
         return report;
@@ -60,16 +62,81 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         updated = twin.clone();
         proof = prove(&held_out, &twin, &twin);
     }
-    if let Some(nearest) = &diagnosis.nearest {
-        report.nearest = Some(prove(&held_out, &twin, &nearest.model).0);
+    if let Some(nearest) = diagnosis.nearest.clone() {
+        let whole = prove(&held_out, &twin, &nearest.model).0;
+        let fewer = if runs.effects.is_empty() { fewer(&problem, &held_out, &nearest.model, &whole) } else { None };
+        let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
+        match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
+            Some((proved, found)) => {
+                (updated, proof) = (found.model.clone(), proved);
+                diagnosis = Diagnosis { before: diagnosis.before, ..found };
+            }
+            None => report.nearest = Some(whole),
+        }
     }
     if !updated.terms.is_empty() {
-        let formats = [("urdf", Format::Urdf), ("mjcf", Format::Mjcf)];
-        report.in_format = formats.map(|(n, f)| (n, windowed_rmse(&held_out, &expressed(f, &updated, effects)))).to_vec();
+        report.in_format = in_formats(effects, &held_out, &twin, &updated, &proof.0);
     }
     report.replay = replay(name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
+}
+
+/// Residual of the model as each format holds it; formats that hold the same share it.
+fn in_formats(effects: &Catalogue, held_out: &Problem, twin: &JointModel, updated: &JointModel, gap: &Gap) -> Vec<(&'static str, f64)> {
+    let unchanged = JointModel { settle_s: updated.settle_s, ..twin.clone() };
+    let mut known: Vec<(JointModel, f64)> = vec![(updated.clone(), gap.after)];
+    if updated.settle_s == 0.0 || !unchanged.has_friction(effects) {
+        known.push((unchanged, gap.before));
+    }
+    let mut one = |format: Format| {
+        let held = JointModel { lag_s: updated.lag_s, ..expressed(format, updated, effects) };
+        let told = known.iter().find(|(m, _)| m.terms == held.terms && m.settle_s == held.settle_s).map(|(_, rmse)| *rmse);
+        let rmse = told.unwrap_or_else(|| windowed_rmse(held_out, &held));
+        known.push((held, rmse));
+        (format.name(), rmse)
+    };
+    Format::ALL.map(&mut one).to_vec()
+}
+
+/// Share of the gap that the nearest effects may leave for one of them to be looked at alone.
+const MAX_NEAREST_LEFT: f64 = 0.25;
+
+/// Of effects that explain much of the fitted runs and not enough, those that do better on the held-out runs without the rest:
+/// what only mends the fitted runs is taken away, the worst first. `None` where nothing can be.
+fn fewer(problem: &Problem, held_out: &Problem, nearest: &JointModel, gap: &Gap) -> Option<Vec<usize>> {
+    if nearest.terms.len() < 2 || left_of(gap) > MAX_NEAREST_LEFT {
+        return None;
+    }
+    let (mut model, mut rmse) = (nearest.clone(), gap.after);
+    while model.terms.len() > 1 {
+        let without = |i: usize| {
+            let mut fewer = model.clone();
+            fewer.terms.remove(i);
+            let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
+            let fitted = fit(problem, &fewer, None, sigma_u, Free::All, Pace::thorough(2)).model;
+            (windowed_rmse(held_out, &fitted), fitted)
+        };
+        let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if best.0 > SAME * rmse {
+            break;
+        }
+        (rmse, model) = best;
+    }
+    let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].name() == "disturbance");
+    (rmse < gap.after && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+}
+
+/// Multiple of a residual that counts as the same on the way.
+const SAME: f64 = 1.05;
+
+/// Effort noise that such a fit begins with, as a share of the recorded effort.
+const FIRST_NOISE: f64 = 0.05;
+
+/// Share of the gap that is left.
+#[must_use]
+pub fn left_of(gap: &Gap) -> f64 {
+    ((gap.after - gap.noise_floor) / (gap.before - gap.noise_floor).max(1e-300)).max(0.0)
 }
 
 /// Share of the gap that a name may leave open on held-out runs, and the multiple of the noise from which that counts.

@@ -12,6 +12,7 @@ use super::{
     log::{JointLog, position_noise},
     motion::SmoothMotion,
     recording::{Recording, RecordingError},
+    trig::sin_cos,
     twin_tree::{Motion, TwinTree},
 };
 
@@ -35,7 +36,7 @@ impl Carried {
         if [s1, c1, s2, c2] == [0.0; 4] {
             return (linear, slope);
         }
-        let (s, c) = position.sin_cos();
+        let (s, c) = sin_cos(position);
         let (ss, cc) = (2.0 * s * c, c * c - s * s);
         (linear + s1 * s + c1 * c + s2 * ss + c2 * cc, slope + s1 * c - c1 * s + 2.0 * (s2 * cc - c2 * ss))
     }

@@ -65,8 +65,19 @@ impl Drive {
     /// The effort of a log, acting `delay_s` late, with `finer` times the usual steps.
     #[must_use]
     pub fn new(log: &JointLog, hold: Hold, delay_s: f64, finer: usize) -> Self {
+        Self::with_steps(log, hold, delay_s, Self::steps(log) * finer)
+    }
+
+    /// Usual steps between two samples of a log.
+    #[must_use]
+    pub fn steps(log: &JointLog) -> usize {
+        log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize)
+    }
+
+    /// The same with a given number of steps between two samples.
+    #[must_use]
+    pub fn with_steps(log: &JointLog, hold: Hold, delay_s: f64, steps: usize) -> Self {
         let n = log.time_s.len();
-        let steps = log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize) * finer;
         let mut drive = Self { steps, effort: Vec::with_capacity(n * steps), by_delay: Vec::with_capacity(n * steps) };
         if n < 2 {
             return drive;

@@ -182,6 +182,23 @@ pub struct Spec {
     pub experiment: &'static str,
 }
 
+/// Positions and times that a piece of motion runs through; bounds are those of [`At::q`] and [`At::t`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Lowest and highest position.
+    pub position: (f64, f64),
+    /// First and last time, seconds on the common axis.
+    pub time_s: (f64, f64),
+}
+
+impl Extent {
+    /// Whether an interval about a center meets these bounds.
+    #[must_use]
+    pub fn meets(bounds: (f64, f64), center: f64, half_width: f64) -> bool {
+        center + half_width >= bounds.0 && center - half_width <= bounds.1
+    }
+}
+
 /// A candidate. One file in `effects/` each.
 pub trait Effect: Sync + Send + std::fmt::Debug {
     /// What is fixed about it.
@@ -203,6 +220,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the motion
     /// cannot show the effect.
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>>;
+    /// Whether an effect of this shape acts at all on a piece of motion; only a matter of speed.
+    fn reaches(&self, _shape: &[f64], _extent: &Extent) -> bool {
+        true
+    }
     /// Bounds of a parameter for this motion.
     fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
         let p = &self.parameters()[index];

@@ -14,6 +14,26 @@ pub enum Format {
     Urdf,
     /// MJCF.
     Mjcf,
+    /// SDF.
+    Sdf,
+    /// USD with the attributes of PhysX and Newton.
+    Usd,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Urdf, Self::Mjcf, Self::Sdf, Self::Usd];
+
+    /// Name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Urdf => "urdf",
+            Self::Mjcf => "mjcf",
+            Self::Sdf => "sdf",
+            Self::Usd => "usd",
+        }
+    }
 }
 
 /// How near a format comes to an effect.
@@ -52,6 +72,10 @@ pub fn status(format: Format, effect: &str, p: &[f64], plant: &Plant) -> Status 
         }
         (Format::Mjcf, "encoder_bias" | "axis_tilt" | "end_stop") => Status::Native,
         (Format::Mjcf, "asymmetric_friction" | "stribeck_friction") => Status::Approximated,
+        (Format::Sdf | Format::Usd, "spring_return") if p[0] > 0.0 => Status::Native,
+        (Format::Usd, "inertia") if p[0] > 0.0 => Status::Native,
+        (Format::Sdf | Format::Usd, "asymmetric_friction" | "stribeck_friction" | "end_stop") => Status::Approximated,
+        (Format::Sdf | Format::Usd, "hardening_spring") if p[0] > 0.0 => Status::Approximated,
         _ => Status::NotExpressible,
     }
 }
@@ -65,10 +89,18 @@ pub fn expressed(format: Format, model: &JointModel, catalogue: &Catalogue) -> J
         let name = catalogue[term.effect].name();
         let nearest: Vec<(&str, Vec<f64>)> = match (status(format, name, &term.p, &model.plant), name) {
             (Status::Native, _) => vec![(name, term.p.clone())],
+            (Status::Approximated, "asymmetric_friction") if format != Format::Mjcf => {
+                vec![("coulomb_friction", vec![0.5 * (term.p[0] + term.p[1])])]
+            }
             (Status::Approximated, "asymmetric_friction") => {
                 vec![("coulomb_friction", vec![0.5 * (term.p[0] + term.p[1])]), ("constant_bias", vec![0.5 * (term.p[1] - term.p[0])])]
             }
             (Status::Approximated, "stribeck_friction") => vec![("coulomb_friction", vec![term.p[0]])],
+            (Status::Approximated, "hardening_spring") => vec![("spring_return", vec![term.p[0], term.p[0] * term.p[2]])],
+            (Status::Approximated, "end_stop") => {
+                held.terms.push(Term { effect: term.effect, p: nearest_stop(format, &term.p, model.plant.inertia) });
+                Vec::new()
+            }
             (Status::Approximated, _) => {
                 held.terms.push(term.clone());
                 Vec::new()
@@ -79,6 +111,18 @@ pub fn expressed(format: Format, model: &JointModel, catalogue: &Catalogue) -> J
     }
     held
 }
+
+/// A stop as a format has it: SDF without the share of a rigid stop behind the soft one, USD as a limit, which is as stiff as the
+/// rollout resolves.
+fn nearest_stop(format: Format, p: &[f64], inertia: f64) -> Vec<f64> {
+    match format {
+        Format::Usd => vec![inertia * STIFF_RATE * STIFF_RATE, inertia * STIFF_RATE, p[2], 0.0],
+        _ => vec![p[0], p[1], p[2], 0.0],
+    }
+}
+
+/// Rate of a stop that counts as rigid, 1/s.
+const STIFF_RATE: f64 = 200.0;
 
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)` less than
 /// the twin; `None` where no turn does that.

@@ -252,6 +252,11 @@ pub struct Pace {
     pub enough: f64,
     /// The settle time of friction is chosen as well.
     pub settles: bool,
+    /// Start states are looked for in every window; otherwise those given are of a like model, and only windows that fit badly
+    /// are searched.
+    pub searches: bool,
+    /// The noise is estimated before the first round as well.
+    pub hears: bool,
 }
 
 /// Most steps of one round.
@@ -261,11 +266,13 @@ impl Pace {
     /// To the end.
     #[must_use]
     pub const fn thorough(rounds: usize) -> Self {
-        Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true }
+        Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true, searches: true, hears: false }
     }
 
-    /// Far enough to tell which candidates lead.
-    pub const QUICK: Self = Self { rounds: 2, steps: 4, enough: 2.0, settles: false };
+    /// Far enough to tell which start of a fit leads.
+    pub const FIRST: Self = Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };
+    /// From there on, far enough to tell which candidates lead.
+    pub const NEXT: Self = Self { searches: false, hears: true, ..Self::FIRST };
 }
 
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
@@ -282,7 +289,8 @@ pub fn fit(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, sigm
             let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
             let Some(&settle_s) = SETTLE_S.get(next) else { break };
             let trial = JointModel { settle_s, ..best.model.clone() };
-            let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, Pace { rounds: 2, steps: 4, ..pace });
+            let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
+            let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, trial_pace);
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;
             }
@@ -305,7 +313,7 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
     let mut whitening = Whitening::new(problem, &model, sigma_u);
     let has_contact = model.terms.iter().any(|t| problem.catalogue[t.effect].place() == Place::Contact);
-    let anneal = if free == Free::All && (has_play || (has_contact && pace.settles)) { ANNEALING } else { &[] };
+    let anneal = if free == Free::All && pace.searches && (has_play || (has_contact && pace.settles)) { ANNEALING } else { &[] };
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
         improve(problem, &model, &mut starts, &whitening, true);
@@ -314,11 +322,11 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     }
     let mut end = None;
     for round in 0..pace.rounds.max(1) {
-        if round > 0 || !anneal.is_empty() {
+        if round > 0 || !anneal.is_empty() || pace.hears {
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
-        improve(problem, &model, &mut starts, &whitening, round == 0 || has_play);
+        improve(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }

@@ -183,19 +183,17 @@ fn dependence(problem: &Problem, screen: &Screen, variable: Variable, rng: &mut 
     };
     let count = edges.len().checked_sub(1).filter(|c| *c > 0)?;
     let columns = (count * runs).min(30);
-    let score = screen.score(columns, |span, column, effort, _| {
-        if runs > 1 && column / count != span.log {
-            return false;
-        }
-        let (low, high) = (edges[column % count], edges[column % count + 1]);
-        let mut any = false;
-        for i in 0..span.len.saturating_sub(1) {
-            if value(screen, problem, variable, span.log, span.start + i).is_some_and(|x| x >= low && x < high) {
-                effort[i] = 1.0;
-                any = true;
+    let score = screen.score(columns, |_, span, filled| {
+        let first = if runs > 1 { count * span.log } else { 0 };
+        for i in 0..span.len - 1 {
+            let Some(x) = value(screen, problem, variable, span.log, span.start + i) else { continue };
+            // The bin that begins at or below the value.
+            let bin = edges.partition_point(|e| *e <= x);
+            if bin > 0 && bin < edges.len() && first + bin - 1 < columns {
+                filled.effort[first + bin - 1][i] = 1.0;
+                filled.active[first + bin - 1] = true;
             }
         }
-        any
     })?;
     let flipped = (0..FLIPS).filter(|_| flipped_gain(&score, rng) >= score.gain).count();
     let p = (flipped + 1) as f64 / (FLIPS + 1) as f64;

@@ -7,8 +7,11 @@ use super::{
     joint_model::JointModel,
     problem::Problem,
     rollout::{Rollout, Start},
-    whiten::{Gain, Local},
+    whiten::{Filter, Gain, Local},
 };
+
+/// A grid of this ratio is fine enough for a parabola.
+const FINEST: f64 = 1.5;
 
 /// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
 #[must_use]
@@ -36,38 +39,38 @@ pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start]
         -0.5 * twice
     };
     let mut best = (score(around), around);
-    let mut factor = 4.0;
-    while factor > 1.08 {
-        let center = best.1;
-        let mut improved = false;
-        for trial in [center / factor, center * factor] {
+    let mut factor = 4.0f64;
+    loop {
+        let (middle, center) = best;
+        let sides = [center / factor, center * factor].map(|trial| {
             let trial = trial.max(problem.min_sigma_u);
-            let s = score(trial);
-            if s > best.0 {
-                best = (s, trial);
-                improved = true;
+            (score(trial), trial)
+        });
+        for side in sides {
+            if side.0 > best.0 {
+                best = side;
             }
         }
-        if !improved {
-            factor = factor.sqrt();
+        if best.1 != center {
+            continue;
         }
+        if factor < FINEST {
+            // The top of the parabola through the three, on a logarithmic scale.
+            let (down, up) = (sides[0].0 - middle, sides[1].0 - middle);
+            let shift = if down + up < 0.0 { (0.5 * (down - up) / (down + up)).clamp(-0.5, 0.5) } else { 0.0 };
+            return (center * factor.powf(shift)).max(problem.min_sigma_u);
+        }
+        factor = factor.sqrt();
     }
-    best.1
 }
 
 /// Whitens (start position, start velocity, residual) and gives their products.
 fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
-    let (mut q, mut v) = ([0.0; 3], [0.0; 3]);
+    let mut filter = Filter::<3>::new();
     let mut sums = [0.0; 6];
     for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
-        let mut white = [0.0; 3];
-        for c in 0..3 {
-            let innovation = row[c] - q[c];
-            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
-            white[c] = innovation * gain.scale;
-            q[c] = local.a[0] * uq + local.a[1] * uv;
-            v[c] = local.a[2] * uq + local.a[3] * uv;
-        }
+        let mut white = *row;
+        filter.pass(&mut white, local, gain);
         let [x, y, e] = white;
         for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
             *sum += term;

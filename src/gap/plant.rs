@@ -2,6 +2,7 @@
 
 use super::{
     chain::Carried,
+    trig::sin_cos,
     twin_tree::{Motion, TwinTree},
 };
 
@@ -36,7 +37,7 @@ impl Load {
         if self.sine == 0.0 && self.cosine == 0.0 {
             return (self.constant, 0.0);
         }
-        let (s, c) = position.sin_cos();
+        let (s, c) = sin_cos(position);
         (self.constant + self.sine * s + self.cosine * c, self.sine * c - self.cosine * s)
     }
 

@@ -43,6 +43,8 @@ pub struct Problem<'c> {
     pub lag_sigma_s: f64,
     /// Least standard deviation of the effort.
     pub min_sigma_u: f64,
+    /// Steps between two samples of each log in the search.
+    pub steps: Vec<usize>,
     /// Steps of a rollout for each one of the search.
     pub finer: usize,
 }
@@ -62,6 +64,7 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn new(catalogue: &'c Catalogue, plant: &Plant, turns: bool, logs: Vec<JointLog>, hold: Hold) -> Self {
         let sigma_y = position_noise(&logs).max(1e-9);
+        let steps = logs.iter().map(Drive::steps).collect();
         let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0, 1)).collect();
         let traces = smooth(&logs, &drives, plant, sigma_y);
         let windows = windows(&logs, window_length_s(plant));
@@ -80,6 +83,7 @@ impl<'c> Problem<'c> {
             sigma_y,
             lag_sigma_s: LAG_SHARE * interval,
             min_sigma_u,
+            steps,
             finer: 1,
         }
     }
@@ -116,7 +120,14 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn drives(&self, model: &JointModel) -> Vec<Drive> {
         let delay = model.delay_s(self.catalogue);
-        self.logs.iter().map(|l| Drive::new(l, self.hold, delay, self.finer)).collect()
+        self.drives_late(delay)
+    }
+
+    /// The effort of every log, acting so much late.
+    #[must_use]
+    pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
+        let one = |(log, steps): (&JointLog, &usize)| Drive::with_steps(log, self.hold, delay_s, steps * self.finer);
+        self.logs.iter().zip(&self.steps).map(one).collect()
     }
 
     /// Number of measurements in the windows.

@@ -3,6 +3,7 @@
 use super::{
     log::{JointLog, position_noise},
     motion::SmoothMotion,
+    tracks::{PoseTrack, WrenchTrack},
 };
 
 /// Samples of one joint as they were recorded.
@@ -25,6 +26,10 @@ pub struct Recording {
     pub name: String,
     /// Joints, by name.
     pub joints: Vec<JointSamples>,
+    /// Poses of links.
+    pub poses: Vec<PoseTrack>,
+    /// Wrenches on links.
+    pub wrenches: Vec<WrenchTrack>,
     /// What was odd.
     pub warnings: Vec<String>,
 }
@@ -44,7 +49,7 @@ pub enum RecordingError {
     },
     /// No efforts.
     #[error(
-        "run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque constant, or a force gauge), or release the joint and record an effort of 0"
+        "run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque constant, or a force gauge as a wrench on its link), or release the joint and record an effort of 0"
     )]
     NoEffort {
         /// Run.
@@ -102,6 +107,12 @@ impl Recording {
         let logs = [log];
         let sigma = position_noise(&logs).max(1e-9);
         Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, sigma, &[]))
+    }
+
+    /// What was recorded of a joint.
+    #[must_use]
+    pub fn samples(&self, joint: &str) -> Option<&JointSamples> {
+        self.joints.iter().find(|j| j.name == joint)
     }
 
     fn names(&self) -> String {

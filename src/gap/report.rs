@@ -3,6 +3,8 @@
 use serde::Serialize;
 
 use super::{
+    assess::left_of,
+    off_axis::{Across, OffAxis},
     proof::{Gap, ResidualSeries},
     verdict::{Diagnosis, Verdict},
 };
@@ -20,12 +22,14 @@ pub struct JointReport {
     pub gap: Option<Gap>,
     /// Residuals of the held-out runs.
     pub series: Vec<ResidualSeries>,
-    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`) holds it.
+    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`, `sdf`, `usd`) holds it.
     pub in_format: Vec<(&'static str, f64)>,
     /// Windows of the held-out runs and the states that the updated twin starts them in.
     pub replay: Vec<ReplayWindow>,
     /// Before and after on held-out runs with the effects that come nearest, where none is named.
     pub nearest: Option<Gap>,
+    /// What poses of the part say that the joint cannot make, where poses were read.
+    pub off_axis: Option<OffAxis>,
 }
 
 /// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the `after` residual.
@@ -48,7 +52,7 @@ pub struct ReplayWindow {
 /// What became of an effect in a format.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct ExportNote {
-    /// `urdf` or `mjcf`.
+    /// `urdf`, `mjcf`, `sdf` or `usd`.
     pub format: String,
     /// File in the output folder.
     pub file: String,
@@ -56,7 +60,7 @@ pub struct ExportNote {
     pub joint: String,
     /// Effect.
     pub effect: String,
-    /// `native`, `approximated` or `not expressible`.
+    /// `native`, `approximated`, `not expressible`, or `not written` with the reason.
     pub status: String,
     /// Root mean square residual of the held-out runs with what the file holds of the joint's effects, rad or m.
     pub rmse: Option<f64>,
@@ -71,7 +75,35 @@ pub struct Report {
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
+    /// What is left beside named effects and is no noise.
+    remainder: Vec<RemainderJson>,
+    /// What poses of the parts say that the joints cannot make.
+    off_axis: Vec<OffAxisJson>,
     exports: Vec<ExportNote>,
+}
+
+#[derive(Debug, Serialize)]
+struct RemainderJson {
+    joint: String,
+    share_of_gap: f64,
+    times_noise: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct OffAxisJson {
+    joint: String,
+    suspect: String,
+    text: String,
+    measured: AcrossJson,
+    noise: AcrossJson,
+    left: AcrossJson,
+    axis: AcrossJson,
+}
+
+#[derive(Debug, Serialize)]
+struct AcrossJson {
+    mm: f64,
+    deg: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -171,6 +203,8 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
             unit: main.map(unit),
             runs: runs.collect(),
         },
+        remainder: joints.iter().filter_map(remainder).collect(),
+        off_axis: joints.iter().filter_map(off_axis).collect(),
         exports,
     }
 }
@@ -187,6 +221,24 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
         full_length_after: finite(r.full_after),
     };
     gap.runs.iter().map(one).collect()
+}
+
+/// Share of the gap, and multiple of the noise, from which what names leave is told.
+const TOLD_SHARE: f64 = 0.05;
+const TOLD_NOISES: f64 = 3.0;
+
+fn remainder(joint: &JointReport) -> Option<RemainderJson> {
+    let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;
+    let (share_of_gap, times_noise) = (left_of(gap), gap.after / gap.noise_floor.max(1e-300));
+    let told = share_of_gap > TOLD_SHARE && times_noise > TOLD_NOISES;
+    told.then(|| RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
+}
+
+fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
+    let e = joint.off_axis?;
+    let json = |a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() };
+    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis].map(json);
+    Some(OffAxisJson { joint: joint.joint.clone(), suspect: e.suspect.name().to_owned(), text: e.words(), measured, noise, left, axis })
 }
 
 fn nearest(joint: &JointReport) -> Option<NearestJson> {
@@ -265,8 +317,15 @@ pub fn summary(joints: &[JointReport]) -> String {
                 lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
             }
         }
+        if let Some(e) = &j.off_axis {
+            lines.push(format!("  {}", e.words()));
+        }
         if let Some(g) = &j.gap {
             lines.push(format!("  held out: {:.3e} -> {:.3e} {unit}, noise {:.3e}  {}", g.before, g.after, g.noise_floor, bar(g)));
+            if let Some(r) = remainder(j) {
+                let (share, noises) = (100.0 * r.share_of_gap, r.times_noise);
+                lines.push(format!("  beside it something unknown is left: {share:.0} % of the gap, {noises:.0} times the noise"));
+            }
         }
     }
     lines.truncate(15);

@@ -6,9 +6,10 @@
 
 use super::{
     drive::Drive,
-    effect::{At, Place, Response, run_time_s},
-    joint_model::{Catalogue, JointModel, Settling},
+    effect::{At, Effect, MAX_PARAMETERS, Place, Response, run_time_s},
+    joint_model::{Catalogue, JointModel, Settling, Term},
     log::{JointLog, Span},
+    plant::Plant,
 };
 
 /// Columns of a sensitivity: start position, start velocity, parameters.
@@ -58,70 +59,95 @@ pub struct Sum {
     pub taken: f64,
 }
 
-/// Adds up plant and terms at a state. `columns` takes the derivatives by the parameters: of the effort minus
-/// `direction` times the friction.
-#[inline]
-fn add_up(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
-    let plant = &model.plant;
-    let (load, slope) = plant.load_at(at.carried, at.q);
-    let damping = plant.damping + plant.inertia_at(at.carried).1;
-    let mut sum = Sum { effort: -load - damping * at.v, q: -slope, v: -damping, friction: plant.friction, ..Sum::default() };
-    let mut column = 3;
-    for term in &model.terms {
-        let effect = &catalogue[term.effect];
-        let place = effect.place();
-        if matches!(place, Place::Effort | Place::Friction) {
+/// What acts on a joint, looked up once for many states.
+pub struct Acting<'a> {
+    plant: &'a Plant,
+    /// Every term: effect, place, parameters.
+    terms: Vec<(&'a dyn Effect, Place, &'a [f64])>,
+    has_contact: bool,
+}
+
+impl<'a> Acting<'a> {
+    /// Of a model.
+    #[must_use]
+    pub fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+        let one = |t: &'a Term| (catalogue[t.effect].as_ref(), catalogue[t.effect].place(), t.p.as_slice());
+        let terms: Vec<_> = model.terms.iter().map(one).collect();
+        let has_contact = terms.iter().any(|t| t.1 == Place::Contact);
+        Self { plant: &model.plant, terms, has_contact }
+    }
+
+    /// Efforts at a state, without derivatives by parameters.
+    #[must_use]
+    pub fn at(&self, at: &At) -> Sum {
+        self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
+    }
+
+    /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
+    #[inline]
+    fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
+        let plant = self.plant;
+        let (load, slope) = plant.load_at(at.carried, at.q);
+        let damping = plant.damping + plant.inertia_at(at.carried).1;
+        let mut sum = Sum { effort: -load - damping * at.v, q: -slope, v: -damping, friction: plant.friction, ..Sum::default() };
+        let mut column = 3;
+        for (effect, place, p) in &self.terms {
+            if matches!(place, Place::Effort | Place::Friction) {
+                let mut r = Response::default();
+                effect.respond(at, p, &mut r);
+                let target = if *place == Place::Effort {
+                    sum.effort += r.value;
+                    sum.q += r.q;
+                    sum.v += r.v;
+                    &mut *effort
+                } else {
+                    sum.friction += r.value.max(0.0);
+                    sum.friction_q += r.q;
+                    sum.friction_u += r.u;
+                    &mut *friction
+                };
+                write(&mut target[column..], &r.p, p.len());
+            }
+            column += p.len();
+        }
+        if self.has_contact {
+            self.add_contacts(at, effort, &mut sum);
+        }
+        sum
+    }
+
+    /// Adds contacts up, which feel the sum of the other efforts.
+    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut Sum) {
+        let at = At { load: at.u + sum.effort, ..*at };
+        let mut column = 3;
+        for (effect, place, p) in &self.terms {
+            let first = column;
+            column += p.len();
+            if *place != Place::Contact {
+                continue;
+            }
             let mut r = Response::default();
-            effect.respond(at, &term.p, &mut r);
-            let target = if place == Place::Effort {
-                sum.effort += r.value;
-                sum.q += r.q;
-                sum.v += r.v;
-                &mut *effort
-            } else {
-                sum.friction += r.value.max(0.0);
-                sum.friction_q += r.q;
-                sum.friction_u += r.u;
-                &mut *friction
-            };
-            target[column..column + term.p.len()].copy_from_slice(&r.p[..term.p.len()]);
+            effect.respond(&at, p, &mut r);
+            sum.effort += r.value;
+            sum.q += r.q + r.load * sum.q;
+            sum.v += r.v + r.load * sum.v;
+            sum.taken -= r.load;
+            if r.load != 0.0 {
+                effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
+            }
+            write(&mut effort[first..], &r.p, p.len());
         }
-        column += term.p.len();
-    }
-    if model.terms.iter().any(|t| catalogue[t.effect].place() == Place::Contact) {
-        add_contacts(model, catalogue, at, effort, &mut sum);
-    }
-    sum
-}
-
-/// Adds contacts up, which feel the sum of the other efforts.
-fn add_contacts(model: &JointModel, catalogue: &Catalogue, at: &At, effort: &mut Row, sum: &mut Sum) {
-    let at = At { load: at.u + sum.effort, ..*at };
-    let mut column = 3;
-    for term in &model.terms {
-        let columns = column..column + term.p.len();
-        column = columns.end;
-        let effect = &catalogue[term.effect];
-        if effect.place() != Place::Contact {
-            continue;
-        }
-        let mut r = Response::default();
-        effect.respond(&at, &term.p, &mut r);
-        sum.effort += r.value;
-        sum.q += r.q + r.load * sum.q;
-        sum.v += r.v + r.load * sum.v;
-        sum.taken -= r.load;
-        if r.load != 0.0 {
-            effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
-        }
-        effort[columns].copy_from_slice(&r.p[..term.p.len()]);
     }
 }
 
-/// Efforts at a state without derivatives by parameters.
-#[must_use]
-pub fn efforts_at(model: &JointModel, catalogue: &Catalogue, at: &At) -> Sum {
-    add_up(model, catalogue, at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
+/// Writes the first `count` values; a loop of known length.
+#[inline]
+fn write(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
+    for (i, (t, x)) in target.iter_mut().zip(values).enumerate() {
+        if i < count {
+            *t = *x;
+        }
+    }
 }
 
 /// Columns that are computed for a number of free parameters: start state, parameters, and one for the caller.
@@ -132,15 +158,23 @@ pub fn width(free: usize) -> usize {
 
 /// Simulates a window from a start state.
 pub fn roll(model: &JointModel, catalogue: &Catalogue, log: &JointLog, drive: &Drive, span: Span, start: Start, out: &mut Rollout) {
+    out.position.clear();
+    out.rows.clear();
+    let Rollout { position, rows } = out;
+    let keep = |q: f64, row: &Row| {
+        position.push(q);
+        rows.push(*row);
+    };
     match width(model.free()) {
-        4 => roll_columns::<4>(model, catalogue, log, drive, span, start, out),
-        8 => roll_columns::<8>(model, catalogue, log, drive, span, start, out),
-        12 => roll_columns::<12>(model, catalogue, log, drive, span, start, out),
-        _ => roll_columns::<MAX_COLUMNS>(model, catalogue, log, drive, span, start, out),
+        4 => roll_columns::<4>(model, catalogue, log, drive, span, start, keep),
+        8 => roll_columns::<8>(model, catalogue, log, drive, span, start, keep),
+        12 => roll_columns::<12>(model, catalogue, log, drive, span, start, keep),
+        _ => roll_columns::<MAX_COLUMNS>(model, catalogue, log, drive, span, start, keep),
     };
 }
 
-/// Simulates a window with the sensitivities to its start state alone; gives the state at its last sample.
+/// Simulates a window with the sensitivities to its start state alone, which are the first two columns of every row that `each`
+/// is given beside the predicted measurement; gives the state at the last sample.
 pub fn roll_starts(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -148,9 +182,9 @@ pub fn roll_starts(
     drive: &Drive,
     span: Span,
     start: Start,
-    out: &mut Rollout,
+    each: impl FnMut(f64, &Row),
 ) -> Start {
-    roll_columns::<4>(model, catalogue, log, drive, span, start, out)
+    roll_columns::<2>(model, catalogue, log, drive, span, start, each)
 }
 
 /// Scalars of a model that enter every step, and their columns.
@@ -196,16 +230,16 @@ impl Layout {
 
 /// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way through rest
 /// the larger one of both sides.
-fn bound_at_turn(model: &JointModel, catalogue: &Catalogue, at: &At, bound: f64, friction: &mut Row) -> f64 {
+fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {
     let mut unused = [0.0; MAX_COLUMNS];
     let turned = At { direction: -at.direction, v: 0.0, ..*at };
     if at.v == 0.0 {
-        return add_up(model, catalogue, &turned, &mut unused, friction).friction;
+        return acting.add_up(&turned, &mut unused, friction).friction;
     }
     if bound <= 0.0 {
         return bound;
     }
-    bound.max(add_up(model, catalogue, &turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
+    bound.max(acting.add_up(&turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
 }
 
 /// One over an inertia and what is added to it.
@@ -231,8 +265,9 @@ fn roll_columns<const W: usize>(
     drive: &Drive,
     span: Span,
     start: Start,
-    out: &mut Rollout,
+    mut each: impl FnMut(f64, &Row),
 ) -> Start {
+    let acting = Acting::of(model, catalogue);
     let sensor = model.sensor(catalogue);
     let layout = Layout::of(model, catalogue);
     let Layout { gain, added, inertia_column, sensors, .. } = layout;
@@ -244,17 +279,18 @@ fn roll_columns<const W: usize>(
     if let Some(c) = sensors[2] {
         dgauge[c] = start.play;
     }
-    out.position.clear();
-    out.rows.clear();
+    let (mut settled_h, mut settling) = (f64::NAN, Settling::default());
     let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     for k in span.start..span.start + span.len {
-        measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, out);
+        measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
         if k + 1 == span.start + span.len {
             break;
         }
         let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
         let t = run_time_s(span.log, log, k);
-        let settling = Settling::over(model.settle_s, h);
+        if h != settled_h {
+            (settled_h, settling) = (h, Settling::over(model.settle_s, h));
+        }
         let others_now = log.others_after(k);
         let carried = log.carried.get(k);
         if let Some(c) = carried {
@@ -266,7 +302,7 @@ fn roll_columns<const W: usize>(
             drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
             let direction = if v != 0.0 { v.signum() } else { 1.0 };
             let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0, carried };
-            let mut sum = add_up(model, catalogue, &at, &mut effort_p, &mut friction_p);
+            let mut sum = acting.add_up(&at, &mut effort_p, &mut friction_p);
             layout.by_drive(&sum, drive.effort[index], gain * drive.by_delay[index], &mut effort_p, &mut friction_p);
             let total = u + sum.effort;
             let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
@@ -275,7 +311,7 @@ fn roll_columns<const W: usize>(
             }
             let free = v + kick * total;
             if free * direction < 0.0 {
-                sum.friction = bound_at_turn(model, catalogue, &at, sum.friction, &mut friction_p);
+                sum.friction = bound_at_turn(&acting, &at, sum.friction, &mut friction_p);
             }
             let bound = kick * sum.friction;
             let target = settling.keep * v + settling.creep * kick * total;
@@ -311,18 +347,21 @@ fn measure<const W: usize>(
     columns: [Option<usize>; 3],
     gauge: &mut f64,
     dgauge: &mut Row,
-    out: &mut Rollout,
+    each: &mut impl FnMut(f64, &Row),
 ) {
     let half = sensor.half_gap;
-    if *gauge < q - half || half == 0.0 {
-        (*gauge, *dgauge) = (q - half, *dq);
-        if let Some(c) = columns[2] {
-            dgauge[c] -= 1.0;
-        }
+    let side = if *gauge < q - half || half == 0.0 {
+        -1.0
     } else if *gauge > q + half {
-        (*gauge, *dgauge) = (q + half, *dq);
+        1.0
+    } else {
+        0.0
+    };
+    if side != 0.0 {
+        *gauge = q + side * half;
+        dgauge[..W].copy_from_slice(&dq[..W]);
         if let Some(c) = columns[2] {
-            dgauge[c] += 1.0;
+            dgauge[c] += side;
         }
     }
     let mut row = [0.0; MAX_COLUMNS];
@@ -335,6 +374,5 @@ fn measure<const W: usize>(
     if let Some(c) = columns[1] {
         row[c] += *gauge;
     }
-    out.position.push(sensor.scale * *gauge + sensor.bias);
-    out.rows.push(row);
+    each(sensor.scale * *gauge + sensor.bias, &row);
 }

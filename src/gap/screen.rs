@@ -3,13 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    drive::Drive,
-    effect::{At, Effect, Place, Response, run_time_s},
+    effect::{At, Effect, Extent, Place, Response, run_time_s},
     fit::{Fit, MAX_FIT_FREE, Whitening, predict},
     joint_model::{Catalogue, JointModel},
     log::Span,
     problem::Problem,
-    rollout::{MAX_COLUMNS, Rollout, Row, efforts_at},
+    rollout::{Acting, MAX_COLUMNS, Rollout, Row},
     whiten::{respond, whiten},
 };
 
@@ -34,6 +33,8 @@ pub struct Screen<'p, 'c> {
     middle: Vec<Middle>,
     /// Predicted positions of each window.
     predicted: Vec<Vec<f64>>,
+    /// Positions and times of each window.
+    extents: Vec<Extent>,
 }
 
 /// States between samples.
@@ -47,6 +48,37 @@ pub struct Middle {
     pub effort: Vec<f64>,
     /// Acceleration of the model.
     pub acceleration: Vec<f64>,
+    /// Share of a friction's bound that acts against the motion, with its sign: 1 on the way up, about 0 at rest.
+    pub grip: Vec<f64>,
+    /// Positions of the other joints.
+    pub others: Vec<[f64; 8]>,
+}
+
+/// Columns over one window that are scored together.
+pub struct Columns {
+    /// Efforts by column and sample.
+    pub effort: Vec<Vec<f64>>,
+    /// Changes of the measurement by column and sample; empty where there are none.
+    pub direct: Vec<Vec<f64>>,
+    /// Columns that are not zero.
+    pub active: Vec<bool>,
+}
+
+impl Columns {
+    fn new(count: usize) -> Self {
+        Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
+    }
+
+    /// Zero over a window of so many samples.
+    fn clear(&mut self, len: usize) {
+        for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
+            if *active || effort.len() != len {
+                effort.clear();
+                effort.resize(len, 0.0);
+            }
+            *active = false;
+        }
+    }
 }
 
 /// What a set of columns would explain.
@@ -108,7 +140,8 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
         let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
         let middle = middles(problem, &fit.model);
-        Self { problem, whitening, windows, parameters: free, inverse, gradient, middle, predicted }
+        let extents = extents(problem, &middle);
+        Self { problem, whitening, windows, parameters: free, inverse, gradient, middle, predicted, extents }
     }
 
     /// Middle states of every log.
@@ -117,31 +150,38 @@ impl<'p, 'c> Screen<'p, 'c> {
         &self.middle
     }
 
-    /// Scores columns. `fill(window, column, effort, direct)` writes what a column of amplitude one puts on each sample
-    /// of a window: an effort, and a change of the measurement. It gives false where both are zero.
-    pub fn score(&self, count: usize, mut fill: impl FnMut(Span, usize, &mut [f64], &mut [f64]) -> bool) -> Option<Score> {
+    /// Scores `count` columns. `fill(window, span, columns)` writes what columns of amplitude one put on each sample of a window,
+    /// and marks those that are not zero there.
+    pub fn score(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
+        match (3 + self.parameters).next_multiple_of(4) {
+            4 => self.score_width::<4>(count, fill),
+            8 => self.score_width::<8>(count, fill),
+            12 => self.score_width::<12>(count, fill),
+            _ => self.score_width::<MAX_COLUMNS>(count, fill),
+        }
+    }
+
+    fn score_width<const W: usize>(&self, count: usize, mut fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
         let count = count.min(MAX_TESTED);
         let p = self.parameters;
         let mut normal = DMatrix::zeros(count, count);
         let mut with_parameters = DMatrix::zeros(count, p);
         let mut products = Vec::with_capacity(self.windows.len());
-        let mut columns: Vec<Vec<f64>> = vec![Vec::new(); count];
+        let mut columns = Columns::new(count);
+        let mut seen: Vec<Vec<f64>> = vec![Vec::new(); count];
         for (w, span) in self.problem.windows.iter().enumerate() {
             let mut window = vec![0.0; count];
-            let mut starts = vec![[0.0; 2]; count];
-            let mut active = vec![false; count];
+            let mut starts = [[0.0; 2]; MAX_TESTED];
             let locals = &self.whitening.locals[span.log][span.start..span.start + span.len];
-            for c in 0..count {
-                let (mut effort, mut direct) = (vec![0.0; span.len], vec![0.0; span.len]);
-                active[c] = fill(*span, c, &mut effort, &mut direct);
-                if !active[c] {
-                    continue;
-                }
-                columns[c].resize(span.len, 0.0);
-                respond(&effort, Some(&direct), locals, &self.whitening.gains[w], &mut columns[c]);
-                let mut sums: Row = [0.0; MAX_COLUMNS];
-                for (x, row) in columns[c].iter().zip(&self.windows[w]) {
-                    for i in 0..3 + p {
+            columns.clear(span.len);
+            fill(w, *span, &mut columns);
+            for c in (0..count).filter(|&c| columns.active[c]) {
+                seen[c].resize(span.len, 0.0);
+                let direct = columns.direct.get(c).map(Vec::as_slice);
+                respond(&columns.effort[c], direct, locals, &self.whitening.gains[w], &mut seen[c]);
+                let mut sums = [0.0; W];
+                for (x, row) in seen[c].iter().zip(&self.windows[w]) {
+                    for i in 0..W {
                         sums[i] += x * row[i];
                     }
                 }
@@ -151,9 +191,9 @@ impl<'p, 'c> Screen<'p, 'c> {
                     with_parameters[(c, i)] += sums[3 + i];
                 }
             }
-            for i in (0..count).filter(|&i| active[i]) {
-                for j in (0..=i).filter(|&j| active[j]) {
-                    let dot: f64 = columns[i].iter().zip(&columns[j]).map(|(a, b)| a * b).sum();
+            for i in (0..count).filter(|&i| columns.active[i]) {
+                for j in (0..=i).filter(|&j| columns.active[j]) {
+                    let dot: f64 = seen[i].iter().zip(&seen[j]).map(|(a, b)| a * b).sum();
                     let dot = dot - starts[i][0] * starts[j][0] - starts[i][1] * starts[j][1];
                     normal[(i, j)] += dot;
                     if i != j {
@@ -198,47 +238,72 @@ impl<'p, 'c> Screen<'p, 'c> {
     /// The best shapes of an effect, best first, `keep` at most.
     #[must_use]
     pub fn hits(&self, index: usize, keep: usize) -> Vec<Hit> {
-        let effect = &self.problem.catalogue[index];
-        let mut hits: Vec<Hit> =
-            effect.shapes(&self.problem.coverage).into_iter().filter_map(|shape| self.hit(index, effect.as_ref(), &shape)).collect();
+        let effect = self.problem.catalogue[index].as_ref();
+        let states: Vec<Vec<At>> = (0..self.problem.logs.len()).map(|log| self.states(log)).collect();
+        let shapes = effect.shapes(&self.problem.coverage);
+        let mut hits: Vec<Hit> = shapes.into_iter().filter_map(|shape| self.hit(index, effect, &shape, &states)).collect();
         hits.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         hits.truncate(keep);
         hits
     }
 
-    fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64]) -> Option<Hit> {
+    /// The middle states of a log as effects see them.
+    fn states(&self, index: usize) -> Vec<At<'_>> {
+        let (log, m) = (&self.problem.logs[index], &self.middle[index]);
+        let at = |k: usize| At {
+            q: m.position[k],
+            v: m.velocity[k],
+            u: m.effort[k],
+            t: run_time_s(index, log, k),
+            direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
+            others: &m.others[k],
+            load: 0.0,
+            carried: log.carried.get(k),
+        };
+        (0..m.position.len()).map(at).collect()
+    }
+
+    fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
         let problem = self.problem;
         let place = effect.place();
         let tested = effect.parameters().iter().filter(|p| p.neutral.is_some()).count();
-        let late: Vec<Drive> = match place {
-            Place::Delay => problem.logs.iter().map(|l| Drive::new(l, problem.hold, shape[0], problem.finer)).collect(),
-            _ => Vec::new(),
-        };
-        let still = 0.01 * problem.coverage.speed.1;
-        let score = self.score(tested, |span, column, effort, direct| match place {
+        let score = match place {
+            Place::Effort | Place::Contact | Place::Friction => self.score(tested, |window, span, columns| {
+                let states = &states[span.log][span.start..span.start + span.len - 1];
+                if effect.reaches(shape, &self.extents[window]) {
+                    self.fill_responses(effect, shape, span, states, columns);
+                }
+            }),
             Place::Delay => {
-                let d = &late[span.log];
-                for i in 0..span.len.saturating_sub(1) {
-                    let k = span.start + i;
-                    let mean = d.effort[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
-                    effort[i] = mean - problem.traces[span.log].effort[k];
-                }
-                true
+                let late = problem.drives_late(shape[0]);
+                self.score(tested, |_, span, columns| {
+                    let d = &late[span.log];
+                    columns.active[0] = true;
+                    for i in 0..span.len - 1 {
+                        let k = span.start + i;
+                        let mean = d.effort[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
+                        columns.effort[0][i] = mean - problem.traces[span.log].effort[k];
+                    }
+                })
             }
-            Place::Play => {
-                // The predicted motion, not the measured one: what is measured has gone through the play already.
-                let Some(window) = problem.windows.iter().position(|w| *w == span) else { return false };
-                let predicted = &self.predicted[window];
-                let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * shape[0];
-                for i in 0..span.len {
-                    let q = predicted[i];
-                    gauge = gauge.clamp(q - shape[0], q + shape[0]);
-                    direct[i] = gauge - q;
+            // The predicted motion, not the measured one: what is measured has gone through the play already.
+            Place::Play => self.score(tested, |window, span, columns| {
+                let (half_gap, predicted) = (shape[0], &self.predicted[window]);
+                let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
+                let follow = |q: &f64| {
+                    gauge = gauge.clamp(q - half_gap, q + half_gap);
+                    gauge - q
+                };
+                columns.active[0] = true;
+                columns.direct = vec![predicted.iter().map(follow).collect()];
+            }),
+            Place::Inertia | Place::Gain | Place::Bias | Place::Scale => self.score(tested, |_, span, columns| {
+                columns.active[0] = true;
+                for i in 0..span.len - 1 {
+                    columns.effort[0][i] = self.scalar_effort(place, span.log, span.start + i);
                 }
-                true
-            }
-            _ => self.fill_effort(effect, shape, span, column, still, effort),
-        })?;
+            }),
+        }?;
         let mut p = shape.to_vec();
         if !matches!(place, Place::Delay | Place::Play) {
             for (i, a) in score.amplitude.iter().enumerate() {
@@ -249,47 +314,48 @@ impl<'p, 'c> Screen<'p, 'c> {
         Some(Hit { effect: index, p, gain: score.gain })
     }
 
-    /// The effort of one amplitude of an effect over a window.
-    fn fill_effort(&self, effect: &dyn Effect, shape: &[f64], span: Span, column: usize, still: f64, out: &mut [f64]) -> bool {
-        let problem = self.problem;
-        let (log, m) = (&problem.logs[span.log], &self.middle[span.log]);
-        let mut now = [0.0; 8];
-        let mut any = false;
-        for i in 0..span.len.saturating_sub(1) {
-            let k = span.start + i;
-            let (q, v, u) = (m.position[k], m.velocity[k], m.effort[k]);
-            out[i] = match effect.place() {
-                Place::Effort | Place::Contact | Place::Friction => {
-                    for (x, other) in now.iter_mut().zip(&log.others) {
-                        *x = other[k];
-                    }
-                    let at = At {
-                        q,
-                        v,
-                        u,
-                        t: run_time_s(span.log, log, k),
-                        direction: if v < 0.0 { -1.0 } else { 1.0 },
-                        others: &now,
-                        load: 0.0,
-                        carried: log.carried.get(k),
-                    };
-                    let mut r = Response::default();
-                    effect.respond(&at, shape, &mut r);
-                    if effect.place() != Place::Friction { r.p[column] } else { -r.p[column] * v / (v * v + still * still).sqrt() }
-                }
-                Place::Inertia => -m.acceleration[k],
-                Place::Gain => u,
-                Place::Bias => problem.plant.load_at(log.carried.get(k), q).1,
-                Place::Scale => {
-                    let (load, slope) = problem.plant.load_at(log.carried.get(k), q);
-                    u - load + slope * q
-                }
-                Place::Delay | Place::Play => 0.0,
-            };
-            any |= out[i] != 0.0;
+    /// The efforts of all amplitudes of an effect over a window.
+    fn fill_responses(&self, effect: &dyn Effect, shape: &[f64], span: Span, states: &[At], columns: &mut Columns) {
+        let is_friction = effect.place() == Place::Friction;
+        let grip = &self.middle[span.log].grip[span.start..];
+        for (i, at) in states.iter().enumerate() {
+            let mut r = Response::default();
+            effect.respond(at, shape, &mut r);
+            let factor = if is_friction { -grip[i] } else { 1.0 };
+            for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
+                effort[i] = factor * by;
+                *active |= effort[i] != 0.0;
+            }
         }
-        any
     }
+
+    /// The effort of amplitude one of an effect that is no effort of its own, at a sample.
+    fn scalar_effort(&self, place: Place, log: usize, k: usize) -> f64 {
+        let m = &self.middle[log];
+        let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
+        match place {
+            Place::Inertia => -m.acceleration[k],
+            Place::Gain => m.effort[k],
+            Place::Bias => load().1,
+            Place::Scale => {
+                let (load, slope) = load();
+                m.effort[k] - load + slope * m.position[k]
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// Positions and times that a window runs through.
+fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
+    let one = |span: &Span| {
+        let (log, position) = (&problem.logs[span.log], &middle[span.log].position[span.start..span.start + span.len]);
+        let low = position.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let time = |k: usize| run_time_s(span.log, log, k);
+        Extent { position: (low, high), time_s: (time(span.start), time(span.start + span.len - 1)) }
+    };
+    problem.windows.iter().map(one).collect()
 }
 
 /// States between samples and the model's acceleration there.
@@ -297,6 +363,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let catalogue: &Catalogue = problem.catalogue;
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let acting = Acting::of(model, catalogue);
     let one = |(index, trace): (usize, &super::smooth::Trace)| {
         let log = &problem.logs[index];
         let n = trace.position.len();
@@ -319,12 +386,14 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
                 load: 0.0,
                 carried: log.carried.get(k),
             };
-            let sum = efforts_at(model, catalogue, &at);
+            let sum = acting.at(&at);
             let free = u + sum.effort;
             let slow = 0.01 * problem.coverage.speed.1;
             let friction = if v.abs() > slow { sum.friction * v.signum() } else { free.clamp(-sum.friction, sum.friction) };
             m.position.push(q);
             m.velocity.push(v);
+            m.grip.push(v / (v * v + slow * slow).sqrt());
+            m.others.push(now);
             m.effort.push(trace.effort[k]);
             m.acceleration.push((free - friction) / (problem.plant.inertia_at(log.carried.get(k)).0 + added));
         }

@@ -9,6 +9,7 @@ use super::{
     problem::Problem,
     rollout::Start,
     screen::{Hit, Screen},
+    simplify::HOPELESS,
     smooth::Trace,
 };
 
@@ -95,13 +96,27 @@ fn price(problem: &Problem, model: &JointModel) -> f64 {
 #[must_use]
 pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
-    let whole = fit.model.terms.len() < 2 || fit.model.terms.iter().all(|t| is_felt(problem, t));
+    let whole = fit.model.terms.len() < 2 || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
     Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
 }
 
 /// Effort, as a share of the recorded efforts' root mean square, that an effect beside others must reach somewhere. What
 /// is smaller mends the shape of the others.
 const MIN_FELT: f64 = 0.02;
+
+/// Share of the fall of a friction with speed below which an effort of the speed alone mends the shape of that fall: of the laws
+/// in use none is known better.
+const MAX_MEND: f64 = 0.15;
+
+/// Whether damping and drag stand beside a friction that falls with speed and are small beside that fall.
+fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
+    let of = |name: &str| model.terms.iter().find(|t| problem.catalogue[t.effect].name() == name).map(|t| &t.p);
+    let (damping, drag) = (of("viscous_friction"), of("quadratic_drag"));
+    let Some(fall) = of("stribeck_friction").filter(|_| damping.is_some() || drag.is_some()).map(|p| p[1]) else { return false };
+    let effort = |v: f64| damping.map_or(0.0, |p| p[0] * v) + drag.map_or(0.0, |p| p[0] * v * v);
+    let top = problem.coverage.speed.1;
+    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_MEND * fall)
+}
 
 /// Whether an effort or a friction is strong enough to stand beside other effects.
 fn is_felt(problem: &Problem, term: &super::joint_model::Term) -> bool {
@@ -233,10 +248,16 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
         left.sort_unstable();
         !known.iter().any(|k| k.effects() == left)
     };
+    let best = known.first().map_or(f64::NEG_INFINITY, |k| k.score);
     let one = |i: usize| {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
-        candidate(problem, fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::thorough(3)))
+        let begun = fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::NEXT);
+        let begun = candidate(problem, begun);
+        if begun.score < best - HOPELESS {
+            return begun;
+        }
+        candidate(problem, fit(problem, &begun.fit.model, Some(&begun.fit.starts), begun.fit.sigma_u, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
@@ -253,6 +274,10 @@ const FINALISTS: usize = 5;
 /// Share of the leader's gain that a candidate must have to be fitted to the end.
 const CLOSE: f64 = 0.5;
 
+/// Fits in a row that a candidate with play may take, and what each must gain for the next.
+const PLAY_FITS: usize = 3;
+const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
+
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
 fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
@@ -265,9 +290,14 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
             Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
         };
         let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
-        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::QUICK))
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::FIRST))
     };
-    let mut fits: Vec<Candidate> = best_of_each_set(jobs.par_iter().map(first).collect());
+    let next = |c: &Candidate| {
+        let on = candidate(problem, fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::NEXT));
+        if on.score > c.score { on } else { c.clone() }
+    };
+    let begun = leading_starts(jobs.par_iter().map(first).collect());
+    let mut fits: Vec<Candidate> = best_of_each_set(begun.par_iter().map(next).collect());
     let further = |c: &Candidate| {
         let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
         let again = candidate(problem, again);
@@ -275,17 +305,39 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
     };
     // Play is found window by window; under the smaller noise of a better fit more of them find their side of the gap.
     let has_play = |c: &Candidate| c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
-    let last = |c: &Candidate| {
-        let once = further(c);
-        if has_play(&once) { further(&further(&once)) } else { once }
-    };
     // Who gains little beside the leader will not catch up.
     let leading = fits.first().map_or(found, |c| c.score.max(found)) - parent.score;
-    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading || (has_play(c) && parent.fit.model.terms.is_empty());
-    let end = |c: &Candidate| if is_close(c) { last(c) } else { c.clone() };
+    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading;
+    let end = |c: &Candidate| {
+        let alone = has_play(c) && parent.fit.model.terms.is_empty();
+        let mut now = if is_close(c) || alone { further(c) } else { return c.clone() };
+        for _ in 1..PLAY_FITS {
+            let next = if has_play(&now) && is_close(&now) { further(&now) } else { return now };
+            if next.score < now.score + MIN_GAIN_OF_PLAY_FIT {
+                return next;
+            }
+            now = next;
+        }
+        now
+    };
     let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(end).collect();
     fits.splice(..ended.len(), ended);
     fits
+}
+
+/// Starts of a fit that go on after a first round.
+const STARTS: usize = 2;
+
+/// The most likely fits of each set of effects, all of them under the same noise.
+fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
+    fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
+    let mut kept: Vec<Candidate> = Vec::new();
+    for c in fits {
+        if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
+            kept.push(c);
+        }
+    }
+    kept
 }
 
 /// Multiple of its first-order gain that a fit may bring, and what it may bring above that.

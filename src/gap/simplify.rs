@@ -10,6 +10,8 @@ use super::{
 
 /// Score by which a special case may fall behind the effect that contains it.
 const SPECIAL_CASE: f64 = 10.0;
+/// Score that a fit which has begun does not make up for any more.
+pub(super) const HOPELESS: f64 = 300.0;
 /// Half widths of a 95 % interval, in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 
@@ -52,7 +54,12 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
             let mut model = chosen.fit.model.clone();
             model.terms[i] = Term { effect, p };
-            let fitted = refitted(problem, chosen, &model);
+            let begun = fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.sigma_u, Free::All, Pace::NEXT);
+            let begun = candidate(problem, begun);
+            if lost_is_sure && begun.score < chosen.score - HOPELESS {
+                continue;
+            }
+            let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SPECIAL_CASE || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
             }

@@ -9,14 +9,10 @@ use super::{
     joint_model::JointModel,
     log::Span,
     problem::Problem,
-    rollout::{Rollout, Start, roll_starts},
-    whiten::whiten,
+    rollout::{Row, Start, roll_starts},
+    whiten::Filter,
 };
 
-/// Columns of a rollout whose parameters do not matter: start position, start velocity, residual.
-const COLUMNS: usize = 4;
-/// Column of the residual.
-const RESIDUAL: usize = 2;
 /// A window whose squared whitened residuals exceed their number by this factor is searched further.
 const MISFIT: f64 = 1.5;
 /// States of a searched window that are polished.
@@ -53,30 +49,31 @@ struct Bench<'a, 'c> {
     drives: &'a [Drive],
     whitening: &'a Whitening,
     ridge: Matrix2<f64>,
-    rollout: Rollout,
 }
 
 impl Bench<'_, '_> {
-    fn try_start(&mut self, window: usize, start: Start) -> Trial {
+    fn try_start(&self, window: usize, start: Start) -> Trial {
         let span = self.problem.windows[window];
         let log = &self.problem.logs[span.log];
-        roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], span, start, &mut self.rollout);
-        for (k, row) in self.rollout.rows.iter_mut().enumerate() {
-            row[RESIDUAL] = log.position[span.start + k] - self.rollout.position[k];
-        }
-        whiten::<COLUMNS>(&mut self.rollout.rows, &self.whitening.locals[span.log][span.start..], &self.whitening.gains[window]);
-        let (mut cost, mut normal, mut gradient) = (0.0, self.ridge, Vector2::zeros());
-        for r in &self.rollout.rows {
-            let (a, b, e) = (r[0], r[1], r[RESIDUAL]);
+        let measured = &log.position[span.start..span.start + span.len];
+        let mut whitening = measured.iter().zip(&self.whitening.locals[span.log][span.start..]).zip(&self.whitening.gains[window]);
+        let mut filter = Filter::<3>::new();
+        let [mut cost, mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 6];
+        let each = |predicted: f64, row: &Row| {
+            let Some(((measured, local), gain)) = whitening.next() else { return };
+            let mut white = [row[0], row[1], measured - predicted];
+            filter.pass(&mut white, local, gain);
+            let [a, b, e] = white;
             cost += e * e;
-            normal += Matrix2::new(a * a, a * b, a * b, b * b);
-            gradient += Vector2::new(a * e, b * e);
-        }
-        Trial { start, cost: if cost.is_finite() { cost } else { f64::INFINITY }, normal, gradient }
+            (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
+        };
+        roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], span, start, each);
+        let normal = self.ridge + Matrix2::new(aa, ab, ab, bb);
+        Trial { start, cost: if cost.is_finite() { cost } else { f64::INFINITY }, normal, gradient: Vector2::new(ae, be) }
     }
 
     /// Damped Gauss-Newton on the start state alone.
-    fn polish(&mut self, window: usize, from: Trial) -> Trial {
+    fn polish(&self, window: usize, from: Trial) -> Trial {
         let (mut now, mut damping) = (from, 1e-4);
         for _ in 0..POLISH_STEPS {
             let mut normal = now.normal;
@@ -99,7 +96,7 @@ impl Bench<'_, '_> {
     }
 
     /// The state that a window hands on to the next one, where that follows without a gap.
-    fn hand_on(&mut self, window: usize, start: Start) -> Option<Start> {
+    fn hand_on(&self, window: usize, start: Start) -> Option<Start> {
         let span = self.problem.windows[window];
         let next = self.problem.windows.get(window + 1)?;
         if next.log != span.log || next.start != span.start + span.len {
@@ -107,7 +104,7 @@ impl Bench<'_, '_> {
         }
         let longer = Span { len: span.len + 1, ..span };
         let log = &self.problem.logs[span.log];
-        let end = roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], longer, start, &mut self.rollout);
+        let end = roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], longer, start, |_, _| ());
         (end.position.is_finite() && end.velocity.is_finite()).then_some(end)
     }
 }
@@ -120,7 +117,7 @@ pub fn improve(problem: &Problem, model: &JointModel, starts: &mut [Start], whit
     let fresh = problem.starts(model);
     let half_gap = model.sensor(problem.catalogue).half_gap;
     let ridge = start_ridge(problem);
-    let mut bench = Bench { problem, model, drives: &drives, whitening, ridge, rollout: Rollout::default() };
+    let bench = Bench { problem, model, drives: &drives, whitening, ridge };
     let mut carried = None;
     for w in 0..starts.len() {
         let fits = |t: &Trial| t.cost <= MISFIT * problem.windows[w].len as f64;
@@ -129,14 +126,14 @@ pub fn improve(problem: &Problem, model: &JointModel, starts: &mut [Start], whit
         if all || !fits(&given) {
             trials.extend(std::iter::once(fresh[w]).chain(carried).map(|s| bench.try_start(w, s)));
             if half_gap > 0.0 {
-                let more = [fresh[w], starts[w]].into_iter().flat_map(|s| PLAY.map(|p| at_play(s, p, half_gap)));
-                trials.extend(more.collect::<Vec<_>>().into_iter().map(|s| bench.try_start(w, s)));
+                let more = [fresh[w], starts[w]].into_iter().flat_map(|s| PLAY.map(|p| (p != s.play).then(|| at_play(s, p, half_gap))));
+                trials.extend(more.flatten().map(|s| bench.try_start(w, s)).collect::<Vec<_>>());
             }
             trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
         }
         let mut best = trials[0];
         if !fits(&best) {
-            best = searched(&mut bench, w, trials, &fresh[w], half_gap, &fits);
+            best = searched(&bench, w, trials, &fresh[w], half_gap, &fits);
         }
         starts[w] = best.start;
         carried = bench.hand_on(w, best.start);
@@ -144,7 +141,7 @@ pub fn improve(problem: &Problem, model: &JointModel, starts: &mut [Start], whit
 }
 
 /// The best start state of a window that fits badly.
-fn searched(bench: &mut Bench, w: usize, mut trials: Vec<Trial>, fresh: &Start, half_gap: f64, fits: &dyn Fn(&Trial) -> bool) -> Trial {
+fn searched(bench: &Bench, w: usize, mut trials: Vec<Trial>, fresh: &Start, half_gap: f64, fits: &dyn Fn(&Trial) -> bool) -> Trial {
     let quick = bench.polish(w, trials[0]);
     if fits(&quick) {
         return quick;
@@ -204,9 +201,10 @@ mod tests {
             let effort: Vec<f64> = time_s.iter().map(|t| 0.9 * (7.0 * t).sin() + 0.3 * (23.0 * t).cos()).collect();
             let mut log = JointLog { run: "r".into(), position: vec![0.0; 800], effort, others: Vec::new(), carried: Vec::new(), time_s };
             let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
-            let mut out = Rollout::default();
-            roll_starts(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 800 }, Start::default(), &mut out);
-            log.position = out.position.iter().enumerate().map(|(k, q)| q + 1e-4 * f64::from((k * 37 % 11) as u32) - 5e-4).collect();
+            let mut position = Vec::new();
+            let keep = |q: f64, _: &Row| position.push(q);
+            roll_starts(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 800 }, Start::default(), keep);
+            log.position = position.iter().enumerate().map(|(k, q)| q + 1e-4 * f64::from((k * 37 % 11) as u32) - 5e-4).collect();
             let problem = Problem::new(&effects, &plant, true, vec![log], Hold::Zero);
             let whitening = Whitening::new(&problem, &model, problem.min_sigma_u);
             let far: Vec<Start> =
@@ -215,8 +213,8 @@ mod tests {
             improve(&problem, &model, &mut starts, &whitening, true);
             let drives = problem.drives(&model);
             let ridge = start_ridge(&problem);
-            let mut bench = Bench { problem: &problem, model: &model, drives: &drives, whitening: &whitening, ridge, rollout: out };
-            let mut cost = |from: &[Start]| from.iter().enumerate().map(|(w, s)| bench.try_start(w, *s).cost).sum::<f64>();
+            let bench = Bench { problem: &problem, model: &model, drives: &drives, whitening: &whitening, ridge };
+            let cost = |from: &[Start]| from.iter().enumerate().map(|(w, s)| bench.try_start(w, *s).cost).sum::<f64>();
             let (before, after) = (cost(&far), cost(&starts));
             assert!(after < 2.0 * 800.0 && before > 1e3 * after, "{before} {after}");
         }

@@ -53,6 +53,19 @@ pub struct TwinJoint {
     pub is_mimic: bool,
 }
 
+impl TwinJoint {
+    /// The child's frame at a position, in its frame at position 0.
+    #[must_use]
+    pub fn moved(&self, position: f64) -> Pose {
+        let way = self.axis.into_inner() * position;
+        match self.motion {
+            Motion::Fixed => Pose::identity(),
+            Motion::Turn => Pose::rotation(way),
+            Motion::Slide => Pose::translation(way.x, way.y, way.z),
+        }
+    }
+}
+
 /// Links and joints, parents before children.
 #[derive(Clone, Debug)]
 pub struct TwinTree {
@@ -130,6 +143,42 @@ impl TwinTree {
         self.inverse_dynamics(position, &zero, &zero, true)
     }
 
+    /// `root_from_link` of every link, with the joints at these positions (order of `joints`).
+    #[must_use]
+    pub fn link_poses(&self, position: &[f64]) -> Vec<Pose> {
+        let mut poses = vec![Pose::identity(); self.links.len()];
+        for (joint, q) in self.joints.iter().zip(position) {
+            poses[joint.child] = poses[joint.parent] * joint.parent_from_joint * joint.moved(*q);
+        }
+        poses
+    }
+
+    /// Effort at a joint of a force and a moment about its origin, root's axes, N m or N; `poses` are those of the links.
+    #[must_use]
+    pub fn effort_of(&self, joint: usize, poses: &[Pose], force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
+        let joint = &self.joints[joint];
+        let axis = poses[joint.child].rotation * joint.axis.into_inner();
+        match joint.motion {
+            Motion::Fixed => 0.0,
+            Motion::Turn => axis.dot(moment),
+            Motion::Slide => axis.dot(force),
+        }
+    }
+
+    /// The link that a link is fixed to and that moves by a joint of its own, or the root.
+    #[must_use]
+    pub fn carrier(&self, link: usize) -> usize {
+        let fixed = self.joints.iter().find(|j| j.child == link && j.motion == Motion::Fixed);
+        fixed.map_or(link, |j| self.carrier(j.parent))
+    }
+
+    /// Whether a joint that moves lies between the root and a link.
+    #[must_use]
+    pub fn carries(&self, joint: usize, link: usize) -> bool {
+        let above = self.joints.iter().position(|j| j.child == link);
+        above.is_some_and(|j| (j == joint && self.joints[j].motion != Motion::Fixed) || self.carries(joint, self.joints[j].parent))
+    }
+
     /// The other moving joints that lie between a joint and the root, or beyond it.
     #[must_use]
     pub fn chain(&self, joint: usize) -> Vec<usize> {
@@ -152,13 +201,8 @@ impl TwinTree {
 
 fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> LinkMotion {
     let frame = parent.pose * joint.parent_from_joint;
-    let local = joint.axis.into_inner();
-    let axis = frame.rotation * local;
-    let pose = match joint.motion {
-        Motion::Fixed => frame,
-        Motion::Turn => frame * Pose::rotation(local * q),
-        Motion::Slide => frame * Pose::translation(local.x * q, local.y * q, local.z * q),
-    };
+    let axis = frame.rotation * joint.axis.into_inner();
+    let pose = frame * joint.moved(q);
     let arm = pose.translation.vector - parent.pose.translation.vector;
     let (w, dw) = (parent.w, parent.dw);
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));

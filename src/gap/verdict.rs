@@ -267,7 +267,7 @@ fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
 /// known better than the stamps.
 fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
     let problem = &problem.refined();
-    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false };
+    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
     let at = |settle_s: f64, from: &Fit, steps: usize| {
         let model = JointModel { settle_s, ..from.model.clone() };
         fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, Pace { steps, ..pace })

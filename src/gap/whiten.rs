@@ -5,7 +5,7 @@ use super::{
     effect::{At, Place, run_time_s},
     joint_model::{Catalogue, JointModel, Settling},
     log::{JointLog, Span},
-    rollout::{Row, efforts_at, inverse_inertia},
+    rollout::{Acting, Row, inverse_inertia},
     smooth::Trace,
 };
 
@@ -27,6 +27,7 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
     let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
     let mut now = [0.0; 8];
     let still = 0.003 * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let acting = Acting::of(model, catalogue);
     let mut locals = Vec::with_capacity(n);
     for k in 0..n {
         let dt = if k + 1 < n { log.time_s[k + 1] - log.time_s[k] } else { 0.0 };
@@ -38,7 +39,7 @@ pub fn linearize(model: &JointModel, catalogue: &Catalogue, log: &JointLog, inde
         let inverse = inverse_inertia(model.plant.inertia_at(carried).0, added);
         let at =
             At { q, v, u, t: run_time_s(index, log, k), direction: if v < 0.0 { -1.0 } else { 1.0 }, others: &now, load: 0.0, carried };
-        let sum = efforts_at(model, catalogue, &at);
+        let sum = acting.at(&at);
         let settling = Settling::over(model.settle_s, dt);
         let held = if settling.keep > 0.0 { v / (model.settle_s * inverse) + u + sum.effort } else { u + sum.effort };
         let slow = settling.keep > 0.0 || v.abs() <= still;
@@ -97,18 +98,38 @@ pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut
     log_variance + product.ln()
 }
 
+/// The filter on its way through a window, for `W` columns.
+pub struct Filter<const W: usize> {
+    q: [f64; W],
+    v: [f64; W],
+}
+
+impl<const W: usize> Filter<W> {
+    /// At the start of a window.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { q: [0.0; W], v: [0.0; W] }
+    }
+
+    /// Whitens the first `W` columns of the next row.
+    #[inline]
+    pub fn pass(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
+        let a = &local.a;
+        for ((x, q), v) in row[..W].iter_mut().zip(&mut self.q).zip(&mut self.v) {
+            let innovation = *x - *q;
+            let (uq, uv) = (*q + gain.kq * innovation, *v + gain.kv * innovation);
+            *x = innovation * gain.scale;
+            *q = a[0] * uq + a[1] * uv;
+            *v = a[2] * uq + a[3] * uv;
+        }
+    }
+}
+
 /// Passes the first `W` columns of rows through the filter.
 pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
-    let (mut q, mut v) = ([0.0; W], [0.0; W]);
+    let mut filter = Filter::<W>::new();
     for ((row, local), gain) in rows.iter_mut().zip(locals).zip(gains) {
-        let a = &local.a;
-        for c in 0..W {
-            let innovation = row[c] - q[c];
-            let (uq, uv) = (q[c] + gain.kq * innovation, v[c] + gain.kv * innovation);
-            row[c] = innovation * gain.scale;
-            q[c] = a[0] * uq + a[1] * uv;
-            v[c] = a[2] * uq + a[3] * uv;
-        }
+        filter.pass(row, local, gain);
     }
 }
 

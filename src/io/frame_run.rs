@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, spread_views},
-    gap::camera::frames::FrameRun,
+    gap::{camera::frames::FrameRun, tracks::Streams},
     geometry::Pose,
     run::stage_rng,
 };
@@ -87,7 +87,7 @@ fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<String>) -> BTree
     if !has {
         return BTreeMap::new();
     }
-    let recording = match read_joint_log(path) {
+    let recording = match read_joint_log(path, &Streams::default()) {
         Ok(recording) => recording,
         Err(error) => {
             warnings.push(error.to_string());

@@ -1,21 +1,28 @@
-//! Joint states from bags.
+//! Joint states from bags, and poses and wrenches of links beside them.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
 use super::{
     bag::Bag,
-    ros2msg::{JointState, decode},
+    mcap_file::RawMessage,
+    ros2msg::{Header, JointState, PoseStamped, TfMessage, Transform, WrenchStamped, decode},
 };
 use crate::{
     capture::CaptureError,
-    gap::recording::{JointSamples, Recording},
+    gap::{
+        recording::{JointSamples, Recording},
+        tracks::{PoseTrack, Streams, WrenchTrack},
+    },
 };
 
-/// Type of the messages that are read.
+/// Types of the messages that are read.
 const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+const WRENCH: &str = "geometry_msgs/msg/WrenchStamped";
+const POSE: &str = "geometry_msgs/msg/PoseStamped";
+const TF: &str = "tf2_msgs/msg/TFMessage";
 /// Most joints of one recording.
 const MAX_JOINTS: usize = 256;
 
@@ -26,65 +33,197 @@ struct Samples {
     effort: Vec<f64>,
 }
 
-/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file). Stamps are those of the headers; where these are
-/// missing, those of the recorder, with a warning.
+/// A track whose stamps are still those of the clock.
+struct Stamped<T> {
+    track: T,
+    stamps: Vec<i64>,
+}
+
+/// Everything that is read, as it comes.
+struct Reader<'a> {
+    streams: &'a Streams,
+    joints: BTreeMap<String, Samples>,
+    /// By topic and child frame; an empty child for poses.
+    poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
+    wrenches: BTreeMap<String, Stamped<WrenchTrack>>,
+    topics: BTreeMap<String, String>,
+    /// Topics whose frame changes from message to message.
+    changing: BTreeSet<String>,
+    broken: usize,
+    unstamped: usize,
+}
+
+/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are those of the headers;
+/// where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors
-/// [`CaptureError`] where the bag cannot be read or holds no joint state.
-pub fn read_joint_log(path: &Path) -> Result<Recording, CaptureError> {
+/// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was named.
+pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
-    let mut joints: BTreeMap<String, Samples> = BTreeMap::new();
-    let (mut broken, mut unstamped, mut others) = (0usize, 0usize, BTreeMap::<String, String>::new());
+    let mut reader = Reader {
+        streams,
+        joints: BTreeMap::new(),
+        poses: BTreeMap::new(),
+        wrenches: BTreeMap::new(),
+        topics: BTreeMap::new(),
+        changing: BTreeSet::new(),
+        broken: 0,
+        unstamped: 0,
+    };
     let reports = bag.read(&mut |message| {
-        if message.type_name != JOINT_STATE {
-            others.insert(message.topic.to_owned(), message.type_name.to_owned());
-            return Ok(());
+        reader.message(message);
+        Ok(())
+    })?;
+    reader.check(path)?;
+    let mut warnings = bag.warnings.clone();
+    warnings.extend(reports.iter().filter_map(|(file, report): &(PathBuf, _)| report.damage(&file.display().to_string())));
+    Ok(reader.recording(run_name(path), warnings))
+}
+
+impl Reader<'_> {
+    fn message(&mut self, message: &RawMessage) {
+        let topic = message.topic;
+        self.topics.entry(topic.to_owned()).or_insert_with(|| message.type_name.to_owned());
+        let named = |list: &[(String, String)]| list.iter().find(|(t, _)| t == topic).map(|(_, link)| link.clone());
+        let log_nanos = message.log_time_nanos as i64;
+        match message.type_name {
+            JOINT_STATE => match decode::<JointState>(message.data) {
+                Ok(state) => self.joint_state(&state, log_nanos),
+                Err(_) => self.broken += 1,
+            },
+            WRENCH => {
+                let Some(link) = named(&self.streams.wrenches) else { return };
+                match decode::<WrenchStamped>(message.data) {
+                    Ok(wrench) => self.wrench(topic, link, &wrench, log_nanos),
+                    Err(_) => self.broken += 1,
+                }
+            }
+            POSE => {
+                let Some(link) = named(&self.streams.poses) else { return };
+                match decode::<PoseStamped>(message.data) {
+                    Ok(m) => self.pose(topic, (String::new(), link, true), &m.header, &m.pose, log_nanos),
+                    Err(_) => self.broken += 1,
+                }
+            }
+            TF => {
+                let Ok(message) = decode::<TfMessage>(message.data) else { return };
+                for t in &message.transforms {
+                    let child = t.child_frame_id.trim_start_matches('/').to_owned();
+                    if self.streams.links.contains(&child) {
+                        self.pose(topic, (child.clone(), child, false), &t.header, &t.transform, log_nanos);
+                    }
+                }
+            }
+            _ => {}
         }
-        let Ok(state) = decode::<JointState>(message.data) else {
-            broken += 1;
-            return Ok(());
-        };
-        let stamp = match state.header.stamp.nanos() {
+    }
+
+    fn stamp(&mut self, header: &Header, log_nanos: i64) -> i64 {
+        match header.stamp.nanos() {
             Some(nanos) if nanos > 0 => nanos,
             _ => {
-                unstamped += 1;
-                message.log_time_nanos as i64
+                self.unstamped += 1;
+                log_nanos
             }
-        };
+        }
+    }
+
+    fn joint_state(&mut self, state: &JointState, log_nanos: i64) {
+        let stamp = self.stamp(&state.header, log_nanos);
         for (i, name) in state.name.iter().enumerate() {
-            if joints.len() >= MAX_JOINTS && !joints.contains_key(name) {
+            if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(name) {
                 continue;
             }
-            let samples = joints.entry(name.clone()).or_default();
+            let samples = self.joints.entry(name.clone()).or_default();
             let at = |values: &[f64]| if values.len() == state.name.len() { values[i] } else { f64::NAN };
             samples.stamps.push(stamp);
             samples.position.push(at(&state.position));
             samples.effort.push(at(&state.effort));
         }
+    }
+
+    fn wrench(&mut self, topic: &str, link: String, message: &WrenchStamped, log_nanos: i64) {
+        let stamp = self.stamp(&message.header, log_nanos);
+        let frame = message.header.frame_id.trim_start_matches('/');
+        let track = WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
+        let own = self.wrenches.entry(topic.to_owned()).or_insert(Stamped { track, stamps: Vec::new() });
+        let vector = |v: &super::ros2msg::Vector3| nalgebra::Vector3::new(v.x, v.y, v.z);
+        let (force, moment) = (vector(&message.force), vector(&message.torque));
+        if own.track.frame != frame {
+            self.changing.insert(topic.to_owned());
+        } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {
+            self.broken += 1;
+        } else if own.stamps.last().is_none_or(|last| stamp > *last) {
+            own.stamps.push(stamp);
+            own.track.force.push(force);
+            own.track.moment.push(moment);
+        }
+    }
+
+    /// A pose of (child frame, link, whether it was asked for).
+    fn pose(&mut self, topic: &str, (child, link, asked): (String, String, bool), header: &Header, pose: &Transform, log_nanos: i64) {
+        let stamp = self.stamp(header, log_nanos);
+        let frame = header.frame_id.trim_start_matches('/');
+        let track = PoseTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, asked, ..PoseTrack::default() };
+        let own = self.poses.entry((topic.to_owned(), child)).or_insert(Stamped { track, stamps: Vec::new() });
+        let Some(pose) = pose.checked() else {
+            self.broken += 1;
+            return;
+        };
+        if own.track.frame != frame {
+            self.changing.insert(topic.to_owned());
+        } else if own.stamps.last().is_none_or(|last| stamp > *last) {
+            own.stamps.push(stamp);
+            own.track.pose.push(pose);
+        }
+    }
+
+    /// Refuses a bag that holds nothing about joints, or lacks what was named.
+    fn check(&self, path: &Path) -> Result<(), CaptureError> {
+        let refused = |reason: String| Err(CaptureError::NotARecording { path: path.to_owned(), reason });
+        let seen: Vec<String> = self.topics.iter().map(|(topic, kind)| format!("{topic} ({kind})")).collect();
+        let seen = if seen.is_empty() { "none".to_owned() } else { seen.join(", ") };
+        let wrenches = self.streams.wrenches.iter().map(|(t, _)| (t, WRENCH, self.wrenches.get(t).is_some_and(|w| !w.stamps.is_empty())));
+        let has_pose = |t: &String| self.poses.get(&(t.clone(), String::new())).is_some_and(|p| !p.stamps.is_empty());
+        let poses = self.streams.poses.iter().map(|(t, _)| (t, POSE, has_pose(t)));
+        for (topic, kind, there) in wrenches.chain(poses) {
+            if !there {
+                return refused(format!("it holds no usable {kind} on '{topic}'; its topics are: {seen}"));
+            }
+        }
+        // Transforms of other frames beside those of the twin are no concern.
+        let named = |t: &&String| self.streams.wrenches.iter().chain(&self.streams.poses).any(|(n, _)| n == *t);
+        if let Some(topic) = self.changing.iter().find(named) {
+            return refused(format!("the frame of '{topic}' changes from message to message; record one frame on a topic"));
+        }
+        if self.joints.is_empty() && self.poses.is_empty() {
+            let what = "nor transforms (/tf) of the twin's links";
+            return refused(format!("it holds no {JOINT_STATE}, {what}; its topics are: {seen}; name poses with --pose"));
+        }
         Ok(())
-    })?;
-    let name = run_name(path);
-    if joints.is_empty() {
-        let seen = others.iter().map(|(topic, kind)| format!("{topic} ({kind})")).collect::<Vec<_>>().join(", ");
-        let reason = format!("it holds no {JOINT_STATE}; its topics are: {}", if seen.is_empty() { "none" } else { &seen });
-        return Err(CaptureError::NotARecording { path: path.to_owned(), reason });
     }
-    let mut warnings = bag.warnings.clone();
-    warnings.extend(reports.iter().filter_map(|(file, report): &(PathBuf, _)| report.damage(&file.display().to_string())));
-    if broken > 0 {
-        warnings.push(format!("run '{name}': {broken} joint states could not be decoded"));
+
+    fn recording(self, name: String, mut warnings: Vec<String>) -> Recording {
+        if self.broken > 0 {
+            warnings.push(format!("run '{name}': {} messages could not be decoded or hold no numbers", self.broken));
+        }
+        if self.unstamped > 0 {
+            warnings.push(format!("run '{name}': {} messages have no stamp; the recorder's time is used", self.unstamped));
+        }
+        let starts = self.joints.values().filter_map(|s| s.stamps.iter().min());
+        let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first()));
+        let first = starts.min().copied().unwrap_or(0);
+        let seconds = |stamps: &[i64]| stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect::<Vec<f64>>();
+        let joints = self.joints.into_iter().map(|(name, s)| JointSamples {
+            name,
+            time_s: seconds(&s.stamps),
+            position: s.position,
+            effort: s.effort,
+        });
+        let poses = self.poses.into_values().map(|s| PoseTrack { time_s: seconds(&s.stamps), ..s.track });
+        let wrenches = self.wrenches.into_values().map(|s| WrenchTrack { time_s: seconds(&s.stamps), ..s.track });
+        Recording { name, joints: joints.collect(), poses: poses.collect(), wrenches: wrenches.collect(), warnings }
     }
-    if unstamped > 0 {
-        warnings.push(format!("run '{name}': {unstamped} joint states have no stamp; the recorder's time is used"));
-    }
-    let first = joints.values().filter_map(|s| s.stamps.iter().min()).min().copied().unwrap_or(0);
-    let samples = joints.into_iter().map(|(name, s)| JointSamples {
-        name,
-        time_s: s.stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect(),
-        position: s.position,
-        effort: s.effort,
-    });
-    Ok(Recording { name, joints: samples.collect(), warnings })
 }
 
 /// The last part of a path, without the ending of a file.

@@ -307,6 +307,17 @@ pub struct PoseStamped {
     pub pose: Transform,
 }
 
+/// `geometry_msgs/msg/WrenchStamped`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WrenchStamped {
+    /// Stamp and the frame the wrench is given in.
+    pub header: Header,
+    /// Force, N.
+    pub force: Vector3,
+    /// Moment, N m.
+    pub torque: Vector3,
+}
+
 /// `nav_msgs/msg/Odometry` up to its pose; covariance and twist are not read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Odometry {

@@ -16,7 +16,7 @@ use super::{
     session::free_folder,
 };
 use crate::{
-    gap::{drive::Hold, twin_tree::Motion},
+    gap::{drive::Hold, tracks::Streams, twin_tree::Motion},
     io::{
         read_gap_report, read_twin,
         ros2msg::gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapReport},
@@ -90,6 +90,7 @@ impl Diagnoser {
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,
             effects: Vec::new(),
+            streams: Streams::default(),
         })
     }
 

@@ -1,6 +1,9 @@
 //! The diagnosis: twin and runs in, verdict, updated twin and report out.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use super::{Event, Monitor, RunError, stage_rng};
 use crate::{
@@ -9,14 +12,20 @@ use crate::{
         chain::{carried, motions},
         drive::Hold,
         effects::catalogue,
+        expressed::Format,
+        held::notes,
+        inputs::complete,
         joint_model::Catalogue,
         log::JointLog,
         mjcf,
+        off_axis::OffAxis,
         plant::Plant,
         recording::Recording,
-        report::{self, JointReport},
+        report::{self, ExportNote, JointReport},
+        sdf,
+        tracks::{Streams, moved_link},
         twin_tree::{Motion, TwinTree},
-        update,
+        update, usd,
         verdict::Verdict,
     },
     io::{self, RunDir},
@@ -41,6 +50,8 @@ pub struct DiagnoseRequest {
     pub seed: u64,
     /// Effects to fit at every joint instead of searching for them, by name.
     pub effects: Vec<String>,
+    /// Wrenches and poses that are read beside the joint states.
+    pub streams: Streams,
 }
 
 /// What a diagnosis gives back.
@@ -62,6 +73,44 @@ struct Split {
     held_out: Vec<JointLog>,
 }
 
+/// Everything that was recorded.
+struct Recorded {
+    /// Runs, and whether only the proof reads them.
+    recordings: Vec<(Recording, bool)>,
+    /// What the poses of each run say beside positions, by joint.
+    off_axis: Vec<BTreeMap<usize, OffAxis>>,
+    warnings: Vec<String>,
+}
+
+/// Reads all runs and holds some of them out.
+fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> Result<Recorded, RunError> {
+    let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
+    for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
+        moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
+    }
+    let streams = Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
+    let mut read = Recorded { recordings: Vec::new(), off_axis: Vec::new(), warnings: Vec::new() };
+    let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
+    let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
+    for path in request.runs.iter().chain(beside) {
+        monitor.check()?;
+        let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
+        let about = |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
+        read.off_axis.push(complete(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
+        read.warnings.extend(recording.warnings.iter().cloned());
+        read.recordings.push((recording, is_held(path)));
+    }
+    if request.held_out.is_empty() && read.recordings.len() > 1 {
+        // Every third run, at least the last.
+        let n = read.recordings.len();
+        let count = (n / 3).max(1);
+        for i in 0..count {
+            read.recordings[n - 1 - i * n / count].1 = true;
+        }
+    }
+    Ok(read)
+}
+
 /// Diagnoses a twin.
 ///
 /// # Errors
@@ -70,24 +119,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
     let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
     let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
-    let mut warnings = Vec::new();
-    let mut recordings: Vec<(Recording, bool)> = Vec::new();
-    let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
-    let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
-    for path in request.runs.iter().chain(beside) {
-        monitor.check()?;
-        let recording = io::read_joint_log(path).map_err(|e| failed("recording", &e))?;
-        warnings.extend(recording.warnings.iter().cloned());
-        recordings.push((recording, is_held(path)));
-    }
-    if request.held_out.is_empty() && recordings.len() > 1 {
-        // Every third run, at least the last.
-        let n = recordings.len();
-        let count = (n / 3).max(1);
-        for i in 0..count {
-            recordings[n - 1 - i * n / count].1 = true;
-        }
-    }
+    let Recorded { recordings, off_axis, mut warnings } = read_runs(request, &tree, monitor)?;
     let moving: Vec<usize> =
         (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
@@ -107,7 +139,11 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
                 let turns = tree.joints[j].motion == Motion::Turn;
                 let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold, effects: wanted.clone() };
                 let mut rng = stage_rng(request.seed, &stage, 0);
-                joints.push(assess(&effects, &plant, &name, runs, &mut rng));
+                let mut report = assess(&effects, &plant, &name, runs, &mut rng);
+                // Of all runs the one whose poses leave the joint farthest.
+                let told = off_axis.iter().filter_map(|e| e.get(&j).copied());
+                report.off_axis = told.max_by(|a, b| a.excess().total_cmp(&b.excess()));
+                joints.push(report);
             }
             Err(why) => refused.push(why),
         }
@@ -121,17 +157,19 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf");
     let (mjcf, notes) = mjcf::mjcf(&tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
+    let (mut more, notes) = beside(&request.twin, &tree, &joints, &effects);
+    exports.extend(notes);
     let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))?;
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
     let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
-    let files = [
+    more.extend([
         ("twin.urdf", urdf),
         ("twin.xml", mjcf),
         ("report.json", json + "\n"),
         ("replay.json", replay + "\n"),
         ("report.html", report::html(&joints)),
-    ];
-    for (path, content) in files {
+    ]);
+    for (path, content) in more {
         run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
     }
     let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
@@ -139,6 +177,36 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         monitor.warn(warning.clone());
     }
     Ok(DiagnoseOutcome { folder, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
+}
+
+/// Largest SDF or USD that is read, bytes.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what became of each.
+fn beside(twin: &Path, tree: &TwinTree, joints: &[JointReport], effects: &Catalogue) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
+    let read = |path: PathBuf| {
+        let there = std::fs::metadata(&path).is_ok_and(|m| m.is_file() && m.len() <= MAX_BYTES);
+        there.then(|| std::fs::read_to_string(&path).ok()).flatten()
+    };
+    let (mut files, mut told) = (Vec::new(), Vec::new());
+    let absent = |format, why: &str| joints.iter().flat_map(|j| notes(format, "", j, Some(why))).collect::<Vec<_>>();
+    match read(twin.with_file_name("model.sdf")).map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf")) {
+        Some(Ok((text, notes))) => {
+            files.push(("model.sdf", text));
+            told.extend(notes);
+        }
+        Some(Err(why)) => told.extend(absent(Format::Sdf, &format!("model.sdf beside the twin is no XML: {why}"))),
+        None => told.extend(absent(Format::Sdf, "no model.sdf stands beside the twin")),
+    }
+    match read(twin.with_extension("usda")) {
+        Some(text) => {
+            let (text, notes) = usd::usd(&text, tree, joints, effects, "twin.usda");
+            files.push(("twin.usda", text));
+            told.extend(notes);
+        }
+        None => told.extend(absent(Format::Usd, "no .usda of its name stands beside the twin")),
+    }
+    (files, told)
 }
 
 /// Indices of effects that are named.

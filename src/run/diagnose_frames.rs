@@ -1,6 +1,6 @@
 //! The diagnosis by frames: twin and RGB-D recordings in, verdict, updated twin and report out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{DiagnoseOutcome, DiagnoseRequest, Monitor, RunError, diagnose};
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
         },
         verdict::Verdict,
     },
-    io::{self, RunDir},
+    io::{self, RunDir, SummaryJoint},
 };
 
 /// Pictures are made of so many frames of every run.
@@ -50,8 +50,11 @@ pub fn diagnose_frames(
         monitor.check()?;
         runs.push(io::read_frame_run(path, &CaptureConfig::default(), request.seed, &mut warnings).map_err(|e| failed("frames", &e))?);
     }
-    let diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
+    let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
+    if let Some(note) = own_errors(&request.twin) {
+        diagnosis.notes.insert(0, note);
+    }
     let (urdf, exports) = update::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let mut json = report::report(&twin, &diagnosis, &exports);
     let mut summary = report::summary(&twin, &diagnosis);
@@ -76,6 +79,19 @@ pub fn diagnose_frames(
     let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
     warnings.iter().for_each(|w| monitor.warn(w.clone()));
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
+}
+
+/// What the names for a reconstructed twin must be read with: how well its run folder says that its joints are known.
+fn own_errors(twin: &Path) -> Option<String> {
+    let joints = io::read_run_summary(twin.parent()?).ok()?.joints;
+    let worst = |of: fn(&SummaryJoint) -> f64| joints.iter().map(of).fold(0.0, f64::max);
+    let (place_m, axis_rad) = (worst(|j| j.origin_std_m), worst(|j| j.axis_std_rad));
+    Some(format!(
+        "the twin is a reconstruction: of its axes {:.1} mm and {:.2} deg are its own error (standard deviation, worst joint); an \
+         axis_offset of up to three times that, and a depth bias or a piece of geometry that it lacks itself, are no change of the object",
+        1e3 * place_m,
+        axis_rad.to_degrees()
+    ))
 }
 
 /// One self-contained page: the summary, then photo, twin and residuals of some frames.

@@ -1,6 +1,9 @@
 //! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::gap::{
+    effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    trig::sin_cos,
+};
 
 /// See the module.
 #[derive(Debug)]
@@ -22,7 +25,7 @@ impl Effect for AxisTilt {
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
-        let (s, c) = at.q.sin_cos();
+        let (s, c) = sin_cos(at.q);
         out.value = p[0] * s + p[1] * c;
         out.q = p[0] * c - p[1] * s;
         out.p[0] = s;

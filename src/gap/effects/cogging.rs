@@ -1,6 +1,9 @@
 //! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
+use crate::gap::{
+    effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape},
+    trig::sin_cos,
+};
 
 /// See the module.
 #[derive(Debug)]
@@ -26,7 +29,7 @@ impl Effect for Cogging {
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
-        let (s, c) = (p[2] * at.q).sin_cos();
+        let (s, c) = sin_cos(p[2] * at.q);
         let slope = p[0] * c - p[1] * s;
         out.value = p[0] * s + p[1] * c;
         out.q = p[2] * slope;

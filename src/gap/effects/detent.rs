@@ -1,6 +1,6 @@
 //! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width from it.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -20,6 +20,9 @@ const SPEC: Spec = Spec {
     experiment: "cross the place slowly, both ways, three times",
 };
 
+/// Widths from the middle beyond which nothing is left.
+const REACH: f64 = 6.0;
+
 impl Effect for Detent {
     fn spec(&self) -> &'static Spec {
         &SPEC
@@ -27,7 +30,7 @@ impl Effect for Detent {
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.q - p[1]) / p[2];
-        if x.abs() > 8.0 {
+        if x.abs() > REACH {
             return;
         }
         let bump = (0.5 * (1.0 - x * x)).exp();
@@ -40,6 +43,10 @@ impl Effect for Detent {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         super::bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.position, shape[1], REACH * shape[2])
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {

@@ -1,6 +1,6 @@
 //! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never exported.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -17,6 +17,9 @@ const SPEC: Spec = Spec {
     experiment: "record the same motion again: it does not come back",
 };
 
+/// Widths from the middle beyond which nothing is left.
+const REACH: f64 = 5.0;
+
 impl Effect for Disturbance {
     fn spec(&self) -> &'static Spec {
         &SPEC
@@ -24,7 +27,7 @@ impl Effect for Disturbance {
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.t - p[1]) / p[2];
-        if x.abs() > 5.0 {
+        if x.abs() > REACH {
             return;
         }
         let bump = (-0.5 * x * x).exp();
@@ -43,6 +46,10 @@ impl Effect for Disturbance {
             }
         }
         shapes
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.time_s, shape[1], REACH * shape[2])
     }
 
     fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {

@@ -1,6 +1,6 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
-use crate::gap::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape};
+use crate::gap::effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, Response, Spec, amplitude, shape};
 
 /// See the module.
 #[derive(Debug)]
@@ -20,6 +20,9 @@ const SPEC: Spec = Spec {
     experiment: "cross the place slowly, both ways, three times",
 };
 
+/// Widths from the middle beyond which nothing is left.
+const REACH: f64 = 4.5;
+
 impl Effect for LocalFriction {
     fn spec(&self) -> &'static Spec {
         &SPEC
@@ -27,6 +30,9 @@ impl Effect for LocalFriction {
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.q - p[1]) / p[2];
+        if x.abs() > REACH {
+            return;
+        }
         let bump = (-x * x).exp();
         out.value = p[0] * bump;
         out.q = -2.0 * p[0] * bump * x / p[2];
@@ -37,6 +43,10 @@ impl Effect for LocalFriction {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         super::bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.position, shape[1], REACH * shape[2])
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
