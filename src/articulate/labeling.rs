@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{SurfaceSamples, register::spacing_m, sample_index::SampleIndex, surface_graph::SurfaceGraph};
@@ -24,6 +24,8 @@ pub(crate) const FREE: f32 = 1.6;
 const HALF_COST: f64 = 6.0;
 /// Deviation of the normals (length of their difference) that counts as one standard deviation.
 const NORMAL_SIGMA: f64 = 0.35;
+/// Standard deviation of the change of light on a surface, as a share of it, by the length of its normal's change.
+const SHADING: f64 = 0.5;
 /// Deviations of corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
@@ -157,11 +159,21 @@ impl<'a> Evidence<'a> {
             let offset = point - others.points[j];
             let plane = others.normals[j].dot(&offset) / self.scales.plane_m;
             let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
-            let color = color_distance(these.colors[sample], others.colors[j]) / self.scales.color;
+            let color = self.color_deviation(these.colors[sample], others.colors[j], (normal - these.normals[sample]).norm());
             let side = offset.norm() / self.reach_m;
-            (j as u32, plane * plane + bend * bend + side * side, color * color)
+            (j as u32, plane * plane + bend * bend + side * side, color)
         });
         Landing { partner, free: self.free[1 - state].map(|is_free| is_free(&point)) }
+    }
+
+    /// Squared deviation of two colors of one surface whose normal turned in the world, by a difference of length `turned`: the light
+    /// on it, which scales all channels alike, may have changed by as much.
+    fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
+        let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+        let (difference, sum) = (a - b, a + b);
+        let along = sum.try_normalize(1e-9).map_or(0.0, |direction| direction.dot(&difference).powi(2));
+        let (own, light) = (self.scales.color.powi(2), (SHADING * turned * 0.5 * sum.norm()).powi(2));
+        (difference.norm_squared() - along).max(0.0) / own + along / (own + light)
     }
 
     /// Landings of every sample of a state; those of the last few motions are kept.
