@@ -28,6 +28,9 @@ pub struct JointMotion<'a> {
     pub evidence: MotionEvidence<'a>,
 }
 
+/// A motion is left out where that leaves less than this share of what no joint explains.
+const OUTLIER_SHARE: f64 = 0.2;
+
 /// Freedom of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Freedom {
@@ -205,33 +208,36 @@ impl<'a> Motions<'a> {
         (h, g)
     }
 
-    /// Every joint type, started at the motion that tells most of it.
+    /// Every joint type, started at the motion whose joint suits all motions best: the largest tells the axis most sharply, but
+    /// one that is wrong may be the largest.
     fn fits(&self) -> Vec<Fitted> {
-        let all = 0..self.all.len();
-        let largest = |size: &dyn Fn(usize) -> f64| all.clone().max_by(|a, b| size(*a).total_cmp(&size(*b)).then(b.cmp(a))).unwrap_or(0);
-        let shift = |k: usize| self.relative(k) * self.near - self.near;
-        let along = shift(largest(&|k| shift(k).norm()));
-        let slide = SharedJoint {
+        let slide = |k: usize| SharedJoint {
             freedom: Freedom::Slide,
-            direction: Unit::try_new(along, 1e-9).unwrap_or_else(Vector3::x_axis),
+            direction: Unit::try_new(self.relative(k) * self.near - self.near, 1e-9).unwrap_or_else(Vector3::x_axis),
             point: self.near,
             pitch_m_per_rad: 0.0,
             positions: Vec::new(),
         };
-        let most = self.relative(largest(&|k| self.relative(k).rotation.angle()));
-        let turn = RevoluteMotion::of(&most, &self.near).map(|r| SharedJoint {
-            freedom: Freedom::Turn,
-            direction: r.direction,
-            point: r.point,
-            ..slide.clone()
-        });
-        let pitch_m_per_rad = Screw::of(&most).map_or(0.0, |s| s.advance_m / s.angle_rad);
-        let helix = turn.clone().map(|t| SharedJoint { freedom: Freedom::Helix, pitch_m_per_rad, ..t });
-        let started = |mut joint: SharedJoint| {
-            joint.positions = all.clone().map(|k| joint.nearest(&self.relative(k), &self.near)).collect();
-            self.fit(joint)
+        let turn = |k: usize| {
+            let r = RevoluteMotion::of(&self.relative(k), &self.near)?;
+            Some(SharedJoint { freedom: Freedom::Turn, direction: r.direction, point: r.point, ..slide(k) })
         };
-        [Some(slide), turn, helix].into_iter().flatten().map(started).collect()
+        let helix = |k: usize| {
+            let pitch_m_per_rad = Screw::of(&self.relative(k)).map_or(0.0, |s| s.advance_m / s.angle_rad);
+            turn(k).map(|t| SharedJoint { freedom: Freedom::Helix, pitch_m_per_rad, ..t })
+        };
+        let all = 0..self.all.len();
+        let starts = [all.clone().map(slide).collect(), all.clone().filter_map(turn).collect(), all.filter_map(helix).collect()];
+        starts.into_iter().filter_map(|s: Vec<SharedJoint>| self.best_start(s)).map(|joint| self.fit(joint)).collect()
+    }
+
+    /// Of some joints the one of the lowest cost, with the position that comes nearest to each motion.
+    fn best_start(&self, joints: Vec<SharedJoint>) -> Option<SharedJoint> {
+        let placed = joints.into_iter().map(|mut joint| {
+            joint.positions = (0..self.all.len()).map(|k| joint.nearest(&self.relative(k), &self.near)).collect();
+            (self.linearised(&joint).iter().map(|q| q.cost).sum::<f64>(), joint)
+        });
+        placed.reduce(|a, b| if b.0 < a.0 { b } else { a }).map(|(_, joint)| joint)
     }
 
     /// Bayesian information criterion in units of the errors that were seen.
@@ -314,7 +320,7 @@ pub fn estimate_shared_joint(motions: &[JointMotion], place: (&Point3<f64>, f64)
             (excess, left_out, others)
         };
         let best = (0..motions.len()).map(without).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        if let Some((_, left_out, others)) = best.filter(|b| b.0 < DECISIVE) {
+        if let Some((_, left_out, others)) = best.filter(|b| b.0 < DECISIVE.max(OUTLIER_SHARE * found.excess(&scores))) {
             let estimate = estimate_shared_joint(&others, place, false, config);
             return with_contradiction(estimate, &found, left_out);
         }
