@@ -19,7 +19,7 @@ use crate::{
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
 /// A direction is told of by this share of the information about the best one.
-const OBSERVED: f64 = 0.01;
+const OBSERVED: f64 = 0.03;
 /// Rounds end when the world moves less than this, metres (radians times one metre).
 const STEP_M: f64 = 1e-5;
 
