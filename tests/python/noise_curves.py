@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Joint errors against the noise and the amount of what was recorded, and whether they are as large as the twin says.
 
-    python tests/python/noise_curves.py --out DIR [--artitwin PATH] [--preset NAME] [--only SWEEP,...]
+    python tests/python/noise_curves.py --out DIR [--artitwin PATH] [--preset NAME] [--only SWEEP,...] [--have]
 
 Needs Python 3 and the program. The same objects are made at every point of every sweep, with the true number of parts told.
-Every point has a folder DIR/<point>/<seed>; what is there is not made again, so a run that was stopped goes on. Prints a table
-and writes DIR/noise_curves.md and DIR/noise_curves.svg: errors of axis (degrees), line (millimeters, at the joint's place) and
-motion (degrees, or millimeters of a slide), and for each the root mean square of error / stated deviation with the share of
-joints within 1 and 2 deviations.
+Every point has a folder DIR/<point>/<seed>; what is there is not made again, so a run that was stopped goes on, and `--have`
+tells of what is there alone. Prints a table and writes DIR/noise_curves.md and DIR/noise_curves.svg: errors of axis (degrees),
+line (millimeters, at the joint's place) and motion (degrees, or millimeters of a slide), and for each the root mean square of
+error / stated deviation with the share of joints within 1 and 2 deviations. A joint of a wrong type, or whose motion is off by
+more than a half, was not found: its errors are not those of noise.
 """
 
 import argparse
@@ -46,6 +47,8 @@ SWEEPS = {
 QUANTITIES = ["axis, deg", "line, mm", "turn, deg", "slide, mm"]
 # Within this factor a stated deviation counts as right.
 CALIBRATED = 1.5
+# A motion off by this share was not found.
+WRONG = 0.5
 
 
 def folder_of(synth, reconstruct):
@@ -59,6 +62,8 @@ def measure(synth, reconstruct, args):
     joints, failures = [], []
     for seed, kind in OBJECTS:
         point = args.out / folder_of(synth, reconstruct)
+        if args.have and not (point / str(seed) / "runs" / "object").exists():
+            continue
         views = "" if "--views" in synth else f"--views {VIEWS}"
         run = argparse.Namespace(
             out=point, artitwin=args.artitwin, preset=args.preset, tell_parts=True,
@@ -72,15 +77,24 @@ def measure(synth, reconstruct, args):
         truth = {p["name"]: p for p in json.loads((point / str(seed) / "object" / "truth.json").read_text())["parts"]}
         report = json.loads((point / str(seed) / "runs" / "object" / "report.json").read_text())
         stated = {j["name"]: j for j in report["joints"]}
-        joints += [compare(j, truth[j["part"]], stated[j["joint"]]) for j in row["joints"] if j.get("type_right")]
-        joints += [{} for j in row["joints"] if not j.get("type_right")]
+        for joint in row["joints"]:
+            part = truth[joint["part"]]
+            found = joint.get("type_right") and off_by(stated[joint["joint"]], part) < WRONG * abs(part["motion"])
+            joints.append(compare(joint, part, stated[joint["joint"]]) if found else {})
+            if joint.get("type_right") and not found:
+                failures.append(f"{point.name}, seed {seed}: {joint['part']} has a wrong motion")
     return joints, failures
+
+
+def off_by(stated, truth):
+    """Error of the motion, radians or meters."""
+    return abs(abs(stated["motion"]["value"]) - abs(truth["motion"]))
 
 
 def compare(found, truth, stated):
     """Error and stated deviation of a joint by quantity."""
     turns = truth["type"] != "prismatic"
-    motion = abs(abs(stated["motion"]["value"]) - abs(truth["motion"]))
+    motion = off_by(stated, truth)
     values = {"axis, deg": (found["axis_deg"], stated["axis_std_deg"])}
     if turns:
         values["line, mm"] = (1e3 * off_line(stated["origin"], truth["origin"], truth["axis"]), stated["origin_std_mm"])
@@ -193,6 +207,7 @@ def main():
     parser.add_argument("--artitwin", default="target/release/artitwin")
     parser.add_argument("--preset", default="preview")
     parser.add_argument("--only", default="", help="sweeps that hold one of these words, separated by commas")
+    parser.add_argument("--have", action="store_true", help="make nothing: tell of the runs that are there")
     args = parser.parse_args()
     wanted = [w for w in args.only.split(",") if w]
     points, unique, failures = [], [], []
@@ -204,10 +219,13 @@ def main():
             points.append((sweep, name, joints))
             unique.append((folder_of(synth, reconstruct), joints))
             failures += [f for f in failed if f not in failures]
+            if not joints:  # nothing of it was asked for
+                points.pop()
+                continue
             print(f"{sweep} {name}: {sum(bool(j) for j in joints)} of {len(joints)} joints", file=sys.stderr, flush=True)
     text = "\n".join([
         f"Errors as median (worst). {len(OBJECTS)} textured objects, the same at every point, {VIEWS} views of 320x240 a state, preset "
-        f"`{args.preset}`, parts told; joints of a wrong type have no error. A stated deviation is right where the root mean square of",
+        f"`{args.preset}`, parts told; joints not found have no error. A stated deviation is right where the root mean square of",
         f"error / stated lies between 1/{CALIBRATED} and {CALIBRATED}. Made by `tests/python/noise_curves.py`.",
         "",
         table(points),

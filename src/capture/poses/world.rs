@@ -18,6 +18,8 @@ use crate::{
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
+/// A direction is told of by this share of the information about the best one.
+const OBSERVED: f64 = 0.03;
 /// Rounds end when the world moves less than this, metres (radians times one metre).
 const STEP_M: f64 = 1e-5;
 
@@ -99,6 +101,7 @@ fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, mov
         information += carried.transpose() * own * carried;
         gradient += carried.transpose() * sums.gradient[which];
     }
+    let (mut information, mut gradient) = observed(&information, &gradient);
     let (shift, turn) = (moved.translation.vector, log_so3(&moved.rotation));
     for k in 0..3 {
         for (at, value, sigma) in [(k, shift[k], expected.translation_m), (3 + k, turn[k], expected.rotation_rad)] {
@@ -107,6 +110,19 @@ fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, mov
         }
     }
     Some(-information.cholesky()?.solve(&gradient))
+}
+
+/// What is told along the directions that the surfaces tell of (solution remapping: Zhang, Kaess and Singh 2016). The others
+/// have little information, and that from the noise of normals. Radians count as metres.
+fn observed(information: &Matrix6<f64>, gradient: &Vector6<f64>) -> (Matrix6<f64>, Vector6<f64>) {
+    let eigen = information.symmetric_eigen();
+    let least = OBSERVED * eigen.eigenvalues.max();
+    let mut told = (Matrix6::zeros(), Vector6::zeros());
+    for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least) {
+        told.0 += direction * direction.transpose() * *value;
+        told.1 += direction * direction.dot(gradient);
+    }
+    told
 }
 
 /// Takes a small motion about the middle to that of a camera in its own frame (the adjoint of a rigid motion).
