@@ -102,7 +102,7 @@ fn in_formats(effects: &Catalogue, held_out: &Problem, twin: &JointModel, update
 /// Share of the gap that the nearest effects may leave for one of them to be looked at alone.
 const MAX_NEAREST_LEFT: f64 = 0.25;
 
-/// Of effects that explain much of the fitted runs and not enough, those that do better on the held-out runs without the rest:
+/// Of effects that explain much of the fitted runs and not enough, those that do clearly better on the held-out runs without the rest:
 /// what only mends the fitted runs is taken away, the worst first. `None` where nothing can be.
 fn fewer(problem: &Problem, held_out: &Problem, nearest: &JointModel, gap: &Gap) -> Option<Vec<usize>> {
     if nearest.terms.len() < 2 || left_of(gap) > MAX_NEAREST_LEFT {
@@ -124,9 +124,11 @@ fn fewer(problem: &Problem, held_out: &Problem, nearest: &JointModel, gap: &Gap)
         (rmse, model) = best;
     }
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].name() == "disturbance");
-    (rmse < gap.after && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+    (rmse < CLEARLY * gap.after && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
+/// Share of a residual that is clearly less: the effects taken away misled.
+const CLEARLY: f64 = 0.8;
 /// Multiple of a residual that counts as the same on the way.
 const SAME: f64 = 1.05;
 
