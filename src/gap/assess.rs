@@ -64,7 +64,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
         let whole = prove(&held_out, &twin, &nearest.model).0;
-        let fewer = if runs.effects.is_empty() { fewer(&problem, &held_out, &nearest.model, &whole) } else { None };
+        let fewer = if runs.effects.is_empty() { fewer(&problem, &twin, &nearest.model) } else { None };
         let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
         match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
             Some((proved, found)) => {
@@ -99,23 +99,35 @@ fn in_formats(effects: &Catalogue, held_out: &Problem, twin: &JointModel, update
     Format::ALL.map(&mut one).to_vec()
 }
 
-/// Share of the gap that the nearest effects may leave for one of them to be looked at alone.
+/// Share of the residual that the nearest effects may leave for one of them to be looked at alone.
 const MAX_NEAREST_LEFT: f64 = 0.25;
 
-/// Of effects that explain much of the fitted runs and not enough, those that do clearly better on the held-out runs without the rest:
-/// what only mends the fitted runs is taken away, the worst first. `None` where nothing can be.
-fn fewer(problem: &Problem, held_out: &Problem, nearest: &JointModel, gap: &Gap) -> Option<Vec<usize>> {
-    if nearest.terms.len() < 2 || left_of(gap) > MAX_NEAREST_LEFT {
+/// Of effects that explain much of the fitted runs and not enough, those that foretell one half of these runs from the other clearly better
+/// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None` where nothing can be.
+fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<Vec<usize>> {
+    if nearest.terms.len() < 2 {
         return None;
     }
-    let (mut model, mut rmse) = (nearest.clone(), gap.after);
+    let folds = problem.folds()?;
+    let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
+    let foretold = |model: &JointModel| {
+        let one = |[fitted, other]: &[Problem; 2]| {
+            let known =
+                if model.terms.is_empty() { model.clone() } else { fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model };
+            windowed_rmse(other, &known).powi(2)
+        };
+        folds.iter().map(one).sum::<f64>().sqrt()
+    };
+    let whole = foretold(nearest);
+    if whole > MAX_NEAREST_LEFT * foretold(twin) {
+        return None;
+    }
+    let (mut model, mut rmse) = (nearest.clone(), whole);
     while model.terms.len() > 1 {
         let without = |i: usize| {
             let mut fewer = model.clone();
             fewer.terms.remove(i);
-            let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
-            let fitted = fit(problem, &fewer, None, sigma_u, Free::All, Pace::thorough(2)).model;
-            (windowed_rmse(held_out, &fitted), fitted)
+            (foretold(&fewer), fewer)
         };
         let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
         if best.0 > SAME * rmse {
@@ -124,7 +136,7 @@ fn fewer(problem: &Problem, held_out: &Problem, nearest: &JointModel, gap: &Gap)
         (rmse, model) = best;
     }
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].name() == "disturbance");
-    (rmse < CLEARLY * gap.after && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+    (rmse < CLEARLY * whole && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
 /// Share of a residual that is clearly less: the effects taken away misled.

@@ -97,6 +97,16 @@ impl<'c> Problem<'c> {
         problem
     }
 
+    /// The runs in two halves, each as the one that is fitted with the other; `None` of a single run.
+    #[must_use]
+    pub fn folds(&self) -> Option<[[Self; 2]; 2]> {
+        let half = |k: usize| {
+            let logs = self.logs.iter().skip(k).step_by(2).cloned().collect();
+            Self { sigma_y: self.sigma_y, ..Self::new(self.catalogue, &self.plant, self.turns, logs, self.hold) }
+        };
+        (self.logs.len() > 1).then(|| [[half(0), half(1)], [half(1), half(0)]])
+    }
+
     /// The same with the small steps that parameters are reported from.
     #[must_use]
     pub fn refined(&self) -> Self {
