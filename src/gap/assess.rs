@@ -99,16 +99,16 @@ fn in_formats(effects: &Catalogue, held_out: &Problem, twin: &JointModel, update
     Format::ALL.map(&mut one).to_vec()
 }
 
-/// Share of the residual that the nearest effects may leave for one of them to be looked at alone.
-const MAX_NEAREST_LEFT: f64 = 0.25;
+/// Share of the residual that effects may leave of runs that they were not fitted to.
+const MOST_LEFT: f64 = 0.5;
 
-/// Of effects that explain much of the fitted runs and not enough, those that foretell one half of these runs from the other clearly better
-/// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None` where nothing can be.
+/// Of effects that do not explain enough, those that foretell each fitted run from the others clearly better without the rest: what only
+/// mends the runs that it was fitted to is taken away, the worst first. `None` where nothing can be.
 fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<Vec<usize>> {
     if nearest.terms.len() < 2 {
         return None;
     }
-    let folds = problem.folds()?;
+    let folds = problem.folds();
     let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
     let foretold = |model: &JointModel| {
         let one = |[fitted, other]: &[Problem; 2]| {
@@ -119,9 +119,6 @@ fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<V
         folds.iter().map(one).sum::<f64>().sqrt()
     };
     let whole = foretold(nearest);
-    if whole > MAX_NEAREST_LEFT * foretold(twin) {
-        return None;
-    }
     let (mut model, mut rmse) = (nearest.clone(), whole);
     while model.terms.len() > 1 {
         let without = |i: usize| {
@@ -136,7 +133,8 @@ fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<V
         (rmse, model) = best;
     }
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].name() == "disturbance");
-    (rmse < CLEARLY * whole && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+    let much = rmse < CLEARLY * whole && rmse < MOST_LEFT * foretold(twin);
+    (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
 /// Share of a residual that is clearly less: the effects taken away misled.

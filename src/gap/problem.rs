@@ -15,6 +15,9 @@ const LAG_SHARE: f64 = 0.06;
 /// Least relative noise of the effort.
 const MIN_EFFORT_NOISE: f64 = 2e-4;
 
+/// Most parts of a cross-validation.
+const FOLDS: usize = 6;
+
 /// Steps of the last fit and of the proof for each step of the search.
 const FINER: usize = 4;
 
@@ -97,14 +100,15 @@ impl<'c> Problem<'c> {
         problem
     }
 
-    /// The runs in two halves, each as the one that is fitted with the other; `None` of a single run.
+    /// The runs without each of them, and it alone (cross-validation; of more than [`FOLDS`] runs several together); none of a single run.
     #[must_use]
-    pub fn folds(&self) -> Option<[[Self; 2]; 2]> {
-        let half = |k: usize| {
-            let logs = self.logs.iter().skip(k).step_by(2).cloned().collect();
+    pub fn folds(&self) -> Vec<[Self; 2]> {
+        let of = |holds: &dyn Fn(usize) -> bool| {
+            let logs = self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
             Self { sigma_y: self.sigma_y, ..Self::new(self.catalogue, &self.plant, self.turns, logs, self.hold) }
         };
-        (self.logs.len() > 1).then(|| [[half(0), half(1)], [half(1), half(0)]])
+        let count = if self.logs.len() > 1 { self.logs.len().min(FOLDS) } else { 0 };
+        (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
     }
 
     /// The same with the small steps that parameters are reported from.
