@@ -1,6 +1,6 @@
 //! `artitwin diagnose` on a twin in a run folder: the effects in the SDF and the USD that stand beside it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
 mod common;
 #[path = "common/door.rs"]

@@ -66,7 +66,7 @@ pub fn most_likely_noise(problem: &Problem, model: &JointModel, starts: &[Start]
 
 /// Whitens (start position, start velocity, residual) and gives their products.
 fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
-    let mut filter = Filter::<3>::new();
+    let mut filter = Filter::<3>::default();
     let mut sums = [0.0; 6];
     for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
         let mut white = *row;

@@ -57,7 +57,7 @@ impl Bench<'_, '_> {
         let log = &self.problem.logs[span.log];
         let measured = &log.position[span.start..span.start + span.len];
         let mut whitening = measured.iter().zip(&self.whitening.locals[span.log][span.start..]).zip(&self.whitening.gains[window]);
-        let mut filter = Filter::<3>::new();
+        let mut filter = Filter::<3>::default();
         let [mut cost, mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 6];
         let each = |predicted: f64, row: &Row| {
             let Some(((measured, local), gain)) = whitening.next() else { return };

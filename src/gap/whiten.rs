@@ -104,13 +104,14 @@ pub struct Filter<const W: usize> {
     v: [f64; W],
 }
 
-impl<const W: usize> Filter<W> {
+impl<const W: usize> Default for Filter<W> {
     /// At the start of a window.
-    #[must_use]
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self { q: [0.0; W], v: [0.0; W] }
     }
+}
 
+impl<const W: usize> Filter<W> {
     /// Whitens the first `W` columns of the next row.
     #[inline]
     pub fn pass(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
@@ -127,7 +128,7 @@ impl<const W: usize> Filter<W> {
 
 /// Passes the first `W` columns of rows through the filter.
 pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
-    let mut filter = Filter::<W>::new();
+    let mut filter = Filter::<W>::default();
     for ((row, local), gain) in rows.iter_mut().zip(locals).zip(gains) {
         filter.pass(row, local, gain);
     }
