@@ -45,6 +45,8 @@ const SPLIT: f64 = 0.8;
 const FIRM: f64 = 2.2;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
+/// Two sets of motions explain alike from this share of the better one's evidence on.
+const ALIKE: f64 = 0.9;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -135,29 +137,47 @@ impl Run<'_> {
             if motions.len() == 1 {
                 return steps;
             }
-            motions.remove(self.dispensable(&motions, &scores));
-            self.round(&mut motions);
+            motions = self.without_least(&motions, &scores);
         }
     }
 
-    /// Of the weakest motions the one without which the others explain most. Matches to a wrong place do not come in numbers:
-    /// motions that have the least evidence in matches alone go last.
-    fn dispensable(&self, motions: &[Pose], scores: &[f64]) -> usize {
+    /// All motions but the one of the weakest without which the others explain most, refitted; where that hardly differs, but
+    /// the one without which, refitted, most others have the evidence that a part needs. Matches to a wrong place do not come in
+    /// numbers: motions that have the least evidence in matches alone go last.
+    fn without_least(&self, motions: &[Pose], scores: &[f64]) -> Vec<Pose> {
+        let least = self.config.least_score;
         let matched = self.match_cells(motions);
-        let told = |k: usize| matched[k] - CHANCE >= self.config.least_score;
+        let told = |k: usize| matched[k] - CHANCE >= least;
         let mut weakest: Vec<usize> = (1..motions.len()).collect();
         weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
         let untold = weakest.iter().filter(|k| !told(**k)).count();
-        weakest.truncate(if untold > 0 { untold.min(RIVALS) } else { RIVALS });
-        let without = |&k: &usize| {
-            let others: Vec<Pose> = motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
-            (self.weighed(&others).0[1..].iter().sum::<f64>(), k)
-        };
         // One that explains next to nothing needs no comparison.
-        if scores[weakest[0]] < 0.5 * self.config.least_score {
-            return weakest[0];
+        let clear = scores[weakest[0]] < 0.5 * least;
+        weakest.truncate(if clear { 1 } else { RIVALS.min(if untold > 0 { untold } else { RIVALS }) });
+        let without = |k: usize| motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect::<Vec<_>>();
+        let refitted = |mut others: Vec<Pose>| {
+            self.round(&mut others);
+            others
+        };
+        let sum = |scores: &[f64]| scores[1..].iter().sum::<f64>();
+        let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(without).map(|others| (0.0, others)).collect();
+        if rest.len() > 1 {
+            rest.iter_mut().for_each(|(evidence, others)| *evidence = sum(&self.weighed(others).0));
+            rest.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let alike = ALIKE * rest[0].0;
+            rest.retain(|r| r.0 >= alike);
         }
-        weakest.iter().map(without).fold((f64::NEG_INFINITY, weakest[0]), |a, b| if b.0 > a.0 { b } else { a }).1
+        if rest.len() == 1 {
+            return refitted(rest.swap_remove(0).1);
+        }
+        let judged = rest.into_iter().map(|(_, others)| {
+            let others = refitted(others);
+            let scores = self.weighed(&others).0;
+            let standing = scores[1..].iter().filter(|s| **s >= least).count();
+            (standing, sum(&scores), others)
+        });
+        let better = |a: &(usize, f64, Vec<Pose>), b: &(usize, f64, Vec<Pose>)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
+        judged.reduce(|a, b| if better(&b, &a).is_gt() { b } else { a }).map_or_else(Vec::new, |best| best.2)
     }
 
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.

@@ -113,16 +113,22 @@ fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, mov
 }
 
 /// What is told along the directions that the surfaces tell of (solution remapping: Zhang, Kaess and Singh 2016). The others
-/// have little information, and that from the noise of normals. Radians count as metres.
+/// have little information, and that from the noise of normals. Turns are compared with shifts at the distance at which
+/// both are told of alike.
 fn observed(information: &Matrix6<f64>, gradient: &Vector6<f64>) -> (Matrix6<f64>, Vector6<f64>) {
-    let eigen = information.symmetric_eigen();
+    let told_of = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
+    let lever_m = (told_of(3) / told_of(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
+    let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
+    let inverse = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
+    let eigen = (inverse * information * inverse).symmetric_eigen();
     let least = OBSERVED * eigen.eigenvalues.max();
+    let gradient = inverse * gradient;
     let mut told = (Matrix6::zeros(), Vector6::zeros());
     for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least) {
         told.0 += direction * direction.transpose() * *value;
-        told.1 += direction * direction.dot(gradient);
+        told.1 += direction * direction.dot(&gradient);
     }
-    told
+    (unit * told.0 * unit, unit * told.1)
 }
 
 /// Takes a small motion about the middle to that of a camera in its own frame (the adjoint of a rigid motion).
