@@ -109,7 +109,7 @@ fn no_transforms_at_all() {
 
 #[test]
 fn states_without_overlap() {
-    let words = ["the states have no place in common", "the static part must stand still", "check the camera poses"];
+    let words = ["states 0 and 1 have no place in common", "the static part must stand still", "check the camera poses"];
     refused_drawer("apart", &words, |state, m| {
         if state == 1 && m.is("/tf") {
             change_tf(m, |tf| tf.transforms[0].transform.translation.x += 1.0);
