@@ -161,7 +161,9 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
 /// Corrects the poses of one state, where that is borne out; `None` where too little is seen to tell.
 fn refine_state(frames: &mut [RgbdFrame], surfels: &[Surfels]) -> Option<PoseCorrection> {
     let count = frames.len();
-    if count < LEAST_FRAMES {
+    // Errors smaller than a pixel cannot be told from the steps of a coarse image.
+    let coarse = |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
+    if count < LEAST_FRAMES || frames.iter().any(coarse) {
         return None;
     }
     let told: Vec<Pose> = frames.iter().map(|f| f.world_from_camera).collect();
