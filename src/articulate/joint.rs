@@ -133,6 +133,14 @@ impl Candidates {
     }
 }
 
+/// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any motion, pays as in the
+/// choice of the type, and counts only where it is `threaded`.
+pub(super) fn excess(scores: &BTreeMap<String, f64>, threaded: bool) -> f64 {
+    let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
+    let screw = if threaded { of("screw") + DECISIVE } else { f64::INFINITY };
+    of("prismatic").min(of("revolute")).min(screw) - of("free")
+}
+
 /// What speaks against an axis far from its part, on the scale of the scores: a hinge is on the part or beside it, so that the
 /// distance of the axis from the part's middle is taken as that of a Student distribution with two degrees of freedom, over
 /// twice the radius of the part. A slide is a turn about an axis far away.

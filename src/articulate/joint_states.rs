@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, SMatrix, Unit, Vector3, Vector6};
 
 use super::{
-    joint::{Cautioned, DECISIVE, JointEstimate, PARAMETERS, ParentMotion, cautions, far, fit_free, not_observable},
+    joint::{Cautioned, DECISIVE, JointEstimate, PARAMETERS, ParentMotion, cautions, excess, far, fit_free, not_observable},
     joint_motion::{RevoluteMotion, foot, frame_across},
-    motion_fit::{FreeMotion, MotionEvidence, MotionModel, Quadratic, RefineConfig, Refined},
+    motion_fit::{FreeMotion, MotionEvidence, MotionModel, Quadratic, RefineConfig, Refined, minimise},
 };
 use crate::{
     geometry::{Pose, Screw, log_so3},
@@ -19,6 +19,7 @@ use crate::{
 };
 
 /// What is known of one motion of a part, from state 0 to another state.
+#[derive(Clone, Copy)]
 pub struct JointMotion<'a> {
     /// Motion of the part that the fit starts from, in the world.
     pub start: Pose,
@@ -166,31 +167,12 @@ impl<'a> Motions<'a> {
         (0..self.all.len()).map(|k| self.all[k].evidence.linearise(&at(k), self.free[k].sigma_m, self.config)).collect()
     }
 
-    /// Levenberg-Marquardt over all motions at once.
-    fn fit(&self, mut joint: SharedJoint) -> Fitted {
-        let cost = |all: &[Quadratic]| all.iter().map(|q| q.cost).sum::<f64>();
-        let mut quadratics = self.linearised(&joint);
-        let mut damping = 1e-4;
-        for _ in 0..self.config.iterations {
-            let (h, g) = self.normal_equations(&joint, &quadratics);
-            let mut damped = h.clone();
-            (0..h.nrows()).for_each(|k| damped[(k, k)] += damping * h[(k, k)] + 1e-12);
-            let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
-            let next = joint.stepped(&step);
-            let trial = self.linearised(&next);
-            let (before, after) = (cost(&quadratics), cost(&trial));
-            if after <= before {
-                (joint, quadratics, damping) = (next, trial, damping * 0.3);
-                if before - after < 1e-9 * before.max(1e-12) {
-                    break;
-                }
-            } else {
-                damping *= 8.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
+    /// All motions at once.
+    fn fit(&self, start: SharedJoint) -> Fitted {
+        let cost = |all: &Vec<Quadratic>| all.iter().map(|q| q.cost).sum::<f64>();
+        let equations = |joint: &SharedJoint, all: &Vec<Quadratic>| self.normal_equations(joint, all);
+        let (joint, quadratics) =
+            minimise(start, self.config.iterations, |joint| self.linearised(joint), cost, equations, SharedJoint::stepped);
         let (h, _) = self.normal_equations(&joint, &quadratics);
         let tangents = (0..self.all.len()).map(|k| joint.tangent(k, &self.all[k].parent.state1_from_state0)).collect();
         Fitted { joint, quadratics, tangents, covariance: h.cholesky().map(|c| c.inverse()) }
@@ -292,12 +274,6 @@ impl<'a> Motions<'a> {
         let small_sample = blocks.len() as f64 / (blocks.len() - n) as f64;
         self.dispersion.max(small_sample * ratio)
     }
-
-    /// Score of the best joint with one freedom against that of the free motions.
-    fn excess(&self, scores: &BTreeMap<String, f64>) -> f64 {
-        let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
-        of("prismatic").min(of("revolute")).min(of("screw") + DECISIVE) - of("free")
-    }
 }
 
 /// Fits all joint types to all motions of a part and chooses. `near` is the middle of the part in state 0 and `radius_m` the
@@ -310,28 +286,22 @@ pub fn estimate_shared_joint(motions: &[JointMotion], place: (&Point3<f64>, f64)
     let found = Motions::new(motions, place, config);
     let fits = found.fits();
     let scores = found.scores(&fits);
-    if doubt && motions.len() > 1 && found.excess(&scores) > DECISIVE {
+    if doubt && motions.len() > 1 && excess(&scores, true) > DECISIVE {
         let without = |left_out: usize| {
-            let others: Vec<JointMotion> = motions.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, m)| m.again()).collect();
+            let others: Vec<JointMotion> = motions.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, m)| *m).collect();
             let excess = {
                 let found = Motions::new(&others, place, config);
-                found.excess(&found.scores(&found.fits()))
+                excess(&found.scores(&found.fits()), true)
             };
             (excess, left_out, others)
         };
         let best = (0..motions.len()).map(without).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        if let Some((_, left_out, others)) = best.filter(|b| b.0 < DECISIVE.max(OUTLIER_SHARE * found.excess(&scores))) {
+        if let Some((_, left_out, others)) = best.filter(|b| b.0 < DECISIVE.max(OUTLIER_SHARE * excess(&scores, true))) {
             let estimate = estimate_shared_joint(&others, place, false, config);
             return with_contradiction(estimate, &found, left_out);
         }
     }
     estimate(&found, fits, scores)
-}
-
-impl<'a> JointMotion<'a> {
-    fn again(&self) -> JointMotion<'a> {
-        JointMotion { start: self.start, parent: self.parent, evidence: self.evidence }
-    }
 }
 
 /// The estimate with a position for the motion that it leaves out, and what that motion needs beyond the joint.

@@ -8,7 +8,9 @@
 use nalgebra::Matrix6;
 
 use super::{
-    JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples, joint::DECISIVE, joint_of_part, pair_of,
+    JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples,
+    joint::{DECISIVE, excess},
+    joint_of_part, pair_of,
     sample_index::SampleIndex,
 };
 use crate::{
@@ -111,18 +113,12 @@ fn candidates(
         let carried = |m: usize| ParentMotion { state1_from_state0: motion(parent, m), ..ParentMotion::still() };
         let carried: Vec<ParentMotion> = (0..root.len()).map(carried).collect();
         let joint = joint_of_part(&parts[k], &carried, states, false, config);
-        Candidate { parent, excess: excess(&joint), gap_m: gap_m(&all[k + 1], &indices[parent]), joint }
+        let threaded = matches!(joint.kind, JointKind::Screw { .. });
+        let excess = excess(&joint.evidence.type_scores, threaded);
+        Candidate { parent, excess, gap_m: gap_m(&all[k + 1], &indices[parent]), joint }
     };
     let of = |k: usize| (0..=parts.len()).filter(|&p| p != k + 1).map(|p| candidate(k, p)).collect();
     (0..parts.len()).map(of).collect()
-}
-
-/// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any motion, pays
-/// as in the choice of the type.
-fn excess(joint: &JointEstimate) -> f64 {
-    let of = |name: &str| joint.evidence.type_scores.get(name).copied().unwrap_or(f64::INFINITY);
-    let screw = if matches!(joint.kind, JointKind::Screw { .. }) { of("screw") + DECISIVE } else { f64::INFINITY };
-    of("prismatic").min(of("revolute")).min(screw) - of("free")
 }
 
 /// Surface of a part in every state.

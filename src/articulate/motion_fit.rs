@@ -363,25 +363,40 @@ pub struct Refined<M> {
 /// Levenberg-Marquardt over a motion model; `sigma_m` is the surface residuals' standard deviation.
 #[must_use]
 pub fn refine<M: MotionModel>(start: M, evidence: &MotionEvidence, sigma_m: f64, config: &RefineConfig) -> Refined<M> {
-    let mut model = start;
-    let mut q = evidence.linearise(&model.motion(), sigma_m, config);
-    let mut damping = 1e-4;
-    for _ in 0..config.iterations {
+    let linearise = |model: &M| evidence.linearise(&model.motion(), sigma_m, config);
+    let equations = |model: &M, q: &Quadratic| {
         let t = model.tangent();
-        let h = t.transpose() * q.information * &t;
-        let g = t.transpose() * q.gradient;
+        (t.transpose() * q.information * &t, t.transpose() * q.gradient)
+    };
+    let (model, q) = minimise(start, config.iterations, linearise, |q| q.cost, equations, M::stepped);
+    let t = model.tangent();
+    let covariance = (t.transpose() * q.information * &t).cholesky().map(|c| c.inverse());
+    Refined { model, quadratic: q, covariance, sigma_m }
+}
+
+/// Levenberg-Marquardt: the model of a lower cost that steps lead to, with its linearization. `equations` gives information and
+/// half the gradient in the model's parameters.
+pub(super) fn minimise<M, Q>(
+    mut model: M,
+    iterations: usize,
+    linearise: impl Fn(&M) -> Q,
+    cost: impl Fn(&Q) -> f64,
+    equations: impl Fn(&M, &Q) -> (DMatrix<f64>, DVector<f64>),
+    stepped: impl Fn(&M, &DVector<f64>) -> M,
+) -> (M, Q) {
+    let mut q = linearise(&model);
+    let mut damping = 1e-4;
+    for _ in 0..iterations {
+        let (h, g) = equations(&model, &q);
         let mut damped = h.clone();
-        for k in 0..damped.nrows() {
-            damped[(k, k)] += damping * h[(k, k)] + 1e-12;
-        }
+        (0..h.nrows()).for_each(|k| damped[(k, k)] += damping * h[(k, k)] + 1e-12);
         let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
-        let next = model.stepped(&step);
-        let trial = evidence.linearise(&next.motion(), sigma_m, config);
-        if trial.cost <= q.cost {
-            let gain = q.cost - trial.cost;
-            let done = gain < 1e-9 * q.cost.max(1e-12);
+        let next = stepped(&model, &step);
+        let trial = linearise(&next);
+        let (before, after) = (cost(&q), cost(&trial));
+        if after <= before {
             (model, q, damping) = (next, trial, damping * 0.3);
-            if done {
+            if before - after < 1e-9 * before.max(1e-12) {
                 break;
             }
         } else {
@@ -391,7 +406,5 @@ pub fn refine<M: MotionModel>(start: M, evidence: &MotionEvidence, sigma_m: f64,
             }
         }
     }
-    let t = model.tangent();
-    let covariance = (t.transpose() * q.information * &t).cholesky().map(|c| c.inverse());
-    Refined { model, quadratic: q, covariance, sigma_m }
+    (model, q)
 }

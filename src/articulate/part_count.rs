@@ -95,10 +95,10 @@ impl Run<'_> {
         let found = chosen.motions.len();
         let evident = most.map_or(found, |s| s.motions.len());
         if evident > found {
-            warnings.push(format!("the evidence is for {evident} parts, {found} were asked for"));
+            warnings.push(more_than_asked(evident, found));
         }
         if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
-            warnings.push(format!("one of the {found} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}"));
+            warnings.push(little_evidence(found, weakest, least));
         }
         let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
         if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
@@ -153,16 +153,16 @@ impl Run<'_> {
         let untold = weakest.iter().filter(|k| !told(**k)).count();
         // One that explains next to nothing needs no comparison.
         let clear = scores[weakest[0]] < 0.5 * least;
-        weakest.truncate(if clear { 1 } else { RIVALS.min(if untold > 0 { untold } else { RIVALS }) });
+        let rivals = if untold > 0 { untold.min(RIVALS) } else { RIVALS };
+        weakest.truncate(if clear { 1 } else { rivals });
         let without = |k: usize| motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect::<Vec<_>>();
         let refitted = |mut others: Vec<Pose>| {
             self.round(&mut others);
             others
         };
-        let sum = |scores: &[f64]| scores[1..].iter().sum::<f64>();
         let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(without).map(|others| (0.0, others)).collect();
         if rest.len() > 1 {
-            rest.iter_mut().for_each(|(evidence, others)| *evidence = sum(&self.weighed(others).0));
+            rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&self.weighed(others).0).evidence);
             rest.sort_by(|a, b| b.0.total_cmp(&a.0));
             let alike = ALIKE * rest[0].0;
             rest.retain(|r| r.0 >= alike);
@@ -174,7 +174,7 @@ impl Run<'_> {
             let others = refitted(others);
             let scores = self.weighed(&others).0;
             let standing = scores[1..].iter().filter(|s| **s >= least).count();
-            (standing, sum(&scores), others)
+            (standing, point(&scores).evidence, others)
         });
         let better = |a: &(usize, f64, Vec<Pose>), b: &(usize, f64, Vec<Pose>)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
         judged.reduce(|a, b| if better(&b, &a).is_gt() { b } else { a }).map_or_else(Vec::new, |best| best.2)
@@ -310,6 +310,16 @@ impl Run<'_> {
     }
 }
 
+/// Says that fewer parts were asked for than there is evidence for.
+pub(super) fn more_than_asked(evident: usize, asked: usize) -> String {
+    format!("the evidence is for {evident} parts, {asked} were asked for")
+}
+
+/// Says that the weakest of some parts has little more evidence than the least.
+pub(super) fn little_evidence(parts: usize, weakest: f64, least: f64) -> String {
+    format!("one of the {parts} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}")
+}
+
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
 /// explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm` evidence by itself.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
@@ -320,7 +330,7 @@ fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
 }
 
 /// The evidence of motions, the first of which is the static part's.
-fn point(scores: &[f64]) -> EvidencePoint {
+pub(super) fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
 }

@@ -268,18 +268,18 @@ impl Run<'_> {
         self.matches.iter().map(one).collect()
     }
 
+    /// The matches that moved and follow a motion.
+    pub fn followers(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
+        let follows = |(m, l): &(&LiftedMatch, &Option<u8>)| **l == Some(label) && self.gate.has_moved(m);
+        self.matches.iter().zip(match_labels).filter(follows).map(|(m, _)| *m).collect()
+    }
+
     /// One round: labels, then every moving part's motion.
     pub fn round(&self, motions: &mut [Pose]) {
         let (labels, _) = self.labels(motions);
         let match_labels = self.match_labels(motions);
         for (k, motion) in motions.iter_mut().enumerate().skip(1) {
-            let followers: Vec<LiftedMatch> = self
-                .matches
-                .iter()
-                .zip(&match_labels)
-                .filter(|(m, l)| **l == Some(k as u8) && self.gate.has_moved(m))
-                .map(|(m, _)| *m)
-                .collect();
+            let followers = self.followers(&match_labels, k as u8);
             *motion = refine(&self.evidence, [&labels[0], &labels[1]], &followers, motion, k as u8);
         }
     }

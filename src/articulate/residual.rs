@@ -84,16 +84,17 @@ impl Unexplained {
     fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
         self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
     }
-}
 
-impl Unexplained {
+    /// Patches of those `faces` of a state that hold samples which moved.
+    fn patches(&self, evidence: &Evidence<'_>, state: usize, faces: &[Vec<usize>]) -> Vec<Patch> {
+        let least = (LEAST_SHARE * self.open[state].len() as f64).max(12.0) as usize;
+        patches(evidence, state, faces, &self.moved[state], least, PATCHES)
+    }
+
     /// Opens what lies between two strips of one plane, one left in state 0 and one reached in state 1: where a plain panel slides
     /// within its plane, what it covers in both states seems to stand still.
-    fn join_slid(&mut self, evidence: &Evidence<'_>) {
-        let strips = [0, 1].map(|s| {
-            let least = (LEAST_SHARE * self.open[s].len() as f64).max(12.0) as usize;
-            patches(evidence, s, &faces(evidence, s, &self.moved[s]), &self.moved[s], least, PATCHES)
-        });
+    fn join_slid(&mut self, evidence: &Evidence<'_>, spacing_m: [f64; 2]) {
+        let strips = [0, 1].map(|s| self.patches(evidence, s, &faces(evidence, s, &self.moved[s])));
         for left in &strips[0] {
             for reached in &strips[1] {
                 let Some(between) = Band::between(left, reached, 0.5 * evidence.reach_m) else { continue };
@@ -101,7 +102,7 @@ impl Unexplained {
                     let holds = |i: &usize| between.holds(&of.points[*i], &of.normals[*i]);
                     (0..of.points.len()).filter(holds).collect::<Vec<usize>>()
                 });
-                let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / evidence.spacing_m()[s].powi(2);
+                let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / spacing_m[s].powi(2);
                 if full(0) && full(1) {
                     for s in 0..2 {
                         inside[s].iter().for_each(|&i| self.open[s][i] = true);
@@ -122,10 +123,7 @@ pub(crate) fn unexplained(evidence: &Evidence<'_>, motions: &[Pose]) -> [Vec<boo
 pub(crate) fn propose_from_residual(evidence: &Evidence<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
     let mut search = Search::new(evidence, motions, extent_m);
     let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
-    let found = [0, 1].map(|s| {
-        let least = (LEAST_SHARE * search.left.open[s].len() as f64).max(12.0) as usize;
-        patches(evidence, s, &search.faces[s], &search.left.moved[s], least, PATCHES)
-    });
+    let found = [0, 1].map(|s| search.left.patches(evidence, s, &search.faces[s]));
     let mut candidates: Vec<Pose> = Vec::new();
     for state in [0, 1] {
         for patch in &found[state] {
@@ -159,9 +157,10 @@ struct Search<'a, 'b> {
 impl<'a, 'b> Search<'a, 'b> {
     fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
         let mut left = Unexplained::of(evidence, motions);
-        left.join_slid(evidence);
+        let spacing_m = evidence.spacing_m();
+        left.join_slid(evidence, spacing_m);
         let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
-        Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m: evidence.spacing_m() }
+        Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m }
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use super::{
     LiftedMatch, RegisterConfig, RegisterError, Registration, SurfaceSamples,
     labeling::{Evidence, FreeSpace},
-    part_count::{CHANCE, EvidencePoint, LITTLE, SURFACE_WEIGHT, preference},
+    part_count::{CHANCE, EvidencePoint, LITTLE, SURFACE_WEIGHT, little_evidence, more_than_asked, point, preference},
     ransac::Gate,
     refine::refine,
     register::{Run, checked_extent_m, occupied_cells, reach_m},
@@ -108,8 +108,7 @@ pub fn unite<'a>(
     }
     let weak = |s: &&f64| parts.is_none() && **s < LITTLE * config.least_score;
     if let Some(score) = scores[1..].iter().filter(weak).copied().reduce(f64::min) {
-        let (found, least) = (classes.len(), config.least_score);
-        warnings.push(format!("one of the {found} parts rests on little evidence: {score:.0} cells, where a part needs {least}"));
+        warnings.push(little_evidence(classes.len(), score, config.least_score));
     }
     states.seek_missed(&mut classes, &mut notes);
     for _ in 0..ROUNDS {
@@ -183,12 +182,7 @@ impl States<'_> {
         let mut evident = 0;
         loop {
             let scores = self.weighed(classes);
-            let moving = &scores[1..];
-            curve.push(EvidencePoint {
-                parts: scores.len(),
-                evidence: moving.iter().sum(),
-                weakest: moving.iter().copied().reduce(f64::min),
-            });
+            curve.push(point(&scores));
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
             let Some(k) = weakest else { return scores };
             let least = self.runs.first().map_or(0.0, |r| r.config.least_score);
@@ -198,7 +192,7 @@ impl States<'_> {
             }
             if stands && parts.is_none_or(|p| scores.len() <= p) {
                 if evident > scores.len() {
-                    warnings.push(format!("the evidence is for {evident} parts, {} were asked for", scores.len()));
+                    warnings.push(more_than_asked(evident, scores.len()));
                 }
                 return scores;
             }
@@ -251,9 +245,8 @@ impl States<'_> {
                 if !own {
                     continue;
                 }
-                let follows = |(m, l): &(&LiftedMatch, &Option<u8>)| **l == Some(c as u8) && run.gate.has_moved(m);
-                let matches: Vec<LiftedMatch> = run.matches.iter().zip(&followed).filter(follows).map(|(m, _)| *m).collect();
-                class.motions[k] = refine(&run.evidence, [&labels[0], &labels[k + 1]], &matches, &all[c], c as u8);
+                class.motions[k] =
+                    refine(&run.evidence, [&labels[0], &labels[k + 1]], &run.followers(&followed, c as u8), &all[c], c as u8);
             }
             run.evidence.forget();
         }

@@ -147,8 +147,8 @@ const FIRST_NOISE: f64 = 0.05;
 
 /// Share of the gap that is left.
 #[must_use]
-pub fn left_of(gap: &Gap) -> f64 {
-    ((gap.after - gap.noise_floor) / (gap.before - gap.noise_floor).max(1e-300)).max(0.0)
+pub fn left_of(before: f64, after: f64, noise_floor: f64) -> f64 {
+    ((after - noise_floor) / (before - noise_floor).max(1e-300)).max(0.0)
 }
 
 /// Share of the gap that a name may leave open on held-out runs, and the multiple of the noise from which that counts.
@@ -167,7 +167,7 @@ fn is_proven(gap: &Gap) -> bool {
     let mean = |of: fn(&WindowGap) -> f64| (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt();
     let floor = gap.noise_floor;
     let closes = |before: f64, after: f64| {
-        let small = (after - floor) / (before - floor).max(1e-300) <= MAX_GAP_LEFT && after <= TOO_MANY_FLOORS * floor;
+        let small = left_of(before, after, floor) <= MAX_GAP_LEFT && after <= TOO_MANY_FLOORS * floor;
         after <= before && (small || after <= MAX_FLOORS * floor)
     };
     // An effect that acts in few windows shows in all of them alone.

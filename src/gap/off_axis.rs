@@ -9,6 +9,7 @@ use nalgebra::{Complex, Matrix2, Vector2, Vector3};
 
 use super::{
     log::{JointLog, position_noise},
+    proof::rms,
     tracks::{PoseTrack, TrackError, frame_link, moved_link},
     twin_tree::{Motion, TwinJoint, TwinTree},
 };
@@ -248,10 +249,6 @@ fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
         position_noise(&[JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() }])
     };
     (0..3).map(|i| one(i).powi(2)).sum::<f64>().sqrt()
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 impl OffAxis {

@@ -109,7 +109,7 @@ pub fn prove(held_out: &Problem, before: &JointModel, after: &JointModel) -> (Ga
     (Gap { before: all(&one), after: all(&other), noise_floor: held_out.sigma_y, runs, windows }, series, after_starts)
 }
 
-fn rms(values: &[f64]) -> f64 {
+pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|r| r * r).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 

@@ -229,7 +229,7 @@ const TOLD_NOISES: f64 = 3.0;
 
 fn remainder(joint: &JointReport) -> Option<RemainderJson> {
     let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;
-    let (share_of_gap, times_noise) = (left_of(gap), gap.after / gap.noise_floor.max(1e-300));
+    let (share_of_gap, times_noise) = (left_of(gap.before, gap.after, gap.noise_floor), gap.after / gap.noise_floor.max(1e-300));
     let told = share_of_gap > TOLD_SHARE && times_noise > TOLD_NOISES;
     told.then(|| RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
 }
