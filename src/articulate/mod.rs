@@ -43,6 +43,7 @@ mod rigid_fit;
 mod sample_index;
 mod scale_space;
 mod slip;
+mod standing;
 mod states;
 mod surface_graph;
 #[cfg(test)]
@@ -91,4 +92,5 @@ mod test_scene;
 pub use mesh_samples::mesh_samples;
 pub use ransac::{Proposal, RansacConfig, propose};
 pub use register::{MotionSupport, RegisterConfig, RegisterError, Registration, register};
+pub use standing::standing_share;
 pub use states::{StatePair, United, common_refinement, unite};

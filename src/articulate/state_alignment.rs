@@ -16,6 +16,8 @@ use crate::geometry::Pose;
 const LEAST_CELLS: f64 = 8.0;
 /// The motion of the world must be supported by this many times the cells of the next one.
 const CLEAR: f64 = 2.0;
+/// The world did not move where surfaces of at least this share of the object stand still.
+const STANDING: f64 = 0.25;
 /// Motions looked for.
 const MOTIONS: usize = 4;
 
@@ -55,14 +57,16 @@ pub enum AlignmentError {
 }
 
 /// The motion between the world frames of both states; `None` where they are one, or where too few matches tell.
-/// `surroundings` is asked for matches beside the object, where those on the object do not stand still. `extent_m` is the
-/// longest side of the object.
+/// `surroundings` is asked for matches beside the object, where those on the object do not stand still, and `standing` for the
+/// share of the object's surface that lies where a motion takes it, where matches cannot tell. `extent_m` is the longest side
+/// of the object.
 ///
 /// # Errors
 /// [`AlignmentError`] where two motions could be the world's.
 pub fn align_states(
     object: &[LiftedMatch],
     surroundings: impl FnOnce() -> Vec<LiftedMatch>,
+    standing: impl Fn(&Pose) -> f64,
     extent_m: f64,
     config: &RansacConfig,
     rng: &mut impl Rng,
@@ -87,7 +91,15 @@ pub fn align_states(
         }
         // The object was moved against its surroundings as a whole.
     }
-    let clear = on_object.clear(&motions)?;
+    // A plain part that stands still has no matches.
+    let stands = || {
+        let share = standing(&Pose::identity());
+        share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
+    };
+    let clear = match on_object.clear(&motions) {
+        Err(_) if stands() => None,
+        clear => clear?,
+    };
     Ok(clear.map(|(motion, cells)| StateAlignment { state1_from_state0: motion, by: AlignedBy::LargestPart, cells }))
 }
 
@@ -158,7 +170,7 @@ mod tests {
     }
 
     fn aligned(object: &[(usize, Pose)], around: &[(usize, Pose)]) -> Result<Option<StateAlignment>, AlignmentError> {
-        align_states(&matches(object, 1), || matches(around, 2), 0.8, &RansacConfig::default(), &mut stage_rng(0, "align", 0))
+        align_states(&matches(object, 1), || matches(around, 2), |_| 0.0, 0.8, &RansacConfig::default(), &mut stage_rng(0, "align", 0))
     }
 
     fn check_drift(found: Option<StateAlignment>, by: AlignedBy) {
@@ -186,6 +198,17 @@ mod tests {
         check_drift(aligned(&[(400, drift()), (100, drift() * door())], &[]).unwrap(), AlignedBy::LargestPart);
         let unclear = aligned(&[(300, drift()), (280, drift() * door())], &[]);
         assert!(matches!(unclear, Err(AlignmentError::Ambiguous { .. })), "{unclear:?}");
+    }
+
+    #[test]
+    fn where_matches_cannot_tell_surfaces_that_stand_still_do() {
+        let object = matches(&[(300, drift()), (280, drift() * door())], 1);
+        let still = |share: f64| move |m: &Pose| if *m == Pose::identity() { share } else { 0.6 };
+        let aligned =
+            |share: f64| align_states(&object, Vec::new, still(share), 0.8, &RansacConfig::default(), &mut stage_rng(0, "align", 0));
+        assert!(aligned(0.5).unwrap().is_none());
+        assert!(matches!(aligned(0.2), Err(AlignmentError::Ambiguous { .. })), "little stands still");
+        assert!(matches!(aligned(0.28), Err(AlignmentError::Ambiguous { .. })), "another motion explains clearly more");
     }
 
     #[test]

@@ -38,9 +38,11 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             let moving = model.links[joint.child].collision.clone();
             for state in model.states.clone() {
                 let poses = relative_poses(model, j, other, &state, &positions);
-                // The parent is known to be clear; another part may truly stand in the way, unless it is only grazed.
+                // The parent is known to be clear; another part may truly stand in the way, unless it is only grazed, but not
+                // where it was seen.
                 let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
-                carve(&mut model.links[other].collision, &moving, &poses, grazed, config);
+                let seen = relative_poses(model, j, other, &state, &[state[j]]);
+                carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
             }
         }
     }
@@ -140,16 +142,18 @@ fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), ga
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
-/// Cuts the paths of the moving solids out of the fixed ones, where they do not reach deeper into one than `grazed_m`.
-fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving: &[Pose], grazed_m: f64, config: &ConvexConfig) {
+/// Cuts moving solids out of the fixed ones: along the whole path where they do not reach deeper into one than `grazed_m`,
+/// otherwise at the poses at which they were seen. `fixed_from_moving` is the path, then these.
+fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving: [&[Pose]; 2], grazed_m: f64, config: &ConvexConfig) {
     for solid in moving {
-        let path: Vec<ConvexSolid> = fixed_from_moving.iter().map(|p| solid.transformed(p)).collect();
+        let [path, seen] = fixed_from_moving.map(|poses| poses.iter().map(|p| solid.transformed(p)).collect::<Vec<_>>());
         let met = |piece: &ConvexSolid| {
             let near = path.iter().filter(|p| boxes_meet(&p.bounds(), &piece.bounds(), config.gap_m));
             near.filter_map(|p| p.penetration_m(piece)).fold(0.0, f64::max)
         };
         let parts = |piece: ConvexSolid| {
-            if grazed_m.is_finite() && met(&piece) > grazed_m { vec![piece] } else { cut(piece, &path, config) }
+            let stands_in_the_way = grazed_m.is_finite() && met(&piece) > grazed_m;
+            cut(piece, if stands_in_the_way { &seen } else { &path }, config)
         };
         *fixed = fixed.drain(..).flat_map(parts).collect();
     }
@@ -232,6 +236,21 @@ mod tests {
         }
         let cut: f64 = before - body.iter().map(ConvexSolid::volume_m3).sum::<f64>();
         assert!((cut / (0.1 * 0.2 * 0.3) - 1.0).abs() < 0.05, "{cut}");
+    }
+
+    #[test]
+    fn a_link_that_is_not_its_parent_is_cut_where_it_was_seen_and_otherwise_stands_in_the_way() {
+        let (mut model, config) = (jammed(), ConvexConfig::default());
+        model.joints[1].parent = 1;
+        model.joints[0].parent_from_joint = Pose::identity();
+        model.states = vec![vec![0.0, 0.0], vec![0.0, 0.5]];
+        clear_paths(&mut model, &config);
+        let state = model.states[0].clone();
+        let meets = |q: f64| overlaps(&model.links[0].collision, &model.links[2].collision, &relative_poses(&model, 1, 0, &state, &[q])[0]);
+        assert!(!meets(0.0) && !meets(0.5), "they overlap where they were seen");
+        model.links[0].collision.push(cuboid([0.3, -0.1, 0.2], [0.32, 0.1, 0.4]));
+        clear_paths(&mut model, &config);
+        assert!(meets(0.25), "what stands in the way is gone");
     }
 
     #[test]

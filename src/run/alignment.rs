@@ -2,7 +2,7 @@
 
 use super::{RunError, stage_rng};
 use crate::{
-    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states},
+    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states, standing_share},
     capture::{PoseNoise, RgbdFrame, align_worlds},
     config::Config,
     geometry::{Pose, SceneBox},
@@ -39,7 +39,9 @@ pub(super) fn align(
         lift(states, &match_states(states, &config.matching), &config.capture.noise)
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
-    let found = align_states(matches, around, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
+    let standing = |motion: &Pose| standing_share(frames, motion, &config.capture.noise);
+    let found =
+        align_states(matches, around, standing, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
     let found = found.map(|mut a| {
         // Matches bring the states near to each other, surfaces bring them together.
         let near = moved_back(frames[1], &a.state1_from_state0);
