@@ -184,7 +184,11 @@ pub fn estimate_joint(
 #[must_use]
 pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
     let (free, dispersion) = fit_free(start, evidence, config);
-    let covariance = free.covariance.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| dispersion * c[(r, k)]));
+    let displacements = free.quadratic.displacements();
+    let covariance = free.covariance.map_or_else(Matrix6::zeros, |c| {
+        let c = Matrix6::from_fn(|r, k| c[(r, k)]);
+        c * dispersion + c * displacements * c
+    });
     ParentMotion { state1_from_state0: free.model.motion(), covariance }
 }
 
@@ -238,6 +242,7 @@ struct Chosen {
     /// Left perturbations of the motion per parameter, 6 x n.
     tangent: DMatrix<f64>,
     information: Matrix6<f64>,
+    displacements: Matrix6<f64>,
     covariance: Option<DMatrix<f64>>,
     /// Maps the parameters to (direction 3, point 3, motion 1, pitch 1).
     spread: DMatrix<f64>,
@@ -258,6 +263,7 @@ impl Chosen {
             state1_from_state0: fit.model.motion(),
             tangent: fit.model.tangent(),
             information: q.information,
+            displacements: q.displacements(),
             covariance: fit.covariance.clone(),
             spread,
             direction_covariance: Matrix3::zeros(),
@@ -303,10 +309,16 @@ impl Chosen {
         Self { kind: JointKind::Prismatic, direction, point: *near, motion, ..Self::new(fit, spread) }
     }
 
+    /// Covariance of the parameters by what the fit rests on: residuals, and displacements of the surfaces.
+    fn own_covariance(&self, dispersion: f64) -> Option<DMatrix<f64>> {
+        let response = self.covariance.as_ref()? * self.tangent.transpose();
+        Some(self.covariance.as_ref()? * dispersion + &response * self.displacements * response.transpose())
+    }
+
     /// Covariance of the parameters: that of the fit, and that of the parent's motion, which shifts the joint by what the
     /// fit makes of it.
     fn parameter_covariance(&self, dispersion: f64, parent: &ParentMotion) -> Option<DMatrix<f64>> {
-        let own = self.covariance.as_ref()? * dispersion;
+        let own = self.own_covariance(dispersion)?;
         let carried = self.covariance.as_ref()? * self.tangent.transpose() * self.information;
         Some(own + &carried * parent.covariance * carried.transpose())
     }
@@ -322,7 +334,7 @@ impl Chosen {
         };
         let of_direction = full.fixed_view::<3, 3>(0, 0) + self.direction_covariance;
         full.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_direction);
-        let own = self.covariance.as_ref().map(|c| &self.tangent * c * self.tangent.transpose() * found.dispersion);
+        let own = self.own_covariance(found.dispersion).map(|c| &self.tangent * c * self.tangent.transpose());
         let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
         let forward = self.motion >= 0.0;
         let (axis, motion) = if forward { (self.direction, self.motion) } else { (-self.direction, -self.motion) };
@@ -486,6 +498,8 @@ mod tests {
             areas_m2: [0.3, 0.3],
             reach_m: 0.05,
             block_m: 0.08,
+            displacement_m: 0.0,
+            piece_m: 0.2,
         };
         let off = Pose::from_parts(Translation3::new(0.008, -0.006, 0.01), nalgebra::UnitQuaternion::from_euler_angles(0.02, 0.03, -0.02));
         let place = (&Point3::new(0.1, 0.05, 0.0), 0.25);

@@ -375,7 +375,7 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
     let position_std = (0..joint.positions.len()).map(std).collect();
     let own = |k: usize| -> Matrix6<f64> {
         let t = &fit.tangents[k];
-        let own = fit.covariance.as_ref().map(|c| t * c * t.transpose() * dispersion);
+        let own = fit.covariance.as_ref().map(|c| t * own_covariance(c, &fit, dispersion) * t.transpose());
         own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]))
     };
     let covariances = (0..joint.positions.len()).map(|k| own(k) + found.all[k].parent.covariance).collect();
@@ -412,10 +412,20 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
     }
 }
 
+/// Covariance of the parameters by what the fit rests on: residuals, and displacements of the surfaces.
+fn own_covariance(covariance: &DMatrix<f64>, fit: &Fitted, dispersion: f64) -> DMatrix<f64> {
+    let mut total = covariance * dispersion;
+    for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
+        let response = covariance * t.transpose();
+        total += &response * q.displacements() * response.transpose();
+    }
+    total
+}
+
 /// Covariance of the parameters: that of the fit, and that of the parents' motions, which shift the joint by what the fit
 /// makes of them.
 fn total_covariance(covariance: &DMatrix<f64>, fit: &Fitted, found: &Motions, dispersion: f64) -> DMatrix<f64> {
-    let mut total = covariance * dispersion;
+    let mut total = own_covariance(covariance, fit, dispersion);
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
         let carried = covariance * t.transpose() * q.information;
         total += &carried * found.all[k].parent.covariance * carried.transpose();

@@ -45,6 +45,7 @@ mod scale_space;
 mod slip;
 mod standing;
 mod states;
+mod surface_error;
 mod surface_graph;
 #[cfg(test)]
 mod synthetic;

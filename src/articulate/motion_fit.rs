@@ -75,6 +75,11 @@ pub struct MotionEvidence<'a> {
     pub reach_m: f64,
     /// Side of the blocks of the surface over which errors may run together, metres.
     pub block_m: f64,
+    /// Displacement of fused surfaces that runs together over a side of the part and leaves no residual, metres, and the size
+    /// of the pieces that share it, metres.
+    pub displacement_m: f64,
+    /// See [`Self::displacement_m`].
+    pub piece_m: f64,
 }
 
 /// Quadratic model of the cost around a motion: `cost + 2 g.x + x.H x` for a left perturbation `x = (v, w)`.
@@ -98,6 +103,8 @@ pub struct Quadratic {
     pub independent: f64,
     /// Sums of the rows times residuals over blocks of the surface, by block; matches are blocks of their own.
     pub block_gradients: BTreeMap<[i64; 4], Vector6<f64>>,
+    /// What a displacement of one piece of a surface adds to the gradient, by place, side and state.
+    pub displaced: BTreeMap<[i64; 5], Vector6<f64>>,
 }
 
 impl Default for Quadratic {
@@ -112,13 +119,14 @@ impl Default for Quadratic {
             surface_inliers: 0,
             independent: 0.0,
             block_gradients: BTreeMap::new(),
+            displaced: BTreeMap::new(),
         }
     }
 }
 
 impl Quadratic {
-    /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation.
-    fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: [i64; 4]) {
+    /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation; its weight.
+    fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: [i64; 4]) -> f64 {
         let k = scale * scale;
         let u = k / (k + r * r);
         let w = share * u * u;
@@ -127,6 +135,7 @@ impl Quadratic {
         *self.block_gradients.entry(block).or_default() += row * (r * w);
         self.cost += share * r * r * u;
         self.independent += share;
+        w
     }
 
     fn merge(mut self, o: Self) -> Self {
@@ -141,7 +150,16 @@ impl Quadratic {
         for (block, gradient) in o.block_gradients {
             *self.block_gradients.entry(block).or_default() += gradient;
         }
+        for (piece, gradient) in o.displaced {
+            *self.displaced.entry(piece).or_default() += gradient;
+        }
         self
+    }
+
+    /// Covariance of the gradient by displacements of the surfaces' pieces.
+    #[must_use]
+    pub fn displacements(&self) -> Matrix6<f64> {
+        self.displaced.values().map(|g| g * g.transpose()).sum()
     }
 
     /// Factor by which the squared errors of a model's parameters exceed what independent residuals would give: the
@@ -239,7 +257,8 @@ impl MotionEvidence<'_> {
                 q.surface_inliers += 1;
                 q.squared_m2 += d * d;
             }
-            q.add(r, &row, share, config.robust_sigmas, self.block(x, state as i64));
+            let weight = q.add(r, &row, share, config.robust_sigmas, self.block(x, state as i64));
+            *q.displaced.entry(self.piece(x, n, state as i64)).or_default() += row * (weight * self.displacement_m / sigma_m);
         }
         q
     }
@@ -248,6 +267,13 @@ impl MotionEvidence<'_> {
     fn block(&self, x: &Point3<f64>, kind: i64) -> [i64; 4] {
         let [a, b, c] = [x.x, x.y, x.z].map(|x| (x / self.block_m).floor() as i64);
         [a, b, c, kind]
+    }
+
+    /// The piece of the surface that a point is on: place, side, state.
+    fn piece(&self, x: &Point3<f64>, normal: &Vector3<f64>, state: i64) -> [i64; 5] {
+        let [a, b, c] = [x.x, x.y, x.z].map(|x| (x / self.piece_m).floor() as i64);
+        let axis = normal.iamax();
+        [a, b, c, 2 * axis as i64 + i64::from(normal[axis] > 0.0), state]
     }
 
     fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose, config: &RefineConfig) {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig,
-    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence, texture_matches,
+    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence, surface_error::surface_error_m, texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
@@ -44,6 +44,8 @@ const ROUNDS: usize = 2;
 /// Blocks along the side of a square with the area of a part, over which surface errors may run together: enough of them
 /// to measure a spread, few enough for a block to be wider than what fusion smooths.
 const BLOCKS_ALONG: f64 = 6.0;
+/// Pieces along that side which a displacement of the fused surface shares: a side of a part may also lean.
+const PIECES_ALONG: f64 = 2.0;
 
 /// All that state 0 and another state show of one part.
 pub struct PartEvidence {
@@ -63,6 +65,8 @@ pub struct PartEvidence {
     areas_m2: [f64; 2],
     /// Largest distance that counts, metres.
     reach_m: f64,
+    /// Displacement of the fused surfaces, metres.
+    displacement_m: f64,
 }
 
 impl PartEvidence {
@@ -97,6 +101,7 @@ impl PartEvidence {
             correlation_m: (config.refine.correlation_spacings * spacing_m).max(smoothing_m),
             areas_m2,
             reach_m: config.refine.reach * extent_m,
+            displacement_m: 0.0,
         };
         for _ in 0..ROUNDS {
             let found = part.joint(&ParentMotion::still(), states, config);
@@ -107,6 +112,8 @@ impl PartEvidence {
             part.matches.extend(dense);
             part.motion = found.evidence.state1_from_state0;
         }
+        let surfaces = [&part.surfaces[0], &part.surfaces[1]];
+        part.displacement_m = surface_error_m(surfaces, frames, &part.motion, noise, part.correlation_m, spacing_m);
         part
     }
 
@@ -147,6 +154,8 @@ impl PartEvidence {
             areas_m2: self.areas_m2,
             reach_m: self.reach_m,
             block_m: (side_m / BLOCKS_ALONG).max(self.correlation_m),
+            displacement_m: self.displacement_m,
+            piece_m: (side_m / PIECES_ALONG).max(self.correlation_m),
         }
     }
 }

@@ -1,0 +1,114 @@
+//! How far fused surfaces lie from the readings that they were fused from.
+//!
+//! A thin panel fused on a coarse grid is displaced, and differently in each pose and from other views. Such errors run together
+//! over a side of a part: they move its motion and leave no residual, so that they are measured here.
+
+use rayon::prelude::*;
+
+use super::{SurfaceSamples, sample_index::SampleIndex};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::Pose,
+};
+
+/// Surfaces seen at a smaller cosine to their normal tell nothing of their height.
+const GRAZING_COSINE: f64 = 0.25;
+/// Normals of neighbors on one side of a part differ by a larger cosine.
+const SAME_COSINE: f64 = 0.9;
+
+/// Root mean square difference between the heights of both states' readings over their surfaces, at points that a motion
+/// brings together, metres; 0 where there are none. Heights are averaged over `radius_m`; readings further from a surface than
+/// `reach_m` and their noise are of another one.
+pub(super) fn surface_error_m(
+    surfaces: [&SurfaceSamples; 2],
+    frames: [&[RgbdFrame]; 2],
+    state1_from_state0: &Pose,
+    noise: &NoiseConfig,
+    radius_m: f64,
+    reach_m: f64,
+) -> f64 {
+    let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
+    let heights = [0, 1].map(|s| heights_m(surfaces[s], &indices[s], frames[s], noise, radius_m, reach_m));
+    let difference = |i: usize| {
+        let (point, normal) = (state1_from_state0 * surfaces[0].points[i], state1_from_state0 * surfaces[0].normals[i]);
+        Some((heights[0][i]? - heights[1][indices[1].nearest(&point, &normal)?]?).powi(2))
+    };
+    let (sum, count) = (0..surfaces[0].points.len()).filter_map(difference).fold((0.0, 0usize), |(sum, n), d| (sum + d, n + 1));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Mean height of the readings over every sample and its neighbors, metres.
+fn heights_m(
+    surface: &SurfaceSamples,
+    index: &SampleIndex<'_>,
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+    radius_m: f64,
+    reach_m: f64,
+) -> Vec<Option<f64>> {
+    let samples = 0..surface.points.len();
+    let own: Vec<[f64; 2]> = samples.clone().into_par_iter().map(|i| weighed_height(surface, i, frames, noise, reach_m)).collect();
+    let mean = |i: usize| {
+        let [mut sum, mut weights] = [0.0; 2];
+        index.around(&surface.points[i], |j| {
+            let offset = surface.points[j] - surface.points[i];
+            let near = offset.norm_squared() < radius_m * radius_m && offset.dot(&surface.normals[i]).abs() < reach_m;
+            if near && surface.normals[i].dot(&surface.normals[j]) > SAME_COSINE {
+                sum += own[j][0];
+                weights += own[j][1];
+            }
+        });
+        (weights > 0.0).then(|| sum / weights)
+    };
+    samples.into_par_iter().map(mean).collect()
+}
+
+/// Heights of the readings over a sample by their weights, and the sum of these.
+fn weighed_height(surface: &SurfaceSamples, sample: usize, frames: &[RgbdFrame], noise: &NoiseConfig, reach_m: f64) -> [f64; 2] {
+    let (point, normal) = (surface.points[sample], surface.normals[sample]);
+    frames.iter().fold([0.0; 2], |[sum, weights], frame| {
+        let Some(pixel) = frame.intrinsics.pixel(&frame.in_camera(&point)) else { return [sum, weights] };
+        let Some(reading) = frame.world_point(pixel) else { return [sum, weights] };
+        let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
+        let (cosine, height_m) = (sight.dot(&normal), normal.dot(&(reading - point)));
+        let sigma_m = cosine * frame.sigma_m(pixel, noise);
+        if cosine < GRAZING_COSINE || height_m.abs() > reach_m + 3.0 * sigma_m {
+            return [sum, weights];
+        }
+        let weight = sigma_m.powi(-2);
+        [sum + weight * height_m, weights + weight]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+    use crate::{
+        geometry::Intrinsics,
+        surface::shapes::{cuboid, looking_at_origin, view_of},
+    };
+
+    /// The upper side of a box, a plate of samples 0.02 m high that lie `above_m` over it.
+    fn plate(above_m: f64) -> SurfaceSamples {
+        let at = |i: i32| Point3::new(0.02 * f64::from(i % 10 - 5), 0.02 * f64::from(i / 10 - 5), 0.02 + above_m);
+        let points: Vec<Point3<f64>> = (0..100).map(at).collect();
+        SurfaceSamples { normals: vec![Vector3::z(); points.len()], colors: vec![[0.5; 3]; points.len()], points }
+    }
+
+    #[test]
+    fn what_one_state_shows_too_high_is_measured() {
+        let noise = NoiseConfig { constant_m: 0.001, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+        let k = Intrinsics { width: 320, height: 240, fx: 340.0, fy: 340.0, cx: 161.0, cy: 118.0 };
+        let block = cuboid(Vector3::new(0.2, 0.2, 0.02));
+        let frames = [Point3::new(0.1, 0.2, 0.7), Point3::new(-0.3, 0.1, 0.6)].map(|eye| view_of(&block, k, looking_at_origin(eye)));
+        let error_m = |above_m: [f64; 2]| {
+            let plates = above_m.map(plate);
+            surface_error_m(plates.each_ref(), [&frames, &frames], &Pose::identity(), &noise, 0.03, 0.005)
+        };
+        assert!(error_m([0.0, 0.0]) < 2e-4, "{}", error_m([0.0, 0.0]));
+        assert!((error_m([0.0, 0.002]) - 0.002).abs() < 3e-4, "{}", error_m([0.0, 0.002]));
+        assert!(error_m([0.002, 0.002]) < 3e-4, "what both states share is no error of the motion");
+    }
+}
