@@ -2,8 +2,8 @@
 //!
 //! A part moves simply against its parent: it turns about one line or slides along one direction. Against any other part
 //! it makes the motions of all joints between them, which are simple only by chance (parallel axes, equal directions).
-//! A part touches its parent in all states, and turns about a line that runs by both. The static part is preferred where it qualifies: of the explanations it is the
-//! one with the shortest chains.
+//! A part touches its parent in all states, and turns about a line that runs by both. The static part is preferred where it
+//! qualifies: of the explanations it is the one with the shortest chains.
 
 use nalgebra::Matrix6;
 
