@@ -2,13 +2,14 @@
 //!
 //! A part moves simply against its parent: it turns about one line or slides along one direction. Against any other part
 //! it makes the motions of all joints between them, which are simple only by chance (parallel axes, equal directions).
-//! A part touches its parent in all states. The static part is preferred where it qualifies: of the explanations it is the
-//! one with the shortest chains.
+//! A part touches its parent in all states, and turns about a line that runs by both. The static part is preferred where it
+//! qualifies: of the explanations it is the one with the shortest chains.
 
 use nalgebra::Matrix6;
 
 use super::{
     JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples,
+    hinge::axis_off_m,
     joint::{DECISIVE, excess},
     joint_of_part, pair_of,
     sample_index::SampleIndex,
@@ -40,13 +41,19 @@ struct Candidate {
     excess: f64,
     /// Distance of both parts, the largest of all states, metres.
     gap_m: f64,
+    /// Distance of the axis of a turn from both parts in state 0, summed, metres; 0 for a slide, which has none.
+    off_m: f64,
 }
 
-/// The candidates that touch a part and against which it moves no less simply, decisively, than against any other of them.
+/// The candidates that touch a part and against which it moves no less simply, decisively, than against any other of them;
+/// where some of these turns run by both parts, as hinges do, only those.
 fn qualified(candidates: &[Candidate], contact_m: f64) -> impl Iterator<Item = &Candidate> {
     let touching = move |c: &&Candidate| c.gap_m < contact_m;
     let simplest = candidates.iter().filter(touching).map(|c| c.excess).fold(f64::INFINITY, f64::min);
-    candidates.iter().filter(touching).filter(move |c| c.excess < simplest + DECISIVE)
+    let simple = move |c: &&Candidate| touching(c) && c.excess < simplest + DECISIVE;
+    let hinged = move |c: &&Candidate| c.off_m < contact_m;
+    let some = candidates.iter().filter(simple).any(|c| hinged(&c));
+    candidates.iter().filter(simple).filter(move |c| !some || hinged(c))
 }
 
 /// The joints of all moving parts, in their order, each with its parent. A part has one evidence for each motion from state 0
@@ -115,7 +122,11 @@ fn candidates(
         let joint = joint_of_part(&parts[k], &carried, states, false, config);
         let threaded = matches!(joint.kind, JointKind::Screw { .. });
         let excess = excess(&joint.evidence.type_scores, threaded);
-        Candidate { parent, excess, gap_m: gap_m(&all[k + 1], &indices[parent]), joint }
+        let off_m = match joint.kind {
+            JointKind::Revolute => axis_off_m((&joint.point, &joint.axis), &all[k + 1][0].points, &all[parent][0].points),
+            _ => 0.0,
+        };
+        Candidate { parent, excess, gap_m: gap_m(&all[k + 1], &indices[parent]), off_m, joint }
     };
     let of = |k: usize| (0..=parts.len()).filter(|&p| p != k + 1).map(|p| candidate(k, p)).collect();
     (0..parts.len()).map(of).collect()

@@ -2,6 +2,7 @@
 
 mod assemble;
 mod evidence;
+mod hinge;
 mod index_sets;
 mod joint;
 mod joint_motion;
@@ -28,6 +29,7 @@ pub use parts::{JointConfig, ObservedState, PartEvidence, joint_of_part, pair_of
 pub use texture::{TextureConfig, texture_matches};
 mod descriptor;
 mod features;
+mod flip;
 mod labeling;
 mod lift;
 mod matcher;

@@ -19,7 +19,7 @@ use super::{
 use crate::geometry::{Pose, Screw};
 
 /// A sample is explained by a motion of a lower cost.
-const EXPLAINED: f32 = 0.5;
+pub(super) const EXPLAINED: f32 = 0.5;
 /// Patches tried per state.
 const PATCHES: usize = 12;
 /// A patch, and what a motion explains, must have this share of a state's samples: less could not outweigh the cost of a part.
@@ -45,14 +45,14 @@ const LARGEST_TURN: f64 = 2.9;
 /// What lies between two strips of one plane is surface if it has this share of the samples of its area.
 const FILLED: f64 = 0.5;
 /// Planes at a smaller angle are parallel, radians.
-const PARALLEL: f64 = 0.1;
+pub(super) const PARALLEL: f64 = 0.1;
 
 /// Angle between two colors that counts as one standard deviation, radians, and length of a color that has no hue.
 const HUE_SIGMA: f64 = 0.12;
 const DARK: f64 = 0.08;
 /// Distance of an axis from both surfaces that it joins at which half of what speaks for a hinge is lost, as a share of the
 /// object's longest side.
-const HINGE: f64 = 0.05;
+pub(super) const HINGE: f64 = 0.05;
 /// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
 const DETACHED: f64 = 0.1;
 
