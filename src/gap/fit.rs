@@ -390,6 +390,9 @@ fn iterate(
     now
 }
 
+/// Share of what is known of a parameter from which a window is its sole witness.
+const SOLE: f64 = 0.5;
+
 /// Covariance of the parameters, that of the whitened residuals, widened where the parameters move by more than that when windows
 /// are left out (a jackknife of one Gauss-Newton step); and the number of windows that each rests on.
 fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
@@ -413,9 +416,11 @@ fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
     let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
     for (own, gradient) in &windows {
         let without = (&s - own).cholesky().map_or_else(|| &c * gradient, |rest| rest.solve(gradient));
-        let told = &c * own * &c;
+        let (told, within) = (&c * own * &c, &c * gradient);
         for i in 0..n {
-            moved[i] += without[i] * without[i];
+            // Without the window that tells most of a parameter nothing is left to compare.
+            let way = if told[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
+            moved[i] += way * way;
             shares[i] = (shares[i].0 + told[(i, i)], shares[i].1 + told[(i, i)] * told[(i, i)]);
         }
     }

@@ -354,10 +354,12 @@ impl Kicks<'_> {
         }
     }
 
-    /// Leap of the acceleration where a contact begins at a state that is before it.
-    fn leap(&self, at: &At, position: f64) -> f64 {
-        let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at }).effort;
-        self.inverse * (side(BESIDE) - side(-BESIDE))
+    /// Leap of the acceleration where a contact begins, at a state that is before it, as a kick of `h` seconds has it.
+    fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
+        let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
+        let (before, after) = (side(-BESIDE), side(BESIDE));
+        let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
+        self.inverse * (after.effort - before.effort) / (implicit * implicit)
     }
 }
 
@@ -413,7 +415,7 @@ fn roll_columns<const W: usize>(
                 let Moving { q, v, .. } = moving;
                 let at = At { q: q + 0.5 * h * v, v, u: gain * effort, t, direction, others: &others_now, load: 0.0, carried };
                 if let Some(m) = meeting {
-                    moving.meet::<W>(m.column, kicks.leap(&at, m.position));
+                    moving.meet::<W>(m.column, kicks.leap(&at, m.position, h));
                 }
                 moving.drift::<W>(0.5 * h);
                 kicks.kick::<W>(&mut moving, &at, h, &settling, effort, by_delay);

@@ -334,11 +334,14 @@ fn findings(problem: &Problem, model: &JointModel, spread: &Spread, rivals: &[(V
             let fewest = (0..n).filter(|i| r.gradient[*i] != 0.0).map(|i| witnesses[i]).fold(f64::INFINITY, f64::min);
             let half = half_width(fewest - 1.0) * variance.max(0.0).sqrt();
             let value = if r.name == "time" { r.value % super::effect::RUN_SPACING_S } else { r.value };
+            // What is never negative is not told to be.
+            let positive = (0..n).any(|i| r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0);
+            let low = if positive { (value - half).max(0.0) } else { value - half };
             ParameterEstimate {
                 name: r.name.to_owned(),
                 value,
                 unit: r.dimension.unit(problem.turns).to_owned(),
-                interval: (value - half, value + half),
+                interval: (low, value + half),
             }
         };
         let mut alternatives: Vec<(String, f64)> = Vec::new();
