@@ -200,7 +200,9 @@ fn conclude(
     let missing = missing_geometry(work, &after.hypothesis, options);
     findings.extend(missing.iter().map(|m| m.finding(work.twin)).map(|mut f| {
         if !work.twin.own.is_exact() {
-            f.finding.alternatives.push(("geometry that the reconstruction itself lacks".into(), f.finding.weight));
+            // Nothing in the frames tells which.
+            f.finding.weight = 0.5;
+            f.finding.alternatives.push(("geometry that the reconstruction itself lacks".into(), 0.5));
         }
         f
     }));
