@@ -237,6 +237,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_upper(&self) -> bool {
         false
     }
+    /// Index of the parameter that is the position at which a contact begins.
+    fn begins(&self) -> Option<usize> {
+        None
+    }
     /// Parameters as a report names them, each with its gradient by the internal parameters.
     fn reported(&self, p: &[f64]) -> Vec<Reported> {
         let unit = |i: usize| {

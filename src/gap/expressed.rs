@@ -70,7 +70,8 @@ pub fn status(format: Format, effect: &str, p: &[f64], plant: &Plant) -> Status 
         (Format::Mjcf, "spring_return" | "hardening_spring" | "inertia" | "constant_bias" | "torque_gain" | "quadratic_drag" | "delay") => {
             Status::Native
         }
-        (Format::Mjcf, "encoder_bias" | "axis_tilt" | "end_stop") => Status::Native,
+        (Format::Mjcf, "encoder_bias" | "end_stop") => Status::Native,
+        (Format::Mjcf | Format::Sdf | Format::Usd, "axis_tilt") => Status::Native,
         (Format::Mjcf, "asymmetric_friction" | "stribeck_friction") => Status::Approximated,
         (Format::Sdf | Format::Usd, "spring_return") if p[0] > 0.0 => Status::Native,
         (Format::Usd, "inertia") if p[0] > 0.0 => Status::Native,

@@ -36,6 +36,8 @@ pub struct Fit {
     pub log_likelihood: f64,
     /// Covariance of the free parameters; rows of frozen ones are zero.
     pub covariance: DMatrix<f64>,
+    /// Number of windows that each free parameter rests on, were they all to tell as much of it.
+    pub witnesses: Vec<f64>,
     /// Sum of squared whitened residuals of each window.
     pub costs: Vec<f64>,
 }
@@ -332,9 +334,9 @@ fn fit_settled(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, 
     }
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
-    let covariance = covariance(&end.normal, &frozen);
+    let (covariance, witnesses) = covariance(&end.normal, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
-    Fit { model, starts, sigma_u, log_likelihood, covariance, costs }
+    Fit { model, starts, sigma_u, log_likelihood, covariance, witnesses, costs }
 }
 
 /// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.
@@ -388,32 +390,48 @@ fn iterate(
     now
 }
 
-/// Covariance of the parameters: that of the whitened residuals, widened where the windows disagree by more than that.
-fn covariance(normal: &Normal, frozen: &[bool]) -> DMatrix<f64> {
+/// Share of what is known of a parameter from which a window is its sole witness.
+const SOLE: f64 = 0.5;
+
+/// Covariance of the parameters, that of the whitened residuals, widened where the parameters move by more than that when windows
+/// are left out (a jackknife of one Gauss-Newton step); and the number of windows that each rests on.
+fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
     let mut s = normal.hessian.clone();
     let n = s.nrows();
-    let mut scatter = DMatrix::zeros(n, n);
+    let mut windows = Vec::with_capacity(normal.blocks.len());
     for b in &normal.blocks {
         if let Some(inverse) = b.start.try_inverse() {
             let weighted = b.cross.transpose() * inverse;
-            s -= &weighted * &b.cross;
-            let own = &b.gradient - &weighted * b.start_gradient;
-            scatter += &own * own.transpose();
+            let lost = &weighted * &b.cross;
+            s -= &lost;
+            windows.push((&b.hessian - lost, &b.gradient - &weighted * b.start_gradient));
         }
     }
     for i in (0..n).filter(|&i| frozen[i]) {
         s[(i, i)] = 1.0;
     }
-    let mut c = s.cholesky().map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |c| c.inverse());
-    let robust = &c * scatter * &c;
-    let widened = |i: usize| (robust[(i, i)] / c[(i, i)]).max(1.0).sqrt();
-    let wider: Vec<f64> = (0..n).map(|i| if c[(i, i)].is_finite() && c[(i, i)] > 0.0 { widened(i) } else { 1.0 }).collect();
+    let Some(mut c) = s.clone().cholesky().map(|c| c.inverse()) else {
+        return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
+    };
+    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    for (own, gradient) in &windows {
+        let without = (&s - own).cholesky().map_or_else(|| &c * gradient, |rest| rest.solve(gradient));
+        let (told, within) = (&c * own * &c, &c * gradient);
+        for i in 0..n {
+            // Without the window that tells most of a parameter nothing is left to compare.
+            let way = if told[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
+            moved[i] += way * way;
+            shares[i] = (shares[i].0 + told[(i, i)], shares[i].1 + told[(i, i)] * told[(i, i)]);
+        }
+    }
+    let wider: Vec<f64> = (0..n).map(|i| (moved[i] / c[(i, i)]).max(1.0).sqrt()).map(|w| if w.is_finite() { w } else { 1.0 }).collect();
     for i in 0..n {
         for j in 0..n {
             c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
         }
     }
-    c
+    let witnesses = shares.iter().map(|(sum, squares)| if *squares > 0.0 { sum * sum / squares } else { 1.0 }).collect();
+    (c, witnesses)
 }
 
 /// Log likelihood with the start states integrated out, up to a constant.

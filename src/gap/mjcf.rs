@@ -10,9 +10,9 @@ use super::{
     update::{exported, note},
 };
 
-/// Step of the file, seconds; a delayed effort is read between steps, so that a delay asks for finer ones.
+/// Step of the file, seconds; a delayed effort is read between steps and a stop is met between them, so that both ask for finer ones.
 const TIMESTEP_S: f64 = 5e-4;
-const DELAY_TIMESTEP_S: f64 = 1e-4;
+const FINE_TIMESTEP_S: f64 = 1e-4;
 /// Solver impedance of friction without a settle time.
 const HARD_IMPEDANCE: f64 = 0.9995;
 
@@ -48,7 +48,8 @@ pub fn mjcf(tree: &TwinTree, joints: &[JointReport], catalogue: &Catalogue, file
     let mut writer = Writer { tree, joints, catalogue, file, actuators: String::new(), notes: Vec::new() };
     let body = writer.link(tree.root);
     let g = tree.gravity;
-    let timestep_s = if writer.actuators.contains(" delay=") { DELAY_TIMESTEP_S } else { TIMESTEP_S };
+    let is_fine = writer.actuators.contains(" delay=") || body.contains(" solreflimit=");
+    let timestep_s = if is_fine { FINE_TIMESTEP_S } else { TIMESTEP_S };
     let text = format!(
         "<mujoco model=\"{}\">\n<compiler angle=\"radian\" autolimits=\"false\"/>\n\
          <option timestep=\"{timestep_s}\" gravity=\"{} {} {}\" integrator=\"RK4\"/>\n\
@@ -153,8 +154,8 @@ impl Writer<'_> {
             "torque_gain" => a.gear *= p[0],
             "delay" => {
                 // Read between its samples, a held effort changes half a step early.
-                let delay_s = p[0] + 0.5 * DELAY_TIMESTEP_S;
-                let kept = (delay_s / DELAY_TIMESTEP_S).ceil() as usize + 2;
+                let delay_s = p[0] + 0.5 * FINE_TIMESTEP_S;
+                let kept = (delay_s / FINE_TIMESTEP_S).ceil() as usize + 2;
                 return write!(a.actuator, " delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"").is_ok();
             }
             "end_stop" => {

@@ -33,6 +33,7 @@ pub mod search;
 pub mod simplify;
 pub mod smooth;
 pub mod starts;
+pub mod tilt;
 pub mod tracks;
 pub mod trig;
 pub mod twin_tree;

@@ -344,7 +344,7 @@ fn bar(gap: &Gap) -> String {
 pub fn html(joints: &[JointReport]) -> String {
     let mut page = String::from(
         "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{font:14px sans-serif;max-width:60em;margin:2em auto}\
-         pre{background:#f4f4f4;padding:1em;overflow:auto}svg{width:100%;height:auto;border:1px solid #ddd}</style><h1>Diagnosis</h1><pre>",
+         pre{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}svg{width:100%;height:auto;border:1px solid #ddd}</style><h1>Diagnosis</h1><pre>",
     );
     page.push_str(&escape(&summary(joints)));
     page.push_str("</pre>");

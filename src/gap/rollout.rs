@@ -83,6 +83,26 @@ impl<'a> Acting<'a> {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
+    /// The first contact that begins while the joint moves at `v` for `h` seconds.
+    #[inline]
+    fn meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
+        if !self.has_contact {
+            return None;
+        }
+        let (mut first, mut column) = (None::<Meeting>, 3);
+        for (effect, _, p) in &self.terms {
+            if let Some(i) = effect.begins() {
+                let after_s = (p[i] - q) / v;
+                let enters = (v > 0.0) == effect.is_upper();
+                if enters && after_s > 0.0 && after_s < first.map_or(h, |f| f.after_s) {
+                    first = Some(Meeting { after_s, position: p[i], column: column + i });
+                }
+            }
+            column += p.len();
+        }
+        first
+    }
+
     /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
     #[inline]
     fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
@@ -138,6 +158,17 @@ impl<'a> Acting<'a> {
             write(&mut effort[first..], &r.p, p.len());
         }
     }
+}
+
+/// Where a step meets a contact.
+#[derive(Clone, Copy, Debug)]
+struct Meeting {
+    /// Seconds from the start of the step.
+    after_s: f64,
+    /// Position at which the contact begins.
+    position: f64,
+    /// Its column.
+    column: usize,
 }
 
 /// Writes the first `count` values; a loop of known length.
@@ -248,14 +279,92 @@ pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
     1.0 / (inertia + added).max(1e-3 * inertia)
 }
 
-/// Moves the position at a constant velocity.
-#[inline]
-fn drift<const W: usize>(h: f64, q: &mut f64, dq: &mut Row, v: f64, dv: &Row) {
-    *q += h * v;
-    for c in 0..W {
-        dq[c] += h * dv[c];
+/// A joint on its way, with the sensitivities of its position and velocity.
+struct Moving {
+    q: f64,
+    v: f64,
+    dq: Row,
+    dv: Row,
+}
+
+impl Moving {
+    /// Moves the position at a constant velocity.
+    #[inline]
+    fn drift<const W: usize>(&mut self, h: f64) {
+        self.q += h * self.v;
+        for c in 0..W {
+            self.dq[c] += h * self.dv[c];
+        }
+    }
+
+    /// A contact begins at the position whose column is given, where the acceleration leaps by `leap`: whatever moves the joint or that
+    /// position moves the time of it.
+    fn meet<const W: usize>(&mut self, column: usize, leap: f64) {
+        let rate = leap / self.v;
+        for c in 0..W {
+            self.dv[c] += rate * (self.dq[c] - f64::from(u8::from(c == column)));
+        }
     }
 }
+
+/// Changes of the velocity under the efforts of a model; the buffers are used again.
+struct Kicks<'a> {
+    acting: Acting<'a>,
+    layout: Layout,
+    /// One over the inertia.
+    inverse: f64,
+    effort_p: Row,
+    friction_p: Row,
+}
+
+impl Kicks<'_> {
+    /// Changes the velocity by the efforts at a state over `h` seconds; `effort` is the recorded one and `by_delay` its derivative.
+    #[inline]
+    fn kick<const W: usize>(&mut self, moving: &mut Moving, at: &At, h: f64, settling: &Settling, effort: f64, by_delay: f64) {
+        let (inverse, v) = (self.inverse, moving.v);
+        let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
+        self.layout.by_drive(&sum, effort, by_delay, &mut self.effort_p, &mut self.friction_p);
+        let total = at.u + sum.effort;
+        let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
+        if let Some(c) = self.layout.inertia_column {
+            (self.effort_p[c], self.friction_p[c]) = (-total * inverse, -sum.friction * inverse);
+        }
+        let free = v + kick * total;
+        if free * at.direction < 0.0 {
+            sum.friction = bound_at_turn(&self.acting, at, sum.friction, &mut self.friction_p);
+        }
+        let bound = kick * sum.friction;
+        let target = settling.keep * v + settling.creep * kick * total;
+        let taken = free - target;
+        let (dq, dv) = (&moving.dq, &mut moving.dv);
+        if taken.abs() <= bound {
+            moving.v = target;
+            let creep = settling.creep * kick;
+            for c in 0..W {
+                dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + self.effort_p[c]);
+            }
+        } else {
+            let sign = taken.signum();
+            moving.v = free - sign * bound;
+            let by_q = kick * (sum.q - sign * sum.friction_q);
+            let by_v = 1.0 + kick * sum.v;
+            for c in 0..W {
+                dv[c] = by_v * dv[c] + by_q * dq[c] + kick * (self.effort_p[c] - sign * self.friction_p[c]);
+            }
+        }
+    }
+
+    /// Leap of the acceleration where a contact begins, at a state that is before it, as a kick of `h` seconds has it.
+    fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
+        let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
+        let (before, after) = (side(-BESIDE), side(BESIDE));
+        let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
+        self.inverse * (after.effort - before.effort) / (implicit * implicit)
+    }
+}
+
+/// Distance from a contact that is as good as none, rad or m.
+const BESIDE: f64 = 1e-12;
 
 /// Rolls a window with `W` columns; gives the state at its last sample.
 fn roll_columns<const W: usize>(
@@ -267,73 +376,54 @@ fn roll_columns<const W: usize>(
     start: Start,
     mut each: impl FnMut(f64, &Row),
 ) -> Start {
-    let acting = Acting::of(model, catalogue);
     let sensor = model.sensor(catalogue);
     let layout = Layout::of(model, catalogue);
-    let Layout { gain, added, inertia_column, sensors, .. } = layout;
-    let mut inverse = inverse_inertia(model.plant.inertia, added);
-    let (mut q, mut v) = (start.position, start.velocity);
-    let (mut dq, mut dv): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
-    (dq[0], dv[1]) = (1.0, 1.0);
-    let (mut gauge, mut dgauge) = (q + start.play * sensor.half_gap, dq);
+    let (gain, added, sensors) = (layout.gain, layout.added, layout.sensors);
+    let inverse = inverse_inertia(model.plant.inertia, added);
+    let row = [0.0; MAX_COLUMNS];
+    let mut kicks = Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
+    let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
+    (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
+    let (mut gauge, mut dgauge) = (moving.q + start.play * sensor.half_gap, moving.dq);
     if let Some(c) = sensors[2] {
         dgauge[c] = start.play;
     }
     let (mut settled_h, mut settling) = (f64::NAN, Settling::default());
-    let (mut effort_p, mut friction_p): (Row, Row) = ([0.0; MAX_COLUMNS], [0.0; MAX_COLUMNS]);
     for k in span.start..span.start + span.len {
-        measure::<W>(q, &dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
+        measure::<W>(moving.q, &moving.dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
         if k + 1 == span.start + span.len {
             break;
         }
-        let h = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
+        let step = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
         let t = run_time_s(span.log, log, k);
-        if h != settled_h {
-            (settled_h, settling) = (h, Settling::over(model.settle_s, h));
-        }
         let others_now = log.others_after(k);
         let carried = log.carried.get(k);
         if let Some(c) = carried {
-            inverse = inverse_inertia(c.inertia, added);
+            kicks.inverse = inverse_inertia(c.inertia, added);
         }
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
-            let u = gain * drive.effort[index];
-            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
-            let direction = if v != 0.0 { v.signum() } else { 1.0 };
-            let at = At { q, v, u, t: t + (s as f64 + 0.5) * h, direction, others: &others_now, load: 0.0, carried };
-            let mut sum = acting.add_up(&at, &mut effort_p, &mut friction_p);
-            layout.by_drive(&sum, drive.effort[index], gain * drive.by_delay[index], &mut effort_p, &mut friction_p);
-            let total = u + sum.effort;
-            let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
-            if let Some(c) = inertia_column {
-                (effort_p[c], friction_p[c]) = (-total * inverse, -sum.friction * inverse);
-            }
-            let free = v + kick * total;
-            if free * direction < 0.0 {
-                sum.friction = bound_at_turn(&acting, &at, sum.friction, &mut friction_p);
-            }
-            let bound = kick * sum.friction;
-            let target = settling.keep * v + settling.creep * kick * total;
-            let taken = free - target;
-            if taken.abs() <= bound {
-                v = target;
-                let creep = settling.creep * kick;
-                for c in 0..W {
-                    dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + effort_p[c]);
+            let (effort, by_delay) = (drive.effort[index], gain * drive.by_delay[index]);
+            let meeting = kicks.acting.meeting(moving.q, moving.v, step);
+            let before = meeting.map_or(step, |m| m.after_s);
+            for (h, meeting) in [(before, None), (step - before, meeting)].into_iter().take(if meeting.is_some() { 2 } else { 1 }) {
+                if h != settled_h {
+                    (settled_h, settling) = (h, Settling::over(model.settle_s, h));
                 }
-            } else {
-                let sign = taken.signum();
-                v = free - sign * bound;
-                let by_q = kick * (sum.q - sign * sum.friction_q);
-                let by_v = 1.0 + kick * sum.v;
-                for c in 0..W {
-                    dv[c] = by_v * dv[c] + by_q * dq[c] + kick * (effort_p[c] - sign * friction_p[c]);
+                let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
+                let t = t + (s as f64 + 0.5) * step;
+                let Moving { q, v, .. } = moving;
+                let at = At { q: q + 0.5 * h * v, v, u: gain * effort, t, direction, others: &others_now, load: 0.0, carried };
+                if let Some(m) = meeting {
+                    moving.meet::<W>(m.column, kicks.leap(&at, m.position, h));
                 }
+                moving.drift::<W>(0.5 * h);
+                kicks.kick::<W>(&mut moving, &at, h, &settling, effort, by_delay);
+                moving.drift::<W>(0.5 * h);
             }
-            drift::<W>(0.5 * h, &mut q, &mut dq, v, &dv);
         }
     }
+    let Moving { q, v, .. } = moving;
     let play = if sensor.half_gap > 0.0 { (gauge - q) / sensor.half_gap } else { start.play };
     Start { position: q, velocity: v, play }
 }

@@ -1,4 +1,5 @@
-//! The named effects in the SDF that stands beside the twin: damping, friction, spring and stops of its joints.
+//! The named effects in the SDF that stands beside the twin: damping, friction, spring and stops of its joints, and the links of a
+//! joint whose axis was found tilted.
 
 use std::{fmt::Write as _, ops::Range};
 
@@ -7,8 +8,10 @@ use super::{
     held::{Held, notes},
     joint_model::Catalogue,
     report::{ExportNote, JointReport},
+    tilt::{Tilt, tilt, untold},
     twin_tree::TwinTree,
 };
+use crate::geometry::Pose;
 
 /// The SDF with the effects, and what became of each. A joint that the SDF does not have is told in the notes.
 ///
@@ -29,12 +32,50 @@ pub fn sdf(
         match with_joint(&text, &joint.joint, &held)? {
             Some(changed) => {
                 text = changed;
-                told.extend(notes(Format::Sdf, file, joint, None));
+                let mut notes = notes(Format::Sdf, file, joint, None);
+                match tilt(tree, joint, catalogue).map(|t| with_tilt(&text, &t)).transpose()?.flatten() {
+                    Some(changed) => text = changed,
+                    None => untold(&mut notes),
+                }
+                told.extend(notes);
             }
             None => told.extend(notes(Format::Sdf, file, joint, Some("it has no such joint with an axis"))),
         }
     }
     Ok((text, told))
+}
+
+/// The text with the links of a joint turned; `None` where one of them is not there, or is placed by another frame than the model's.
+fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, String> {
+    let document = roxmltree::Document::parse(text).map_err(|e| e.to_string())?;
+    let link = |name: &String| document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name.as_str()));
+    let Some(parent) = link(&tilt.parent).and_then(pose_of) else { return Ok(None) };
+    let mut edits = Vec::new();
+    for name in &tilt.links {
+        let Some((node, pose)) = link(name).and_then(|n| Some((n, pose_of(n)?))) else { return Ok(None) };
+        let turned = tilt.moved(&parent, &pose);
+        let (at, (roll, pitch, yaw)) = (turned.translation.vector, turned.rotation.euler_angles());
+        let new = format!("<pose>{} {} {} {roll} {pitch} {yaw}</pose>", at.x, at.y, at.z);
+        let old = node.children().find(|n| n.has_tag_name("pose"));
+        edits.push((old.map_or_else(|| before_end(text, node), |n| n.range()), new));
+    }
+    edits.sort_by_key(|(range, _)| range.start);
+    let mut changed = text.to_owned();
+    for (range, new) in edits.into_iter().rev() {
+        changed.replace_range(range, &new);
+    }
+    Ok(Some(changed))
+}
+
+/// Pose of a link in the frame of the model; `None` where it is given in another frame.
+fn pose_of(link: roxmltree::Node) -> Option<Pose> {
+    let Some(pose) = link.children().find(|n| n.has_tag_name("pose")) else { return Some(Pose::identity()) };
+    if pose.attributes().len() > 0 {
+        return None;
+    }
+    let numbers: Vec<f64> = pose.text()?.split_whitespace().map(|x| x.parse().ok()).collect::<Option<_>>()?;
+    let &[x, y, z, roll, pitch, yaw] = numbers.as_slice() else { return None };
+    Some(Pose::from_parts([x, y, z].into(), nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
 }
 
 /// The text with the numbers of a joint; `None` where it has no such joint with an axis.
@@ -138,5 +179,34 @@ mod tests {
         assert_eq!(told(&text, "other", "friction"), Some(0.25));
         assert_eq!(with_joint(TEXT, "lid", &held), Ok(None));
         assert!(with_joint("<sdf", "lid", &held).is_err());
+    }
+
+    #[test]
+    fn links_of_a_tilted_joint_turn_about_it_and_others_stay() {
+        let text = "<sdf><model><link name=\"base\"><pose>1 0 0 0 0 1.5707963267948966</pose></link>\
+            <link name=\"door\"><pose>1 2 0 0 0 1.5707963267948966</pose><inertial><pose>0.4 0 0 0 0 0</pose></inertial></link>\
+            <link name=\"knob\"><pose>1 2.5 0 0 0 0</pose></link></model></sdf>";
+        // The joint stands 2 m along x of the base, which is y of the model, and is turned by 0.1 about that axis.
+        let joint = Pose::translation(2.0, 0.0, 0.0);
+        let turned = joint * Pose::rotation(nalgebra::Vector3::new(0.1, 0.0, 0.0));
+        let links = vec!["door".to_owned(), "knob".to_owned()];
+        let tilt = Tilt { parent: "base".into(), links, turned_from_given: turned * joint.inverse() };
+        let changed = with_tilt(text, &tilt).unwrap().unwrap();
+        let document = roxmltree::Document::parse(&changed).unwrap();
+        let link = |name: &str| pose_of(document.descendants().find(|n| n.attribute("name") == Some(name)).unwrap()).unwrap();
+        let of =
+            |x, y, rpy: [f64; 3]| Pose::from_parts([x, y, 0.0].into(), nalgebra::UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]));
+        let about_y = Pose::rotation(nalgebra::Vector3::new(0.0, 0.1, 0.0));
+        let quarter = std::f64::consts::FRAC_PI_2;
+        for (name, wanted) in [
+            ("base", of(1.0, 0.0, [0.0, 0.0, quarter])),
+            ("door", Pose::translation(1.0, 2.0, 0.0) * about_y * of(0.0, 0.0, [0.0, 0.0, quarter])),
+            ("knob", Pose::translation(1.0, 2.5, 0.0) * about_y),
+        ] {
+            assert!((link(name).to_homogeneous() - wanted.to_homogeneous()).norm() < 1e-12, "{name}: {}", link(name));
+        }
+        assert!(changed.contains("<inertial><pose>0.4 0 0 0 0 0</pose></inertial>"));
+        let other = text.replace("<pose>1 2.5", "<pose relative_to=\"door\">1 2.5");
+        assert_eq!(with_tilt(&other, &tilt), Ok(None));
     }
 }

@@ -22,10 +22,17 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
     while let Some(simpler) = special_cases(problem, &chosen) {
         chosen = simpler;
     }
-    while let Some(doubtful) = doubtful_term(problem, &chosen).filter(|_| chosen.fit.model.terms.len() > 1) {
+    let mut kept = 0;
+    while let Some(doubtful) = doubtful_term(problem, &chosen, kept).filter(|_| chosen.fit.model.terms.len() > 1) {
         let mut model = chosen.fit.model.clone();
         model.terms.remove(doubtful);
-        chosen = refitted(problem, &chosen, &model);
+        let without = refitted(problem, &chosen, &model);
+        if without.score < chosen.score - HOPELESS {
+            // Strengths that one short contact does not tell apart are each unsure, and yet something pushes.
+            kept = doubtful + 1;
+        } else {
+            chosen = without;
+        }
     }
     chosen
 }
@@ -77,12 +84,12 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH * deviation)
 }
 
-/// The first effect of which no strength is sure to differ from its neutral value.
-fn doubtful_term(problem: &Problem, chosen: &Candidate) -> Option<usize> {
+/// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
+fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
     let mut at = 1;
     for (i, term) in chosen.fit.model.terms.iter().enumerate() {
         let sure = (0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k));
-        if !sure {
+        if !sure && i >= first {
             return Some(i);
         }
         at += term.p.len();

@@ -8,8 +8,10 @@ use super::{
     held::{Held, notes},
     joint_model::Catalogue,
     report::{ExportNote, JointReport},
+    tilt::{Tilt, tilt, untold},
     twin_tree::{Motion, TwinTree},
 };
+use crate::geometry::Pose;
 
 /// The USD text with the effects, and what became of each. A joint that the text does not have is told in the notes.
 #[must_use]
@@ -22,7 +24,12 @@ pub fn usd(text: &str, tree: &TwinTree, joints: &[JointReport], catalogue: &Cata
         match with_joint(&text, &joint.joint, spec.motion == Motion::Turn, &held) {
             Some(changed) => {
                 text = changed;
-                told.extend(notes(Format::Usd, file, joint, None));
+                let mut notes = notes(Format::Usd, file, joint, None);
+                match tilt(tree, joint, catalogue).and_then(|t| with_tilt(&text, &joint.joint, &t)) {
+                    Some(changed) => text = changed,
+                    None => untold(&mut notes),
+                }
+                told.extend(notes);
             }
             None => told.extend(notes(Format::Usd, file, joint, Some("it has no such joint"))),
         }
@@ -59,6 +66,64 @@ fn with_joint(text: &str, name: &str, turns: bool, held: &Held) -> Option<String
         body = with_attribute(&body, &attribute, value);
     }
     Some(format!("{}{body}{}", &text[..open], &text[end..]))
+}
+
+/// The text with the links of a joint turned, and the frame of the joint in its parent; `None` where one is not there.
+fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
+    let parent = link_pose(text, &tilt.parent)?.pose;
+    let mut edits = Vec::new();
+    for name in &tilt.links {
+        let link = link_pose(text, name)?;
+        let turned = tilt.moved(&parent, &link.pose);
+        let at = turned.translation.vector;
+        edits.push((link.translate, format!("({}, {}, {})", at.x, at.y, at.z)));
+        edits.push((link.orient, quaternion_text(&turned.rotation)));
+    }
+    let start = text.find(&format!("Joint \"{joint}\""))?;
+    let own = value_of(text, start, "quatf physics:localRot0 = ")?;
+    let given = quaternion_of(&text[own.clone()])?;
+    edits.push((own, quaternion_text(&(tilt.turned_from_given.rotation * given))));
+    edits.sort_by_key(|(range, _)| range.start);
+    let mut changed = text.to_owned();
+    for (range, new) in edits.into_iter().rev() {
+        changed.replace_range(range, &new);
+    }
+    Some(changed)
+}
+
+/// Where a link stands in the model, and where the text says so.
+struct LinkPose {
+    pose: Pose,
+    translate: std::ops::Range<usize>,
+    orient: std::ops::Range<usize>,
+}
+
+fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
+    let start = text.find(&format!("def Xform \"{name}\""))?;
+    let translate = value_of(text, start, "double3 xformOp:translate = ")?;
+    let orient = value_of(text, start, "quatf xformOp:orient = ")?;
+    let &[x, y, z] = numbers(&text[translate.clone()])?.as_slice() else { return None };
+    Some(LinkPose { pose: Pose::from_parts([x, y, z].into(), quaternion_of(&text[orient.clone()])?), translate, orient })
+}
+
+/// Range of the tuple that follows an attribute, from `start` on, before the next prim begins.
+fn value_of(text: &str, start: usize, attribute: &str) -> Option<std::ops::Range<usize>> {
+    let end = text[start + 4..].find("def ").map_or(text.len(), |i| start + 4 + i);
+    let from = start + text[start..end].find(attribute)? + attribute.len();
+    Some(from..from + text[from..end].find(')')? + 1)
+}
+
+fn numbers(tuple: &str) -> Option<Vec<f64>> {
+    tuple.strip_prefix('(')?.strip_suffix(')')?.split(',').map(|x| x.trim().parse().ok()).collect()
+}
+
+fn quaternion_of(tuple: &str) -> Option<nalgebra::UnitQuaternion<f64>> {
+    let &[w, x, y, z] = numbers(tuple)?.as_slice() else { return None };
+    nalgebra::UnitQuaternion::try_new(nalgebra::Quaternion::new(w, x, y, z), 1e-9)
+}
+
+fn quaternion_text(q: &nalgebra::UnitQuaternion<f64>) -> String {
+    format!("({}, {}, {}, {})", q.w, q.i, q.j, q.k)
 }
 
 /// Lines of attributes with one of them set, or added at the end.
@@ -109,5 +174,31 @@ mod tests {
         assert_eq!(tail(&changed), tail(&text));
         assert_eq!(with_joint(&text, "lid", true, &held), None);
         assert!(with_attribute("            int a = 1\n", "newton:friction", 0.5).ends_with("            float newton:friction = 0.5\n"));
+    }
+
+    #[test]
+    fn links_of_a_tilted_joint_turn_with_it() {
+        let model = cabinet();
+        let text = usda(&model, &[]);
+        let joint = &model.joints[0];
+        let names = |k: usize| model.links[k].name.clone();
+        let turned = joint.parent_from_joint * Pose::rotation(nalgebra::Vector3::new(0.05, -0.1, 0.02));
+        let turned_from_given = turned * joint.parent_from_joint.inverse();
+        let tilt = Tilt { parent: names(joint.parent), links: vec![names(joint.child)], turned_from_given };
+        let changed = with_tilt(&text, &joint.name, &tilt).unwrap();
+        let mut other = model.clone();
+        other.joints[0].parent_from_joint = turned;
+        // As if the model had been written with the joint turned, to the digits of the file.
+        let wanted = usda(&other, &[]);
+        for name in [names(joint.parent), names(joint.child), names(model.joints[1].child)] {
+            let (a, b) = (link_pose(&changed, &name).unwrap().pose, link_pose(&wanted, &name).unwrap().pose);
+            assert!((a.to_homogeneous() - b.to_homogeneous()).norm() < 1e-6, "{name}");
+        }
+        let frame = |text: &str| {
+            let start = text.find(&format!("Joint \"{}\"", joint.name)).unwrap();
+            quaternion_of(&text[value_of(text, start, "quatf physics:localRot0 = ").unwrap()]).unwrap()
+        };
+        assert!(frame(&changed).angle_to(&frame(&wanted)) < 1e-6 && frame(&changed).angle_to(&frame(&text)) > 0.05);
+        assert_eq!(with_tilt(&text, "lid", &tilt), None);
     }
 }

@@ -114,9 +114,6 @@ impl Diagnosis {
     }
 }
 
-/// Half width of a 95 % interval in standard deviations of the fit. 1.96 of them hold the truth in 87 % of recordings made with
-/// other steps and shapes than the model's, this many in 95 %.
-const HALF_WIDTH: f64 = 2.35;
 /// Weight that a set of effects needs to be named.
 const NAME_WEIGHT: f64 = 0.95;
 /// Weight below which an alternative is not worth a word.
@@ -198,8 +195,8 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
     let rivals = rivals(problem, &found, chosen);
     let total: f64 = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
     diagnosis.verdict = if 1.0 / total >= NAME_WEIGHT { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, covariance) = refined(problem, &chosen.fit);
-    diagnosis.findings = findings(problem, &model, &covariance, &rivals, total);
+    let (model, spread) = refined(problem, &chosen.fit);
+    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.model = model;
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty() && (diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen)) {
@@ -265,7 +262,7 @@ fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its covariance
 /// with what the parameters moved by the small steps and with the settle time: neither is known better. A delay is not
 /// known better than the stamps.
-fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
+fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.refined();
     let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
     let at = |settle_s: f64, from: &Fit, steps: usize| {
@@ -297,14 +294,32 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, DMatrix<f64>) {
     if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
-    (model, covariance)
+    (model, Spread { covariance, witnesses: fine.witnesses })
+}
+
+/// How well parameters are known.
+struct Spread {
+    /// Covariance of all free parameters.
+    covariance: DMatrix<f64>,
+    /// Number of windows that each rests on.
+    witnesses: Vec<f64>,
+}
+
+/// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom, three at least: Student's
+/// quantile (Abramowitz and Stegun 26.7.5).
+fn half_width(freedom: f64) -> f64 {
+    let (z, n) = (1.959_964_f64, freedom.max(3.0));
+    let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
+    z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
+        + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
+        + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
 }
 
 /// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is left: the
 /// error of a step is of first order at worst, and the last one is a quarter.
 const STEP_RATIO: f64 = 9.0;
 
-fn findings(problem: &Problem, model: &JointModel, covariance: &DMatrix<f64>, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
+fn findings(problem: &Problem, model: &JointModel, spread: &Spread, rivals: &[(Vec<usize>, f64)], total: f64) -> Vec<Finding> {
     let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
     own.sort_unstable();
     let mut at = 1;
@@ -312,17 +327,21 @@ fn findings(problem: &Problem, model: &JointModel, covariance: &DMatrix<f64>, ri
     for term in &model.terms {
         let effect = &problem.catalogue[term.effect];
         let n = term.p.len();
-        let covariance = covariance.view((at, at), (n, n));
+        let (covariance, witnesses) = (spread.covariance.view((at, at), (n, n)), &spread.witnesses[at..at + n]);
         let estimate = |r: super::effect::Reported| {
             let variance: f64 =
                 (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j]).sum();
-            let half = HALF_WIDTH * variance.max(0.0).sqrt();
+            let fewest = (0..n).filter(|i| r.gradient[*i] != 0.0).map(|i| witnesses[i]).fold(f64::INFINITY, f64::min);
+            let half = half_width(fewest - 1.0) * variance.max(0.0).sqrt();
             let value = if r.name == "time" { r.value % super::effect::RUN_SPACING_S } else { r.value };
+            // What is never negative is not told to be.
+            let positive = (0..n).any(|i| r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0);
+            let low = if positive { (value - half).max(0.0) } else { value - half };
             ParameterEstimate {
                 name: r.name.to_owned(),
                 value,
                 unit: r.dimension.unit(problem.turns).to_owned(),
-                interval: (value - half, value + half),
+                interval: (low, value + half),
             }
         };
         let mut alternatives: Vec<(String, f64)> = Vec::new();

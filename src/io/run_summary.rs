@@ -62,6 +62,8 @@ pub struct SummaryJoint {
     pub origin_std_m: f64,
     /// Standard deviation of the motion between the states, radians or meters.
     pub motion_std: f64,
+    /// Root mean square by which the surfaces of its child in different states miss each other, meters.
+    pub residual_rms_m: f64,
 }
 
 impl SummaryJoint {
@@ -132,6 +134,7 @@ struct ReportJoint {
     axis_std_deg: Option<f64>,
     origin_std_mm: Option<f64>,
     motion_std: Option<ReportQuantity>,
+    residual_rms_mm: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -187,6 +190,7 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
         axis_std_rad: told.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
         origin_std_m: told.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
         motion_std: told.motion_std.as_ref().map_or(f64::NAN, |q| q.value),
+        residual_rms_m: told.residual_rms_mm.unwrap_or(f64::NAN) * 1e-3,
     })
 }
 

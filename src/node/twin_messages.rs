@@ -200,6 +200,7 @@ mod tests {
             axis_std_rad: 0.01,
             origin_std_m: f64::NAN,
             motion_std: 0.1,
+            residual_rms_m: f64::NAN,
         };
         RunSummary {
             folder: "/nowhere".into(),

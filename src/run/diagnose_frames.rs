@@ -10,6 +10,7 @@ use crate::{
         camera::{
             assess::{FrameDiagnosis, FrameOptions, assess},
             frames::{FrameRun, true_camera},
+            own_error::{JointError, OwnErrors},
             report,
             residual::predict,
             twin::{Hypothesis, SeenTwin},
@@ -42,7 +43,10 @@ pub fn diagnose_frames(
     if !(options.accuracy_m.is_finite() && options.accuracy_m > 0.0) {
         return Err(RunError::stage("accuracy", "the accuracy of the twin must be a positive number of millimeters".to_owned()));
     }
-    let (twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
+    let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
+    if let Some(own) = own_errors(&request.twin, &twin) {
+        twin.own = own;
+    }
     let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
     let mut warnings = Vec::new();
     let mut runs: Vec<FrameRun> = Vec::new();
@@ -52,8 +56,8 @@ pub fn diagnose_frames(
     }
     let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
-    if let Some(note) = own_errors(&request.twin) {
-        diagnosis.notes.insert(0, note);
+    if !twin.own.is_exact() {
+        diagnosis.notes.insert(0, told_errors(&twin));
     }
     let (urdf, exports) = update::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let mut json = report::report(&twin, &diagnosis, &exports);
@@ -81,24 +85,36 @@ pub fn diagnose_frames(
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// What the names for a reconstructed twin must be read with: how well its run folder says that its joints are known.
-fn own_errors(twin: &Path) -> Option<String> {
-    let joints = io::read_run_summary(twin.parent()?).ok()?.joints;
-    let worst = |of: fn(&SummaryJoint) -> f64| joints.iter().map(of).fold(0.0, f64::max);
-    let (place_m, axis_rad) = (worst(|j| j.origin_std_m), worst(|j| j.axis_std_rad));
-    Some(format!(
-        "the twin is a reconstruction: of its axes {:.1} mm and {:.2} deg are its own error (standard deviation, worst joint); an \
-         axis_offset of up to three times that, and a depth bias or a piece of geometry that it lacks itself, are no change of the object",
+/// How well a twin that stands in a run folder says that it is known; `None` where it stands in none. What the folder does not know
+/// counts as zero.
+fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
+    let known = io::read_run_summary(path.parent()?).ok()?.joints;
+    let or_zero = |x: f64| if x.is_finite() { x } else { 0.0 };
+    let of = |name: &String| known.iter().find(|k| k.name == *name);
+    let error = |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
+    let joints = twin.joints.iter().map(|j| of(&j.name).map(error).unwrap_or_default()).collect();
+    let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
+    Some(OwnErrors { surface_m, joints })
+}
+
+/// What the names for a reconstructed twin must be read with.
+fn told_errors(twin: &SeenTwin) -> String {
+    let worst = |of: fn(&JointError) -> f64| twin.own.joints.iter().map(of).fold(0.0, f64::max);
+    let (place_m, axis_rad) = (worst(|j| j.place_m), worst(|j| j.axis_rad));
+    format!(
+        "the twin is a reconstruction: its surfaces are known to {:.1} mm, its axes to {:.1} mm and {:.2} deg (standard deviation, worst \
+         joint); effects within that, of an axis within three times that, are not named, and geometry may be missing in the twin alone",
+        1e3 * twin.own.surface_m,
         1e3 * place_m,
         axis_rad.to_degrees()
-    ))
+    )
 }
 
 /// One self-contained page: the summary, then photo, twin and residuals of some frames.
 fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -> Result<String, RunError> {
     let mut page = format!(
         "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{{font:14px sans-serif;max-width:80em;margin:2em auto}}\
-         pre{{background:#f4f4f4;padding:1em;overflow:auto}}section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
+         pre{{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}}section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
          img{{width:100%}}</style><h1>Diagnosis</h1><pre>{}</pre><p>Residuals: red, the object is nearer than the twin; blue, farther; \
          full color from {:.0} mm; black, one is where the other is not; gray, within.</p>",
         escape(summary),

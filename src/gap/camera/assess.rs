@@ -6,10 +6,11 @@ use super::{
     frames::FrameRun,
     kinds::{KindChange, mean_cost, other_kinds},
     missing::{Missing, missing_geometry},
+    own_error::{apart_m, still},
     placement::{CoarseRun, find_positions},
     proof::{FrameGap, PartResidual, by_part, frame_gap},
     select::{Selected, select, settle, with_set},
-    trial::Fitted,
+    trial::{Fitted, INTERVAL},
     twin::{Hypothesis, SeenTwin},
 };
 use crate::gap::verdict::{Finding, ParameterEstimate, Verdict};
@@ -31,6 +32,8 @@ const CONFLICT_SHARE: f64 = 0.08;
 const UNEXPLAINED_M: f64 = 0.003;
 /// Residual beyond the camera's noise from which a part is told as a place, metres.
 const PLACE_M: f64 = 0.0015;
+/// Multiple of a pixel's noise that a joint's child must move between recordings, for anything to be known of the joint.
+const LEAST_WAYS: f64 = 10.0;
 /// What an effect must move, in errors of the twin.
 const MOVES: f64 = 1.0;
 /// Fewest cells for a verdict.
@@ -129,7 +132,9 @@ pub fn assess(twin: &SeenTwin, runs: &[FrameRun], options: &FrameOptions) -> Res
     if let Some((change, other, state)) = changed {
         let statewise = chosen.set.iter().any(|&t| work.trials[t].log_odds < 0.0);
         let work = work.of(&other);
-        if seen_cost(&work, &state) < KIND_COST[usize::from(statewise)] * best {
+        let apart_m = apart_m(change.joint, (twin, &null), (&other, &state.hypothesis));
+        let own_m = twin.own.made_m(twin, Some(change.joint));
+        if apart_m > own_m && seen_cost(&work, &state) < KIND_COST[usize::from(statewise)] * best {
             let selected = select(&work, state).ok_or_else(nothing)?;
             return Ok(conclude(&work, selected, Some(change), (twin, first.null.hypothesis, &before), options));
         }
@@ -188,11 +193,19 @@ fn conclude(
     }
     let chosen = &selected.chosen;
     let mut findings = told_findings(work, &selected, chosen);
+    findings.iter_mut().for_each(|f| widen(work.twin, f));
     if let (Some(change), Some(freed)) = (&kind, &freed) {
         findings.insert(0, change.finding(work, freed));
     }
     let missing = missing_geometry(work, &after.hypothesis, options);
-    findings.extend(missing.iter().map(|m| m.finding(work.twin)));
+    findings.extend(missing.iter().map(|m| m.finding(work.twin)).map(|mut f| {
+        if !work.twin.own.is_exact() {
+            // Nothing in the frames tells which.
+            f.finding.weight = 0.5;
+            f.finding.alternatives.push(("geometry that the reconstruction itself lacks".into(), 0.5));
+        }
+        f
+    }));
     let gap = frame_gap(work, (original, &null), &after.hypothesis, &missing);
     let parts = by_part(work, &after.hypothesis);
     let places = places(work, before, &parts);
@@ -206,8 +219,19 @@ fn conclude(
         ));
         findings.clear();
     }
+    let still = still(work.twin, &after.hypothesis, LEAST_WAYS * gap.noise_floor.max(options.accuracy_m));
+    for (j, way_m) in &still {
+        notes.push(format!(
+            "{} stands at one place in all recordings ({:.1} mm apart): film it at two positions or more, most of its range apart, or nothing \
+             is known of its axis and its type",
+            work.twin.joints[*j].name,
+            1e3 * way_m
+        ));
+    }
+    let nothing_moves = !work.twin.joints.is_empty() && still.len() == work.twin.joints.len();
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if selected.linear.cells.len() < MIN_CELLS => Verdict::Insufficient,
+        (true, _, false) if nothing_moves => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,
         (true, _, true) => Verdict::Unknown,
@@ -220,17 +244,30 @@ fn conclude(
 fn without_small(work: &Work, mut selected: Selected, notes: &mut Vec<String>) -> Selected {
     loop {
         let accuracy_m = selected.chosen.solution.sizes.patch_m;
-        let least = (0..selected.chosen.set.len()).map(|i| (i, moved_m(work, &selected, i))).min_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((i, moved_m)) = least.filter(|(_, m)| *m < MOVES * accuracy_m) else { return selected };
+        let own_m = |i: usize| (MOVES * accuracy_m).max(work.twin.own.made_m(work.twin, work.trials[selected.chosen.set[i]].joint));
+        let all = (0..selected.chosen.set.len()).map(|i| (i, moved_m(work, &selected, i), own_m(i)));
+        let least = all.min_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
+        let Some((i, moved_m, own_m)) = least.filter(|(_, moved_m, own_m)| moved_m < own_m) else { return selected };
         let mut set = selected.chosen.set.clone();
         let name = work.trials[set.remove(i)].name;
         notes.push(format!(
             "{name} would move what is seen by {:.1} mm; too little for a twin whose own errors are {:.1} mm",
             1e3 * moved_m,
-            1e3 * accuracy_m
+            1e3 * own_m
         ));
         let Some(next) = with_set(work, &selected, &set) else { return selected };
         selected = next;
+    }
+}
+
+/// Widens the intervals of an axis by what the twin itself does not know of it.
+fn widen(twin: &SeenTwin, finding: &mut CameraFinding) {
+    let Some(own) = finding.joint.filter(|_| finding.finding.effect == "axis_offset").and_then(|j| twin.own.joints.get(j)) else { return };
+    for p in &mut finding.finding.parameters {
+        let own = INTERVAL * if p.unit == "rad" { own.axis_rad } else { own.place_m };
+        p.interval = (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));
+        // Both are lengths.
+        p.interval.0 = p.interval.0.max(0.0);
     }
 }
 

@@ -13,6 +13,7 @@ pub mod frames;
 pub mod kinds;
 pub mod missing;
 pub mod mixed;
+pub mod own_error;
 pub mod parameter;
 pub mod placement;
 pub mod proof;

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 
-use super::twin::{Hinge, SeenJoint, SeenPart, SeenTwin};
+use super::{
+    own_error::OwnErrors,
+    twin::{Hinge, SeenJoint, SeenPart, SeenTwin},
+};
 use crate::{
     geometry::Pose,
     model::{JointType, Tree},
@@ -107,6 +110,6 @@ impl SeenTwin {
         if parts.iter().all(|p| p.mesh.is_empty()) {
             return Err(SeenTwinError::NoMesh);
         }
-        Ok(Self { parts, joints })
+        Ok(Self { parts, joints, own: OwnErrors::default() })
     }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
+use super::own_error::OwnErrors;
 use crate::{
     geometry::{Pose, Screw},
     surface::TriangleMesh,
@@ -84,6 +85,8 @@ pub struct SeenTwin {
     pub parts: Vec<SeenPart>,
     /// Joints, each before those that its child carries.
     pub joints: Vec<SeenJoint>,
+    /// How well it is known itself.
+    pub own: OwnErrors,
 }
 
 impl SeenTwin {

@@ -40,12 +40,12 @@ impl Effect for Cogging {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        // From two periods to fifty over the range, a third of a period apart at its ends.
-        (0..144).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
+        // From two periods to a hundred over the range, which a run away widens, a third of a period apart at its ends.
+        (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         let turn = std::f64::consts::TAU / (coverage.position.1 - coverage.position.0);
-        if index == 2 { (1.5 * turn, 60.0 * turn) } else { (-1e9, 1e9) }
+        if index == 2 { (1.5 * turn, 110.0 * turn) } else { (-1e9, 1e9) }
     }
 }

@@ -79,4 +79,8 @@ impl Effect for EndStop {
     fn is_upper(&self) -> bool {
         self.upper
     }
+
+    fn begins(&self) -> Option<usize> {
+        Some(2)
+    }
 }
