@@ -245,12 +245,13 @@ mod tests {
         model.joints[0].parent_from_joint = Pose::identity();
         model.states = vec![vec![0.0, 0.0], vec![0.0, 0.5]];
         clear_paths(&mut model, &config);
-        let state = model.states[0].clone();
-        let meets = |q: f64| overlaps(&model.links[0].collision, &model.links[2].collision, &relative_poses(&model, 1, 0, &state, &[q])[0]);
-        assert!(!meets(0.0) && !meets(0.5), "they overlap where they were seen");
+        let meets = |model: &ArticulatedModel, q: f64| {
+            overlaps(&model.links[0].collision, &model.links[2].collision, &relative_poses(model, 1, 0, &model.states[0], &[q])[0])
+        };
+        assert!(!meets(&model, 0.0) && !meets(&model, 0.5), "they overlap where they were seen");
         model.links[0].collision.push(cuboid([0.3, -0.1, 0.2], [0.32, 0.1, 0.4]));
         clear_paths(&mut model, &config);
-        assert!(meets(0.25), "what stands in the way is gone");
+        assert!(meets(&model, 0.25), "what stands in the way is gone");
     }
 
     #[test]
