@@ -70,7 +70,7 @@ pub(super) struct PartCount {
 }
 
 /// Motions on the way from many to none.
-pub(super) struct Step {
+struct Step {
     motions: Vec<Pose>,
     point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
@@ -80,8 +80,9 @@ pub(super) struct Step {
 impl Run<'_> {
     /// The most motions of which each has the evidence that a part needs and none splits a part; not more than make `parts` parts, where that is
     /// given.
-    pub fn choose(&self, steps: &[Step], parts: Option<usize>) -> Result<PartCount, RegisterError> {
+    pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
+        let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
         let enough = |s: &&Step| self.stands(&s.point, &curve);
         let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
@@ -107,10 +108,14 @@ impl Run<'_> {
     }
 
     /// The most motions of which each has the evidence that a part needs.
-    pub fn best(&self, steps: &[Step]) -> Vec<Pose> {
+    pub fn best(&self, motions: Vec<Pose>) -> Vec<Pose> {
+        let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = steps.iter().filter(|s| self.stands(&s.point, &curve));
-        enough.max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
+        steps
+            .into_iter()
+            .filter(|s| self.stands(&s.point, &curve))
+            .max_by_key(|s| s.motions.len())
+            .map_or_else(|| vec![Pose::identity()], |s| s.motions)
     }
 
     /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
@@ -121,7 +126,7 @@ impl Run<'_> {
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
-    pub fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
         loop {
             while self.thin(&mut motions) {

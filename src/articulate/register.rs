@@ -163,20 +163,18 @@ pub fn register(
     for _ in 0..2 {
         run.round(&mut motions);
     }
-    // What matches tell comes first: surface that their motions explain proposes nothing. A motion that proves to be none of
-    // a part gives its surface back.
-    let mut steps = run.steps(motions);
+    // What matches tell comes first: surface that their motions explain proposes nothing.
+    motions = run.best(motions);
     for _ in 0..RESIDUAL_ROUNDS {
-        let mut known = run.best(&steps);
-        let more = propose_from_residual(&run.evidence, &known, extent_m);
-        if more.is_empty() {
+        let more = propose_from_residual(&run.evidence, &motions, extent_m);
+        let none = more.is_empty();
+        motions.extend(more);
+        if none {
             break;
         }
-        known.extend(more);
-        run.round(&mut known);
-        steps = run.steps(known);
+        run.round(&mut motions);
     }
-    let PartCount { motions, curve, notes, warnings } = run.choose(&steps, parts)?;
+    let PartCount { motions, curve, notes, warnings } = run.choose(motions, parts)?;
     let mut motions = run.hinged(motions);
     run.evidence = Evidence::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
     for _ in 0..config.rounds {
