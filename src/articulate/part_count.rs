@@ -43,6 +43,10 @@ const NEARLY: f64 = 0.7;
 const SPLIT: f64 = 0.8;
 /// A part with this many times the least evidence is one even where the sum falls a little.
 const FIRM: f64 = 2.2;
+/// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
+const SETTLING: usize = 8;
+/// Motions that change by less than this share of the reach in a round have settled.
+const SETTLED: f64 = 0.02;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Two sets of motions explain alike from this share of the better one's evidence on.
@@ -132,12 +136,30 @@ impl Run<'_> {
             while self.thin(&mut motions) {
                 self.round(&mut motions);
             }
-            let (scores, shares) = self.weighed(&motions);
+            let (mut scores, mut shares) = self.weighed(&motions);
+            if motions.len() > 1 && scores[1..].iter().all(|s| *s >= 0.5 * self.config.least_score) {
+                self.settle(&mut motions);
+                (scores, shares) = self.weighed(&motions);
+            }
             steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
             if motions.len() == 1 {
                 return steps;
             }
             motions = self.without_least(&motions, &scores);
+        }
+    }
+
+    /// Rounds until no motion changes.
+    fn settle(&self, motions: &mut [Pose]) {
+        let points = &self.evidence.samples[0].points;
+        let every = points.len().div_ceil(200);
+        for _ in 0..SETTLING {
+            let before = motions.to_vec();
+            self.round(motions);
+            let change_m = |(a, b): (&Pose, &Pose)| points.iter().step_by(every).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max);
+            if before.iter().zip(motions.iter()).map(change_m).all(|m| m < SETTLED * self.evidence.reach_m) {
+                break;
+            }
         }
     }
 
@@ -151,8 +173,9 @@ impl Run<'_> {
         let mut weakest: Vec<usize> = (1..motions.len()).collect();
         weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
         let untold = weakest.iter().filter(|k| !told(**k)).count();
-        // One that explains next to nothing needs no comparison.
-        let clear = scores[weakest[0]] < 0.5 * least;
+        // One that explains next to nothing needs no comparison, unless another explains the same.
+        let next_to_nothing = |k: &usize| scores[*k] < 0.5 * least;
+        let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
         let rivals = if untold > 0 { untold.min(RIVALS) } else { RIVALS };
         weakest.truncate(if clear { 1 } else { rivals });
         let without = |k: usize| motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect::<Vec<_>>();
