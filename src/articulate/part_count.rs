@@ -301,7 +301,7 @@ impl Run<'_> {
         let cell_m = self.config.ransac.cell * self.extent_m;
         let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
-        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
+        for m in self.telling.iter().filter(|m| self.gate.has_moved(m)) {
             let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
             for (k, motion) in motions.iter().enumerate() {
                 let support = self.gate.support(m, motion);
