@@ -41,6 +41,8 @@ const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
 const SPLIT: f64 = 0.8;
+/// A motion needs this share of the least evidence where it takes nothing from the others.
+const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
 const FIRM: f64 = 2.2;
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
@@ -125,7 +127,7 @@ impl Run<'_> {
     /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
     fn stands(&self, point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
         let least = self.config.least_score;
-        point.weakest.is_none_or(|w| w >= least) && !splits(point, curve, FIRM * least)
+        point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve))) && !splits(point, curve, FIRM * least)
     }
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
@@ -340,7 +342,7 @@ pub(super) fn more_than_asked(evident: usize, asked: usize) -> String {
 
 /// Says that the weakest of some parts has little more evidence than the least.
 pub(super) fn little_evidence(parts: usize, weakest: f64, least: f64) -> String {
-    format!("one of the {parts} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}")
+    format!("one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt", LITTLE * least)
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
@@ -350,6 +352,13 @@ fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weak = point.weakest.is_some_and(|w| w < firm);
     let takes = |p: &EvidencePoint| weak && point.evidence < p.evidence;
     smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
+}
+
+/// Whether the weakest motion of a set takes next to nothing from the others, of which there are some: those of the next smaller
+/// set explain less than all of these by half its evidence at least. Wrong motions take from the right ones what they explain.
+fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+    let smaller = curve.iter().filter(|p| p.parts < point.parts).max_by_key(|p| p.parts);
+    smaller.is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.
@@ -401,7 +410,15 @@ mod tests;
 
 #[cfg(test)]
 mod split_tests {
-    use super::{EvidencePoint, splits};
+    use super::{EvidencePoint, adds, splits};
+
+    #[test]
+    fn a_motion_of_little_evidence_must_add_to_the_sum() {
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest };
+        let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0)), point(3, 150.0, Some(50.0)), point(4, 159.0, Some(10.0))];
+        assert!(adds(&curve[3], &curve) && !adds(&point(4, 153.0, Some(10.0)), &curve));
+        assert!(!adds(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
+    }
 
     #[test]
     fn a_second_motion_of_one_part_takes_its_evidence_away() {
