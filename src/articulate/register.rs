@@ -169,8 +169,10 @@ pub fn register(
     }
     // What matches tell comes first: surface that their motions explain proposes nothing.
     motions = run.best(motions);
-    for _ in 0..RESIDUAL_ROUNDS {
-        let more = propose_from_residual(&run.evidence, &motions, extent_m);
+    for round in 0..RESIDUAL_ROUNDS {
+        // Surface that a motion explains which is no part's may propose another.
+        let parts = if round == 0 { motions.clone() } else { run.best(motions.clone()) };
+        let more = propose_from_residual(&run.evidence, &parts, extent_m);
         let none = more.is_empty();
         motions.extend(more);
         if none {
