@@ -47,6 +47,8 @@ const ADDING: f64 = 0.6;
 const FIRM: f64 = 2.2;
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
 const SETTLING: usize = 8;
+/// The largest sets of motions that could all be parts, which settle.
+const COMPARED: usize = 2;
 /// Motions that change by less than this share of the reach in a round have settled.
 const SETTLED: f64 = 0.02;
 /// The weakest motions that are compared before one is dropped.
@@ -134,12 +136,14 @@ impl Run<'_> {
     /// static part alone.
     fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
+        let mut settled = 0;
         loop {
             while self.thin(&mut motions) {
                 self.round(&mut motions);
             }
             let (mut scores, mut shares) = self.weighed(&motions);
-            if motions.len() > 1 && scores[1..].iter().all(|s| *s >= 0.5 * self.config.least_score) {
+            if settled < COMPARED && scores[1..].iter().all(|s| *s >= 0.5 * self.config.least_score) {
+                settled += 1;
                 self.settle(&mut motions);
                 (scores, shares) = self.weighed(&motions);
             }
