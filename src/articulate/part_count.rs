@@ -41,8 +41,16 @@ const NEARLY: f64 = 0.7;
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further part adds to the
 /// sum, a second motion of one part takes away most of that part's.
 const SPLIT: f64 = 0.8;
+/// A motion needs this share of the least evidence where it takes nothing from the others.
+const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
 const FIRM: f64 = 2.2;
+/// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
+const SETTLING: usize = 8;
+/// The largest sets of motions that could all be parts, which settle.
+const COMPARED: usize = 2;
+/// Motions that change by less than this share of the reach in a round have settled.
+const SETTLED: f64 = 0.02;
 /// The weakest motions that are compared before one is dropped.
 const RIVALS: usize = 3;
 /// Two sets of motions explain alike from this share of the better one's evidence on.
@@ -121,23 +129,43 @@ impl Run<'_> {
     /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
     fn stands(&self, point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
         let least = self.config.least_score;
-        point.weakest.is_none_or(|w| w >= least) && !splits(point, curve, FIRM * least)
+        point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve))) && !splits(point, curve, FIRM * least)
     }
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
     fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
+        let mut settled = 0;
         loop {
             while self.thin(&mut motions) {
                 self.round(&mut motions);
             }
-            let (scores, shares) = self.weighed(&motions);
+            let (mut scores, mut shares) = self.weighed(&motions);
+            if settled < COMPARED && scores[1..].iter().all(|s| *s >= 0.5 * self.config.least_score) {
+                settled += 1;
+                self.settle(&mut motions);
+                (scores, shares) = self.weighed(&motions);
+            }
             steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
             if motions.len() == 1 {
                 return steps;
             }
             motions = self.without_least(&motions, &scores);
+        }
+    }
+
+    /// Rounds until no motion changes.
+    fn settle(&self, motions: &mut [Pose]) {
+        let points = &self.evidence.samples[0].points;
+        let every = points.len().div_ceil(200);
+        for _ in 0..SETTLING {
+            let before = motions.to_vec();
+            self.round(motions);
+            let change_m = |(a, b): (&Pose, &Pose)| points.iter().step_by(every).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max);
+            if before.iter().zip(motions.iter()).map(change_m).all(|m| m < SETTLED * self.evidence.reach_m) {
+                break;
+            }
         }
     }
 
@@ -151,8 +179,9 @@ impl Run<'_> {
         let mut weakest: Vec<usize> = (1..motions.len()).collect();
         weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
         let untold = weakest.iter().filter(|k| !told(**k)).count();
-        // One that explains next to nothing needs no comparison.
-        let clear = scores[weakest[0]] < 0.5 * least;
+        // One that explains next to nothing needs no comparison, unless another explains the same.
+        let next_to_nothing = |k: &usize| scores[*k] < 0.5 * least;
+        let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
         let rivals = if untold > 0 { untold.min(RIVALS) } else { RIVALS };
         weakest.truncate(if clear { 1 } else { rivals });
         let without = |k: usize| motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect::<Vec<_>>();
@@ -278,7 +307,7 @@ impl Run<'_> {
         let cell_m = self.config.ransac.cell * self.extent_m;
         let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> = motions.iter().map(|_| Default::default()).collect();
-        for m in self.matches.iter().filter(|m| self.gate.has_moved(m)) {
+        for m in self.telling.iter().filter(|m| self.gate.has_moved(m)) {
             let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
             for (k, motion) in motions.iter().enumerate() {
                 let support = self.gate.support(m, motion);
@@ -317,7 +346,7 @@ pub(super) fn more_than_asked(evident: usize, asked: usize) -> String {
 
 /// Says that the weakest of some parts has little more evidence than the least.
 pub(super) fn little_evidence(parts: usize, weakest: f64, least: f64) -> String {
-    format!("one of the {parts} parts rests on little evidence: {weakest:.0} cells, where a part needs {least}")
+    format!("one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt", LITTLE * least)
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
@@ -327,6 +356,13 @@ fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weak = point.weakest.is_some_and(|w| w < firm);
     let takes = |p: &EvidencePoint| weak && point.evidence < p.evidence;
     smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
+}
+
+/// Whether the weakest motion of a set takes next to nothing from the others, of which there are some: those of the next smaller
+/// set explain less than all of these by half its evidence at least. Wrong motions take from the right ones what they explain.
+fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+    let smaller = curve.iter().filter(|p| p.parts < point.parts).max_by_key(|p| p.parts);
+    smaller.is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.
@@ -378,7 +414,15 @@ mod tests;
 
 #[cfg(test)]
 mod split_tests {
-    use super::{EvidencePoint, splits};
+    use super::{EvidencePoint, adds, splits};
+
+    #[test]
+    fn a_motion_of_little_evidence_must_add_to_the_sum() {
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest };
+        let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0)), point(3, 150.0, Some(50.0)), point(4, 159.0, Some(10.0))];
+        assert!(adds(&curve[3], &curve) && !adds(&point(4, 153.0, Some(10.0)), &curve));
+        assert!(!adds(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
+    }
 
     #[test]
     fn a_second_motion_of_one_part_takes_its_evidence_away() {

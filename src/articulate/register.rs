@@ -1,7 +1,7 @@
 //! Parts and motions of an object in two states by registration: proposals from lifted matches, a choice among them by
 //! what they explain of the surfaces, then labels and motions in turn (method.md 4.6 and 10.4).
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -138,6 +138,9 @@ const PROPOSED: usize = 8;
 /// Rounds in which the surface that is left over proposes motions.
 const RESIDUAL_ROUNDS: usize = 2;
 
+/// A sample that costs less where it is stands still.
+const STANDS: f32 = 0.5;
+
 /// Finds the rigid motions of all parts and the part of every surface sample: of `parts` parts, the static one included,
 /// or of as many as the evidence supports.
 ///
@@ -156,17 +159,20 @@ pub fn register(
 ) -> Result<Registration, RegisterError> {
     let extent_m = checked_extent_m(&surfaces, parts)?;
     let wanted = parts.map_or(PROPOSED, |p| p - 1);
-    let proposals = propose(matches, wanted, extent_m, &config.ransac, rng);
-    let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
     let coarse = Evidence::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
-    let mut run = Run { matches, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence: coarse };
+    let telling = telling(matches, &coarse);
+    let proposals = propose(&telling, wanted, extent_m, &config.ransac, rng);
+    let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
+    let mut run = Run { matches, telling, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence: coarse };
     for _ in 0..2 {
         run.round(&mut motions);
     }
     // What matches tell comes first: surface that their motions explain proposes nothing.
     motions = run.best(motions);
-    for _ in 0..RESIDUAL_ROUNDS {
-        let more = propose_from_residual(&run.evidence, &motions, extent_m);
+    for round in 0..RESIDUAL_ROUNDS {
+        // Surface that a motion explains which is no part's may propose another.
+        let parts = if round == 0 { motions.clone() } else { run.best(motions.clone()) };
+        let more = propose_from_residual(&run.evidence, &parts, extent_m);
         let none = more.is_empty();
         motions.extend(more);
         if none {
@@ -185,6 +191,14 @@ pub fn register(
     let shares = shares(&costs, motions.len());
     let support = (0..motions.len()).map(|k| run.support(&motions[k], k as u8, &labels, &match_labels, shares[k])).collect();
     Ok(Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings })
+}
+
+/// The matches that can tell of a motion: not those between two places that both look in the other state as they do in their own.
+/// Equal things in a row, such as keys, match each other where none has moved.
+pub(super) fn telling(matches: &[LiftedMatch], evidence: &Evidence<'_>) -> Vec<LiftedMatch> {
+    let costs = [0, 1].map(|s| evidence.costs(s, &[Pose::identity()], None));
+    let stands = |s: usize, p: &Point3<f64>| evidence.indices[s].nearest(p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < STANDS);
+    matches.iter().filter(|m| !(stands(0, &m.point0) && stands(1, &m.point1))).copied().collect()
 }
 
 /// Longest side of the box around all surfaces.
@@ -234,6 +248,8 @@ pub(super) fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
 /// What the rounds share.
 pub(super) struct Run<'a> {
     pub matches: &'a [LiftedMatch],
+    /// Those of them that can tell of a motion.
+    pub telling: Vec<LiftedMatch>,
     pub extent_m: f64,
     pub gate: Gate,
     pub config: &'a RegisterConfig,

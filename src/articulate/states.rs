@@ -12,7 +12,7 @@ use super::{
     part_count::{CHANCE, EvidencePoint, LITTLE, SURFACE_WEIGHT, little_evidence, more_than_asked, point, preference},
     ransac::Gate,
     refine::refine,
-    register::{Run, checked_extent_m, occupied_cells, reach_m},
+    register::{Run, checked_extent_m, occupied_cells, reach_m, telling},
     residual::LEAST_SHARE,
 };
 use crate::geometry::{Pose, Screw};
@@ -96,7 +96,14 @@ pub fn unite<'a>(
     let run = |pair: &StatePair<'a>| {
         let surfaces = [surface, pair.surface];
         let evidence = Evidence::new(surfaces, [free, pair.free], reach_m(surfaces, config.last_reach * extent_m));
-        Run { matches: pair.matches, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence }
+        Run {
+            matches: pair.matches,
+            telling: telling(pair.matches, &evidence),
+            extent_m,
+            gate: Gate::new(&config.ransac, extent_m),
+            config,
+            evidence,
+        }
     };
     let states = States { runs: pairs.iter().map(run).collect() };
     let mut classes = classes(pairs, surface.points.len());

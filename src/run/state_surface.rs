@@ -63,10 +63,15 @@ pub fn fuse(frames: &[RgbdFrame], scene: &SceneBox, band: &Band, noise: &NoiseCo
     let grid = Grid3::over(scene, nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
     let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
-    for (frame, weights) in frames.iter().zip(&weights) {
-        let roles = object_roles(frame, weights);
-        volume.integrate(&TsdfView { frame, weights, roles: &roles, volume_from_world: Pose::identity() }, noise);
-    }
+    let roles: Vec<_> = frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
+    let views: Vec<TsdfView> = frames
+        .iter()
+        .zip(&weights)
+        .zip(&roles)
+        .map(|((frame, weights), roles)| TsdfView { frame, weights, roles, volume_from_world: Pose::identity() })
+        .collect();
+    views.iter().for_each(|view| volume.integrate(view, noise));
+    volume.face(&views, noise);
     volume
 }
 
