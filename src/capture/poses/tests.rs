@@ -155,6 +155,7 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
     let found = align_worlds([&state0, &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
     let left = found.right_from_told * drift;
     assert!(left.translation.vector.norm() < 0.0005 && left.rotation.angle() < 0.0007, "{left}");
+    assert_eq!(found.covariance, None, "six frames cannot tell the spread of six parameters");
     assert!(found.residual_m[1] < found.residual_m[0]);
     let still = align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false);
     assert!(still.is_none_or(|s| s.moved_m < 0.0005 && s.turned_rad < 0.0007));
