@@ -45,12 +45,17 @@ struct Candidate {
     off_m: f64,
 }
 
+/// Whether a part moves against a candidate no less simply, decisively, than against any other that it touches.
+fn as_simple(candidate: &Candidate, all: &[Candidate], contact_m: f64) -> bool {
+    let touching = all.iter().filter(|c| c.gap_m < contact_m);
+    candidate.excess < touching.map(|c| c.excess).fold(f64::INFINITY, f64::min) + DECISIVE
+}
+
 /// The candidates that touch a part and against which it moves no less simply, decisively, than against any other of them;
 /// where some of these turns run by both parts, as hinges do, only those.
 fn qualified(candidates: &[Candidate], contact_m: f64) -> impl Iterator<Item = &Candidate> {
     let touching = move |c: &&Candidate| c.gap_m < contact_m;
-    let simplest = candidates.iter().filter(touching).map(|c| c.excess).fold(f64::INFINITY, f64::min);
-    let simple = move |c: &&Candidate| touching(c) && c.excess < simplest + DECISIVE;
+    let simple = move |c: &&Candidate| touching(c) && as_simple(c, candidates, contact_m);
     let hinged = move |c: &&Candidate| c.off_m < contact_m;
     let some = candidates.iter().filter(simple).any(|c| hinged(&c));
     candidates.iter().filter(simple).filter(move |c| !some || hinged(c))
@@ -172,6 +177,18 @@ fn explain(joint: &mut JointEstimate, part: usize, parent: usize, candidates: &[
     if !others.is_empty() {
         let [own, others] = [link_name(parent), others.join(" or ")];
         evidence.not_observable.push(format!("the parent: {others} would do as well as {own}, which the shortest chain makes it"));
+    }
+    if let Some(c) = candidates.iter().find(|c| c.parent == 0 && parent != 0 && as_simple(c, candidates, contact_m)) {
+        let base = link_name(0);
+        let why = if c.gap_m < contact_m {
+            "its axis would not run by both".to_owned()
+        } else {
+            format!("{base} is {:.0} mm away", 1e3 * c.gap_m)
+        };
+        let turns = joint.kind.turns() && c.joint.kind.turns();
+        let off_mm = 1e3 * (c.joint.point - joint.point).cross(&c.joint.axis).norm();
+        let elsewhere = if turns { format!("; there the axis would lie {off_mm:.0} mm from here") } else { String::new() };
+        evidence.not_observable.push(format!("the parent: the motion against {base} is as simple, but {why}{elsewhere}"));
     }
     if candidates.len() > 1 && qualified(candidates, contact_m).next().is_none() {
         let name = link_name(part + 1);

@@ -56,6 +56,9 @@ fn a_lamp_is_a_chain_although_its_axes_are_parallel() {
     // The carried motion is that of both joints.
     let apart = found[1].joint.motions[0] * Scene::lamp().truth(2).inverse();
     assert!(apart.rotation.angle() < 0.01 && found[1].joint.evidence.parents.len() == 2);
+    // Turns about parallel axes make one turn against the base, too.
+    let said = &found[1].joint.evidence.not_observable;
+    assert!(said.iter().any(|s| s.contains("the motion against base is as simple, but")), "{said:?}");
 }
 
 #[test]

@@ -47,6 +47,7 @@ mod scale_space;
 mod slip;
 mod standing;
 mod states;
+mod static_motion;
 mod surface_error;
 mod surface_graph;
 #[cfg(test)]
@@ -97,3 +98,4 @@ pub use ransac::{Proposal, RansacConfig, propose};
 pub use register::{MotionSupport, RegisterConfig, RegisterError, Registration, register};
 pub use standing::standing_share;
 pub use states::{StatePair, United, common_refinement, unite};
+pub use static_motion::static_motion;

@@ -1,5 +1,7 @@
 //! The step that brings a state into the world frame of state 0.
 
+use nalgebra::Matrix6;
+
 use super::{RunError, stage_rng};
 use crate::{
     articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states, standing_share},
@@ -16,6 +18,9 @@ pub(super) struct Aligned {
     pub matches: Vec<LiftedMatch>,
     /// Takes what stands still from state 0's world frame to the state's, as recorded.
     pub world_from_world0: Pose,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of what stands still in the state so moved, square metres and
+    /// radians, where surfaces tell.
+    pub covariance: Option<Matrix6<f64>>,
     /// What was corrected, in words.
     pub note: String,
 }
@@ -43,15 +48,17 @@ pub(super) fn align(
     let found =
         align_states(matches, around, standing, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
     let found = found.map(|mut a| {
+        let mut covariance = None;
         // Matches bring the states near to each other, surfaces bring them together.
         let near = moved_back(frames[1], &a.state1_from_state0);
         let only_object = a.by == AlignedBy::LargestPart;
         if let Some(fine) = align_worlds([frames[0], &near], &config.capture.noise, &PoseNoise::EXPECTED, only_object) {
             a.state1_from_state0 *= fine.right_from_told.inverse();
+            covariance = fine.covariance;
         }
-        a
+        (a, covariance)
     });
-    Ok(found.map(|a| apply(&a, state, frames[1], matches, scene)))
+    Ok(found.map(|(a, covariance)| Aligned { covariance, ..apply(&a, state, frames[1], matches, scene) }))
 }
 
 /// The frame with what is not the object for its object.
@@ -81,5 +88,6 @@ fn apply(alignment: &StateAlignment, state: usize, frames: &[RgbdFrame], matches
         alignment.cells
     );
     let matches = matches.iter().map(|m| LiftedMatch { point1: back * m.point1, ..*m }).collect();
-    Aligned { frames: moved_back(frames, &alignment.state1_from_state0), matches, world_from_world0: alignment.state1_from_state0, note }
+    let world_from_world0 = alignment.state1_from_state0;
+    Aligned { frames: moved_back(frames, &world_from_world0), matches, world_from_world0, covariance: None, note }
 }

@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
+use nalgebra::Matrix6;
+
 use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     alignment::{Aligned, align, moved_back},
@@ -16,7 +18,7 @@ use super::{
 };
 use crate::{
     articulate::{LiftedMatch, lift},
-    capture::{Capture, CaptureConfig, RgbdFrame, scene_box},
+    capture::{Capture, CaptureConfig, PoseFindings, RgbdFrame, scene_box},
     config::{Config, Engine, Init, preset_cost},
     export::{
         CameraPosesReport, CheckFinding, ExportFile, InputFacts, Level, PartCountReport, PhotoAndTwin, Rendering, Report, ReportPictures,
@@ -183,8 +185,9 @@ pub fn reconstruct_twin(
     let joints = stages.run("joints", None, |_| {
         // Corrections of poses leave each state a world frame that is a little its own.
         let moved: Vec<bool> = drifts.iter().map(|d| d.is_some() || capture.poses.changed()).collect();
+        let still: Vec<_> = aligned.iter().enumerate().map(|(k, a)| still(a.as_ref(), &capture.poses, k)).collect();
         let pose_noise = capture.poses.noise(0);
-        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, moved: &moved, pose_noise };
+        let seen = Seen { frames: &frames, surfaces: &surfaces, matches: &matches, moved: &moved, still: &still, pose_noise };
         Ok::<_, RunError>(joints(&seen, &articulation, &scene, config))
     })?;
     let parts = joints.len() + 1;
@@ -203,6 +206,11 @@ pub fn reconstruct_twin(
     let starts = articulation.starts[1..].to_vec();
     let warnings = aligned.into_iter().flatten().map(|a| a.note).chain(warnings).collect();
     Ok(Twin { model, starts, registered, part_count, drifts, notes, warnings, replaced_engines })
+}
+
+/// How well what stands still was brought to rest in state `k + 1`, by all of it: where its world was corrected, or its poses were.
+fn still(aligned: Option<&Aligned>, poses: &PoseFindings, k: usize) -> Option<Matrix6<f64>> {
+    aligned.map_or_else(|| poses.worlds.get(k)?.as_ref()?.covariance, |a| a.covariance)
 }
 
 /// The surface of every state.

@@ -1,5 +1,6 @@
 //! The stages that turn parts and motions into a model.
 
+use nalgebra::Matrix6;
 use rayon::prelude::*;
 
 use super::{
@@ -11,7 +12,7 @@ use super::{
 use crate::{
     articulate::{
         JointEstimate, LabelledState, LiftedMatch, NO_LABEL, ObservedState, ParentMotion, PartEvidence, TreeJointEstimate, kinematic_tree,
-        label_grid, pair_of, part_tsdf, select,
+        label_grid, pair_of, part_tsdf, select, static_motion,
     },
     capture::{PoseNoise, RgbdFrame},
     config::Config,
@@ -30,6 +31,9 @@ pub(super) struct Seen<'a> {
     pub matches: &'a [Vec<LiftedMatch>],
     /// Which of the other states' frames were moved, coarsely so far.
     pub moved: &'a [bool],
+    /// Covariance of a left perturbation of what stands still in each of these (translation 3, rotation 3), where all that stands
+    /// still tells of it.
+    pub still: &'a [Option<Matrix6<f64>>],
     /// Errors of the camera poses of state 0, where they were corrected.
     pub pose_noise: Option<PoseNoise>,
 }
@@ -61,7 +65,11 @@ pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &Scene
     let motions = 0..articulation.motions.len();
     let parts: Vec<Vec<PartEvidence>> = (1..count).map(|part| motions.clone().map(|k| gather(part, k)).collect()).collect();
     let root = |k: usize| {
-        if seen.moved[k] { gather(0, k).free_motion(&pair_of(&states, k), &config.joint) } else { ParentMotion::still() }
+        if !seen.moved[k] {
+            return ParentMotion::still();
+        }
+        let own = gather(0, k).free_motion(&pair_of(&states, k), &config.joint);
+        seen.still[k].map_or(own.clone(), |still| static_motion(&own, &still))
     };
     let root: Vec<ParentMotion> = motions.clone().map(root).collect();
     let still: Vec<_> = states.iter().map(|s| select(s.samples, s.labels, 0)).collect();

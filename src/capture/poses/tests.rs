@@ -1,9 +1,9 @@
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector6};
 use rand_core::Rng;
 
 use super::*;
 use crate::{
-    geometry::Intrinsics,
+    geometry::{Intrinsics, log_so3},
     run::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
@@ -149,12 +149,19 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
     let back = |p: &Point3<f64>| cuboid(Vector3::new(0.7, 0.02, 0.5))(&(p + Vector3::new(0.0, 0.5, 0.0)));
     let closed = |p: &Point3<f64>| boxes(p).min(side(p)).min(back(p));
     let opened = |p: &Point3<f64>| closed(p).min(cuboid(Vector3::new(0.02, 0.1, 0.08))(&(p - Vector3::new(0.25, 0.0, 0.0))));
-    let [state0, state1] = [frames(&closed, 1.0, 6), frames(&opened, 1.2, 6)];
+    let [state0, state1] = [frames(&closed, 1.0, 9), frames(&opened, 1.2, 9)];
     let drift = Pose::new(Vector3::new(0.003, -0.002, 0.002), Vector3::new(0.002, 0.001, -0.003));
     let told: Vec<RgbdFrame> = state1.iter().map(|f| RgbdFrame { world_from_camera: drift * f.world_from_camera, ..f.clone() }).collect();
     let found = align_worlds([&state0, &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
     let left = found.right_from_told * drift;
     assert!(left.translation.vector.norm() < 0.0005 && left.rotation.angle() < 0.0007, "{left}");
+    let (shift, turn) = (left.translation.vector, log_so3(&left.rotation));
+    let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+    let covariance = found.covariance.unwrap();
+    let squared = error.dot(&(covariance.try_inverse().unwrap() * error));
+    assert!(squared < 22.46, "{squared} squared deviations in six directions: {error} {covariance}");
+    let few = align_worlds([&state0[..6], &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
+    assert_eq!(few.covariance, None, "six frames cannot tell the spread of six parameters");
     assert!(found.residual_m[1] < found.residual_m[0]);
     let still = align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false);
     assert!(still.is_none_or(|s| s.moved_m < 0.0005 && s.turned_rad < 0.0007));

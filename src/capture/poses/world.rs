@@ -35,6 +35,9 @@ pub struct WorldCorrection {
     /// Robust standard deviation of the distances between surfaces that frames of both states see, held out, before and
     /// after, metres.
     pub residual_m: [f64; 2],
+    /// Covariance of a left perturbation (translation 3, rotation 3) of `right_from_told`, square metres and radians; `None`
+    /// where too few frames tell.
+    pub covariance: Option<Matrix6<f64>>,
 }
 
 impl fmt::Display for WorldCorrection {
@@ -80,8 +83,17 @@ pub(super) fn correct(states: [&[RgbdFrame]; 2], surfels: [&[Surfels]; 2], expec
             break;
         }
     }
-    let Gain { sigmas, residual_m } = comparison.gain(&told, &moved_poses(&moved))?;
+    let poses = moved_poses(&moved);
+    let Gain { sigmas, residual_m } = comparison.gain(&told, &poses)?;
+    let covariance = || {
+        let sums = comparison.sums(&poses, scale, 0.0);
+        let told: Vec<Told> = sums.pairs.iter().map(|s| Told::of(s, &poses, first, &from_center)).collect();
+        let about_center = covariance(&told, [first, count - first], expected)?;
+        let at_origin = adjoint(&from_center);
+        Some(at_origin * about_center * at_origin.transpose())
+    };
     (sigmas > 0.0).then(|| WorldCorrection {
+        covariance: covariance(),
         right_from_told: from_center * moved * from_center.inverse(),
         moved_m: moved.translation.vector.norm(),
         turned_rad: log_so3(&moved.rotation).norm(),
@@ -89,57 +101,101 @@ pub(super) fn correct(states: [&[RgbdFrame]; 2], surfels: [&[Surfels]; 2], expec
     })
 }
 
+/// What a pair of frames tells of the motion of state 1 about the middle: translation and rotation, from the left.
+struct Told {
+    frames: [usize; 2],
+    information: Matrix6<f64>,
+    gradient: Vector6<f64>,
+}
+
+impl Told {
+    fn of(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
+        // Which of the two cameras is of state 1.
+        let which = usize::from(sums.frames[0] < first);
+        let carried = adjoint(&(poses[sums.frames[which]].inverse() * from_center));
+        Self {
+            frames: sums.frames,
+            information: carried.transpose() * sums.information[2 * which] * carried,
+            gradient: carried.transpose() * sums.gradient[which],
+        }
+    }
+}
+
 /// One step of the motion about the middle: translation and rotation, from the left.
 fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, moved: &Pose, expected: &PoseNoise) -> Option<Vector6<f64>> {
     let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-    for sums in sums {
-        // Which of the two cameras is of state 1.
-        let which = usize::from(sums.frames[0] < first);
-        let camera_from_center = poses[sums.frames[which]].inverse() * from_center;
-        let carried = carried(&camera_from_center);
-        let own = sums.information[2 * which];
-        information += carried.transpose() * own * carried;
-        gradient += carried.transpose() * sums.gradient[which];
+    for told in sums.iter().map(|s| Told::of(s, poses, first, from_center)) {
+        information += told.information;
+        gradient += told.gradient;
     }
-    let (mut information, mut gradient) = observed(&information, &gradient);
+    let Observed { information, projector } = Observed::of(&information);
     let (shift, turn) = (moved.translation.vector, log_so3(&moved.rotation));
-    for k in 0..3 {
-        for (at, value, sigma) in [(k, shift[k], expected.translation_m), (3 + k, turn[k], expected.rotation_rad)] {
-            information[(at, at)] += sigma.powi(-2);
-            gradient[at] += value * sigma.powi(-2);
-        }
+    let from_expected = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+    let expected = expected_information(expected);
+    let gradient = projector * gradient + expected * from_expected;
+    Some(-(information + expected).cholesky()?.solve(&gradient))
+}
+
+/// Covariance of the motion about the middle. Errors of depth and pose run together over an image, so that each frame of either
+/// state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more frames of a state than parameters.
+fn covariance(told: &[Told], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
+    const PARAMETERS: usize = 6;
+    let Observed { information, projector } = Observed::of(&told.iter().map(|t| t.information).sum());
+    let mut by_frame = vec![Vector6::zeros(); frames[0] + frames[1]];
+    told.iter().for_each(|t| t.frames.iter().for_each(|&f| by_frame[f] += projector * t.gradient));
+    let expected = expected_information(expected);
+    let mut spread = expected;
+    for (state, count) in frames.into_iter().enumerate() {
+        let small_sample = count as f64 / count.checked_sub(PARAMETERS).filter(|n| *n > 0)? as f64;
+        let own = by_frame.iter().skip(state * frames[0]).take(count);
+        spread += own.map(|g| g * g.transpose()).sum::<Matrix6<f64>>() * small_sample;
     }
-    Some(-information.cholesky()?.solve(&gradient))
+    let inverse = (information + expected).cholesky()?.inverse();
+    Some(inverse * spread * inverse)
+}
+
+/// Information that a motion about the middle is no larger than expected.
+fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
+    let sigma = |k| if k < 3 { expected.translation_m } else { expected.rotation_rad };
+    Matrix6::from_diagonal(&Vector6::from_fn(|k, _| f64::powi(sigma(k), -2)))
 }
 
 /// What is told along the directions that the surfaces tell of (solution remapping: Zhang, Kaess and Singh 2016). The others
 /// have little information, and that from the noise of normals. Turns are compared with shifts at the distance at which
 /// both are told of alike.
-fn observed(information: &Matrix6<f64>, gradient: &Vector6<f64>) -> (Matrix6<f64>, Vector6<f64>) {
-    let told_of = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
-    let lever_m = (told_of(3) / told_of(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
-    let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
-    let inverse = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
-    let eigen = (inverse * information * inverse).symmetric_eigen();
-    let least = OBSERVED * eigen.eigenvalues.max();
-    let gradient = inverse * gradient;
-    let mut told = (Matrix6::zeros(), Vector6::zeros());
-    for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least) {
-        told.0 += direction * direction.transpose() * *value;
-        told.1 += direction * direction.dot(&gradient);
-    }
-    (unit * told.0 * unit, unit * told.1)
+struct Observed {
+    information: Matrix6<f64>,
+    /// Leaves of a gradient what these directions have of it.
+    projector: Matrix6<f64>,
 }
 
-/// Takes a small motion about the middle to that of a camera in its own frame (the adjoint of a rigid motion).
-fn carried(camera_from_center: &Pose) -> Matrix6<f64> {
-    let rotation = camera_from_center.rotation.to_rotation_matrix();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
-    let lever = camera_from_center.translation.vector.cross_matrix() * rotation.matrix();
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&lever);
-    adjoint
+impl Observed {
+    fn of(information: &Matrix6<f64>) -> Self {
+        let told_of = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
+        let lever_m = (told_of(3) / told_of(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
+        let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
+        let inverse = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
+        let eigen = (inverse * information * inverse).symmetric_eigen();
+        let least = OBSERVED * eigen.eigenvalues.max();
+        let mut told = Self { information: Matrix6::zeros(), projector: Matrix6::zeros() };
+        for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least) {
+            let along = direction * direction.transpose();
+            told.information += along * *value;
+            told.projector += along;
+        }
+        Self { information: unit * told.information * unit, projector: unit * told.projector * inverse }
+    }
+}
+
+/// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).
+fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
+    let rotation = target_from_source.rotation.to_rotation_matrix();
+    let mut carried = Matrix6::zeros();
+    carried.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
+    carried.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
+    let lever = target_from_source.translation.vector.cross_matrix() * rotation.matrix();
+    carried.fixed_view_mut::<3, 3>(0, 3).copy_from(&lever);
+    carried
 }
 
 /// Middle of the pieces that cameras see, in the world; `None` without any.
