@@ -3,7 +3,10 @@
 //! The motion with the least evidence of its own is dropped, and the others take over what they can, until all that are
 //! left have enough. Two motions of one part share their evidence, so that one of them goes first.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    cmp::Ordering,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use nalgebra::Point3;
 use serde::Serialize;
@@ -203,10 +206,13 @@ impl Run<'_> {
             let others = refitted(others);
             let scores = self.weighed(&others).0;
             let standing = scores[1..].iter().filter(|s| **s >= least).count();
-            (standing, point(&scores).evidence, others)
+            let told: f64 = self.match_cells(&others).iter().map(|c| (c - CHANCE).max(0.0)).sum();
+            (standing, told, point(&scores).evidence, others)
         });
-        let better = |a: &(usize, f64, Vec<Pose>), b: &(usize, f64, Vec<Pose>)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
-        judged.reduce(|a, b| if better(&b, &a).is_gt() { b } else { a }).map_or_else(Vec::new, |best| best.2)
+        type Judged = (usize, f64, f64, Vec<Pose>);
+        let by_matches = |a: &Judged, b: &Judged| if (a.1 - b.1).abs() > CHANCE { a.1.total_cmp(&b.1) } else { Ordering::Equal };
+        let better = |a: &Judged, b: &Judged| a.0.cmp(&b.0).then(by_matches(a, b)).then(a.2.total_cmp(&b.2));
+        judged.reduce(|a, b| if better(&b, &a).is_gt() { b } else { a }).map_or_else(Vec::new, |best| best.3)
     }
 
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
