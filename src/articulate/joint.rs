@@ -498,6 +498,7 @@ mod tests {
             areas_m2: [0.3, 0.3],
             reach_m: 0.05,
             block_m: 0.08,
+            offsets_m: [&[]; 2],
             displacement_m: 0.0,
             piece_m: 0.2,
         };

@@ -57,6 +57,7 @@ fn joint_of(motions: &[Pose], doubt: bool) -> JointEstimate {
             areas_m2: [0.3, 0.3],
             reach_m: 0.05,
             block_m: 0.08,
+            offsets_m: [&[]; 2],
             displacement_m: 0.0,
             piece_m: 0.2,
         },

@@ -2,13 +2,13 @@
 //!
 //! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
 //! - a surface point `x` of state 0: the other state's signed distance `d1(T x)`;
-//! - a surface point `y` of state 1: `d0(T^-1 y)`;
+//! - a surface point `y` of state 1: `d0(T^-1 y)`, both by as much more as the readings lie above the one surface and not above the other;
 //! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
 //!
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals are thinned
 //! to the number of independent ones, so that the information matrix can be read as an inverse covariance.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -63,6 +63,8 @@ pub struct MotionEvidence<'a> {
     pub surfaces: [&'a SurfaceSamples; 2],
     /// Signed distance of each state's whole surface, metres.
     pub sdf: [&'a Grid3<f32>; 2],
+    /// What is added to the distance of every surface point, metres, where fused surfaces lie off their readings; none where empty.
+    pub offsets_m: [&'a [f64]; 2],
     /// Where each state was seen.
     pub visible: [&'a Grid3<bool>; 2],
     /// Matches on the part.
@@ -206,8 +208,10 @@ impl MotionEvidence<'_> {
             let parts: Vec<Quadratic> = self.surfaces[state]
                 .points
                 .par_chunks(CHUNK)
-                .zip(self.surfaces[state].normals.par_chunks(CHUNK))
-                .map(|(points, normals)| self.linearise_surface(state, points, normals, motion, sigma_m, share, config))
+                .enumerate()
+                .map(|(chunk, points)| {
+                    self.linearise_surface(state, chunk * CHUNK..chunk * CHUNK + points.len(), motion, sigma_m, share, config)
+                })
                 .collect();
             q = parts.into_iter().fold(q, Quadratic::merge);
         }
@@ -215,12 +219,10 @@ impl MotionEvidence<'_> {
         q
     }
 
-    #[allow(clippy::too_many_arguments)] // one inner loop, called from one place
     fn linearise_surface(
         &self,
         state: usize,
-        points: &[Point3<f64>],
-        normals: &[Vector3<f64>],
+        points: Range<usize>,
         motion: &Pose,
         sigma_m: f64,
         share: f64,
@@ -231,7 +233,8 @@ impl MotionEvidence<'_> {
         let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
         // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
-        for (x, n) in points.iter().zip(normals) {
+        for i in points {
+            let (x, n) = (&self.surfaces[state].points[i], &self.surfaces[state].normals[i]);
             let y = warp * x;
             let seen = visible.nearest(&y).is_some_and(|i| visible.values[i]);
             let (d, g) = sdf.sample_with_gradient(&y);
@@ -251,6 +254,7 @@ impl MotionEvidence<'_> {
             let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
             let w = lever.cross(&slope);
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
+            let d = d + self.offset_m(state, i);
             let r = d / sigma_m;
             if r.abs() < config.robust_sigmas {
                 q.inliers += 1;
@@ -261,6 +265,10 @@ impl MotionEvidence<'_> {
             *q.displaced.entry(self.piece(x, n, state as i64)).or_default() += row * (weight * self.displacement_m / sigma_m);
         }
         q
+    }
+
+    fn offset_m(&self, state: usize, point: usize) -> f64 {
+        self.offsets_m[state].get(point).copied().unwrap_or(0.0)
     }
 
     /// The block of a point: states, and surfaces against matches, are kept apart by `kind`.
@@ -312,9 +320,9 @@ impl MotionEvidence<'_> {
         for state in [0, 1] {
             let warp = if state == 0 { *motion } else { motion.inverse() };
             let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
-            all.extend(self.surfaces[state].points.iter().filter_map(|x| {
+            all.extend(self.surfaces[state].points.iter().enumerate().filter_map(|(i, x)| {
                 let y = warp * x;
-                let d = f64::from(sdf.sample(&y)).abs();
+                let d = (f64::from(sdf.sample(&y)) + self.offset_m(state, i)).abs();
                 (d < self.reach_m && visible.nearest(&y).is_some_and(|i| visible.values[i])).then_some(d)
             }));
         }

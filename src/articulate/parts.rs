@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig,
-    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence, surface_error::surface_error_m, texture_matches,
+    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence,
+    surface_error::{ReadingHeights, clear, surface_error_m},
+    texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
@@ -47,6 +49,9 @@ const BLOCKS_ALONG: f64 = 6.0;
 /// Pieces along that side which a displacement of the fused surface shares: a side of a part may also lean.
 const PIECES_ALONG: f64 = 2.0;
 
+/// A fused surface is not told to be displaced by less than this share of its grid's spacing: interpolation moves it so far.
+const UNCLEAR_SPACINGS: f64 = 0.25;
+
 /// All that state 0 and another state show of one part.
 pub struct PartEvidence {
     /// Surface points in each state.
@@ -67,6 +72,8 @@ pub struct PartEvidence {
     reach_m: f64,
     /// Displacement of the fused surfaces, metres.
     displacement_m: f64,
+    /// What it makes distances too small by at every sample of each state, metres.
+    offsets_m: [Vec<f64>; 2],
 }
 
 impl PartEvidence {
@@ -92,28 +99,33 @@ impl PartEvidence {
         let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
         let matches = match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
         let sparse = matches.len();
+        let correlation_m = (config.refine.correlation_spacings * spacing_m).max(smoothing_m);
+        let heights = ReadingHeights::new(surfaces.each_ref(), frames, noise, correlation_m, spacing_m);
         let mut part = Self {
             surfaces,
             matches,
             motion: *start,
             center,
             radius_m,
-            correlation_m: (config.refine.correlation_spacings * spacing_m).max(smoothing_m),
+            correlation_m,
             areas_m2,
             reach_m: config.refine.reach * extent_m,
             displacement_m: 0.0,
+            offsets_m: [Vec::new(), Vec::new()],
         };
+        let offsets_m = |part: &Self| heights.offsets_m(part.surfaces.each_ref(), &part.motion, correlation_m);
         for _ in 0..ROUNDS {
+            part.offsets_m = offsets_m(&part).map(|o| clear(o, UNCLEAR_SPACINGS * spacing_m));
             let found = part.joint(&ParentMotion::still(), states, config);
             let sdf = [states[0].sdf, states[1].sdf];
-            let surfaces = [&part.surfaces[0], &part.surfaces[1]];
-            let dense = texture_matches(surfaces, frames, sdf, &found.motions[0], noise, &config.texture);
+            let dense = texture_matches(part.surfaces.each_ref(), frames, sdf, &found.motions[0], noise, &config.texture);
             part.matches.truncate(sparse);
             part.matches.extend(dense);
             part.motion = found.evidence.state1_from_state0;
         }
-        let surfaces = [&part.surfaces[0], &part.surfaces[1]];
-        part.displacement_m = surface_error_m(surfaces, frames, &part.motion, noise, part.correlation_m, spacing_m);
+        let all = offsets_m(&part);
+        part.displacement_m = surface_error_m(&all[0]);
+        part.offsets_m = all.map(|o| clear(o, UNCLEAR_SPACINGS * spacing_m));
         part
     }
 
@@ -154,6 +166,7 @@ impl PartEvidence {
             areas_m2: self.areas_m2,
             reach_m: self.reach_m,
             block_m: (side_m / BLOCKS_ALONG).max(self.correlation_m),
+            offsets_m: self.offsets_m.each_ref().map(Vec::as_slice),
             displacement_m: self.displacement_m,
             piece_m: (side_m / PIECES_ALONG).max(self.correlation_m),
         }

@@ -16,37 +16,48 @@ const GRAZING_COSINE: f64 = 0.25;
 /// Normals of neighbors on one side of a part differ by a larger cosine.
 const SAME_COSINE: f64 = 0.9;
 
-/// Root mean square difference between the heights of both states' readings over their surfaces, at points that a motion
-/// brings together, metres; 0 where there are none. Heights are averaged over `radius_m`; readings further from a surface than
-/// `reach_m` and their noise are of another one.
-pub(super) fn surface_error_m(
-    surfaces: [&SurfaceSamples; 2],
-    frames: [&[RgbdFrame]; 2],
-    state1_from_state0: &Pose,
-    noise: &NoiseConfig,
-    radius_m: f64,
-    reach_m: f64,
-) -> f64 {
-    let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
-    let heights = [0, 1].map(|s| heights_m(surfaces[s], &indices[s], frames[s], noise, radius_m, reach_m));
-    let difference = |i: usize| {
-        let (point, normal) = (state1_from_state0 * surfaces[0].points[i], state1_from_state0 * surfaces[0].normals[i]);
-        Some((heights[0][i]? - heights[1][indices[1].nearest(&point, &normal)?]?).powi(2))
-    };
-    let (sum, count) = (0..surfaces[0].points.len()).filter_map(difference).fold((0.0, 0usize), |(sum, n), d| (sum + d, n + 1));
+/// Heights of the readings over the surfaces of a part, averaged over some radius, metres; `None` where no frame tells.
+pub(super) struct ReadingHeights {
+    of: [Vec<Option<f64>>; 2],
+}
+
+impl ReadingHeights {
+    /// Readings further from a surface than `reach_m` and their noise are of another one.
+    pub fn new(surfaces: [&SurfaceSamples; 2], frames: [&[RgbdFrame]; 2], noise: &NoiseConfig, radius_m: f64, reach_m: f64) -> Self {
+        Self { of: [0, 1].map(|s| heights_m(surfaces[s], frames[s], noise, radius_m, reach_m)) }
+    }
+
+    /// For every sample of each state by how much the readings lie further above it than those of the other state above the
+    /// surface that a motion brings to it, found within `radius_m`: the distance from that surface is too small by so much, metres;
+    /// 0 where either is not known.
+    pub fn offsets_m(&self, surfaces: [&SurfaceSamples; 2], state1_from_state0: &Pose, radius_m: f64) -> [Vec<f64>; 2] {
+        let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
+        [0, 1].map(|s| {
+            let warp = if s == 0 { *state1_from_state0 } else { state1_from_state0.inverse() };
+            let offset = |i: usize| {
+                let (point, normal) = (warp * surfaces[s].points[i], warp * surfaces[s].normals[i]);
+                Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest(&point, &normal)?]?)
+            };
+            (0..surfaces[s].points.len()).into_par_iter().map(|i| offset(i).unwrap_or(0.0)).collect()
+        })
+    }
+}
+
+/// Offsets that are clearly those of a displaced surface: those smaller than `noise_m`, as heights of averaged readings have them
+/// by chance, shrink to nothing.
+pub(super) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
+    offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
+}
+
+/// Root mean square of the offsets of state 0's samples that are known, metres; 0 where none is.
+pub(super) fn surface_error_m(offsets_m: &[f64]) -> f64 {
+    let (sum, count) = offsets_m.iter().filter(|d| **d != 0.0).fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));
     (sum / count.max(1) as f64).sqrt()
 }
 
 /// Mean height of the readings over every sample and its neighbors, metres.
-fn heights_m(
-    surface: &SurfaceSamples,
-    index: &SampleIndex<'_>,
-    frames: &[RgbdFrame],
-    noise: &NoiseConfig,
-    radius_m: f64,
-    reach_m: f64,
-) -> Vec<Option<f64>> {
-    let samples = 0..surface.points.len();
+fn heights_m(surface: &SurfaceSamples, frames: &[RgbdFrame], noise: &NoiseConfig, radius_m: f64, reach_m: f64) -> Vec<Option<f64>> {
+    let (samples, index) = (0..surface.points.len(), SampleIndex::new(surface, radius_m));
     let own: Vec<[f64; 2]> = samples.clone().into_par_iter().map(|i| weighed_height(surface, i, frames, noise, reach_m)).collect();
     let mean = |i: usize| {
         let [mut sum, mut weights] = [0.0; 2];
@@ -105,7 +116,10 @@ mod tests {
         let frames = [Point3::new(0.1, 0.2, 0.7), Point3::new(-0.3, 0.1, 0.6)].map(|eye| view_of(&block, k, looking_at_origin(eye)));
         let error_m = |above_m: [f64; 2]| {
             let plates = above_m.map(plate);
-            surface_error_m(plates.each_ref(), [&frames, &frames], &Pose::identity(), &noise, 0.03, 0.005)
+            let heights = ReadingHeights::new(plates.each_ref(), [&frames, &frames], &noise, 0.03, 0.005);
+            let offsets_m = heights.offsets_m(plates.each_ref(), &Pose::identity(), 0.03);
+            assert!((surface_error_m(&offsets_m[0]) - surface_error_m(&offsets_m[1])).abs() < 2e-4);
+            surface_error_m(&offsets_m[0])
         };
         assert!(error_m([0.0, 0.0]) < 2e-4, "{}", error_m([0.0, 0.0]));
         assert!((error_m([0.0, 0.002]) - 0.002).abs() < 3e-4, "{}", error_m([0.0, 0.002]));
