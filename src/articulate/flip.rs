@@ -93,7 +93,6 @@ mod tests {
     use crate::articulate::{
         RegisterConfig,
         labeling::Evidence,
-        ransac::Gate,
         synthetic::{Scene, camera_ring},
     };
 
@@ -108,7 +107,7 @@ mod tests {
         let config = RegisterConfig::default();
         let extent_m = 0.4;
         let evidence = Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], 0.012);
-        let run = Run { matches: &[], telling: Vec::new(), extent_m, gate: Gate::new(&config.ransac, extent_m), config: &config, evidence };
+        let run = Run::new(&[], extent_m, &config, evidence);
         let middle = Vector3::new(0.0, 0.0, 0.18);
         let half = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
         let turned = scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half);

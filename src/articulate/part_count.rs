@@ -48,6 +48,8 @@ const SPLIT: f64 = 0.8;
 const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
 const FIRM: f64 = 2.2;
+/// A motion with less than this share of the least evidence explains next to nothing.
+const SLIGHT: f64 = 0.5;
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
 const SETTLING: usize = 8;
 /// The largest sets of motions that could all be parts, which settle.
@@ -81,7 +83,7 @@ pub(super) struct PartCount {
 }
 
 /// Motions on the way from many to none.
-struct Step {
+pub(super) struct Step {
     motions: Vec<Pose>,
     point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
@@ -91,9 +93,8 @@ struct Step {
 impl Run<'_> {
     /// The most motions of which each has the evidence that a part needs and none splits a part; not more than make `parts` parts, where that is
     /// given.
-    pub fn choose(&self, motions: Vec<Pose>, parts: Option<usize>) -> Result<PartCount, RegisterError> {
+    pub fn choose(&self, steps: &[Step], parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
-        let steps = self.steps(motions);
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
         let enough = |s: &&Step| self.stands(&s.point, &curve);
         let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
@@ -119,14 +120,10 @@ impl Run<'_> {
     }
 
     /// The most motions of which each has the evidence that a part needs.
-    pub fn best(&self, motions: Vec<Pose>) -> Vec<Pose> {
-        let steps = self.steps(motions);
+    pub fn best(&self, steps: &[Step]) -> Vec<Pose> {
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        steps
-            .into_iter()
-            .filter(|s| self.stands(&s.point, &curve))
-            .max_by_key(|s| s.motions.len())
-            .map_or_else(|| vec![Pose::identity()], |s| s.motions)
+        let enough = steps.iter().filter(|s| self.stands(&s.point, &curve));
+        enough.max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
     }
 
     /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
@@ -137,7 +134,7 @@ impl Run<'_> {
 
     /// Sets of motions, each without the weakest of the one before and refitted to what the others take over, down to the
     /// static part alone.
-    fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
+    pub fn steps(&self, mut motions: Vec<Pose>) -> Vec<Step> {
         let mut steps = Vec::new();
         let mut settled = 0;
         loop {
@@ -145,7 +142,7 @@ impl Run<'_> {
                 self.round(&mut motions);
             }
             let (mut scores, mut shares) = self.weighed(&motions);
-            if settled < COMPARED && scores[1..].iter().all(|s| *s >= 0.5 * self.config.least_score) {
+            if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * self.config.least_score) {
                 settled += 1;
                 self.settle(&mut motions);
                 (scores, shares) = self.weighed(&motions);
@@ -183,7 +180,7 @@ impl Run<'_> {
         weakest.sort_by(|&a, &b| told(a).cmp(&told(b)).then(scores[a].total_cmp(&scores[b])));
         let untold = weakest.iter().filter(|k| !told(**k)).count();
         // One that explains next to nothing needs no comparison, unless another explains the same.
-        let next_to_nothing = |k: &usize| scores[*k] < 0.5 * least;
+        let next_to_nothing = |k: &usize| scores[*k] < SLIGHT * least;
         let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
         let rivals = if untold > 0 { untold.min(RIVALS) } else { RIVALS };
         weakest.truncate(if clear { 1 } else { rivals });
@@ -358,17 +355,26 @@ pub(super) fn little_evidence(parts: usize, weakest: f64, least: f64) -> String 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
 /// explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm` evidence by itself.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
-    let smaller = || curve.iter().filter(|p| p.parts < point.parts);
     let weak = point.weakest.is_some_and(|w| w < firm);
     let takes = |p: &EvidencePoint| weak && point.evidence < p.evidence;
-    smaller().max_by_key(|p| p.parts).is_some_and(takes) || smaller().any(|p| point.evidence < SPLIT * p.evidence)
+    next_smaller(point, curve).is_some_and(takes) || smaller(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
+}
+
+/// The sets of fewer motions.
+fn smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> impl Iterator<Item = &'a EvidencePoint> {
+    let parts = point.parts;
+    curve.iter().filter(move |p| p.parts < parts)
+}
+
+/// The largest of these.
+fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option<&'a EvidencePoint> {
+    smaller(point, curve).max_by_key(|p| p.parts)
 }
 
 /// Whether the weakest motion of a set takes next to nothing from the others, of which there are some: those of the next smaller
 /// set explain less than all of these by half its evidence at least. Wrong motions take from the right ones what they explain.
 fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
-    let smaller = curve.iter().filter(|p| p.parts < point.parts).max_by_key(|p| p.parts);
-    smaller.is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
+    next_smaller(point, curve).is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
 /// The evidence of motions, the first of which is the static part's.

@@ -160,27 +160,29 @@ pub fn register(
     let extent_m = checked_extent_m(&surfaces, parts)?;
     let wanted = parts.map_or(PROPOSED, |p| p - 1);
     let coarse = Evidence::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
-    let telling = telling(matches, &coarse);
-    let proposals = propose(&telling, wanted, extent_m, &config.ransac, rng);
+    let mut run = Run::new(matches, extent_m, config, coarse);
+    let proposals = propose(&run.telling, wanted, extent_m, &config.ransac, rng);
     let mut motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
-    let mut run = Run { matches, telling, extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence: coarse };
     for _ in 0..2 {
         run.round(&mut motions);
     }
     // What matches tell comes first: surface that their motions explain proposes nothing.
-    motions = run.best(motions);
-    for round in 0..RESIDUAL_ROUNDS {
-        // Surface that a motion explains which is no part's may propose another.
-        let parts = if round == 0 { motions.clone() } else { run.best(motions.clone()) };
-        let more = propose_from_residual(&run.evidence, &parts, extent_m);
-        let none = more.is_empty();
-        motions.extend(more);
-        if none {
+    motions = run.best(&run.steps(motions));
+    let (mut likely, mut steps) = (motions.clone(), None);
+    for _ in 0..RESIDUAL_ROUNDS {
+        // Surface that a motion explains which is likely no part's may propose another.
+        let more = propose_from_residual(&run.evidence, &likely, extent_m);
+        if more.is_empty() {
             break;
         }
+        motions.extend(more);
         run.round(&mut motions);
+        let further = run.steps(motions.clone());
+        likely = run.best(&further);
+        steps = Some(further);
     }
-    let PartCount { motions, curve, notes, warnings } = run.choose(motions, parts)?;
+    let steps = steps.unwrap_or_else(|| run.steps(motions));
+    let PartCount { motions, curve, notes, warnings } = run.choose(&steps, parts)?;
     let mut motions = run.hinged(motions);
     run.evidence = Evidence::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
     for _ in 0..config.rounds {
@@ -195,7 +197,7 @@ pub fn register(
 
 /// The matches that can tell of a motion: not those between two places that both look in the other state as they do in their own.
 /// Equal things in a row, such as keys, match each other where none has moved.
-pub(super) fn telling(matches: &[LiftedMatch], evidence: &Evidence<'_>) -> Vec<LiftedMatch> {
+fn telling(matches: &[LiftedMatch], evidence: &Evidence<'_>) -> Vec<LiftedMatch> {
     let costs = [0, 1].map(|s| evidence.costs(s, &[Pose::identity()], None));
     let stands = |s: usize, p: &Point3<f64>| evidence.indices[s].nearest(p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < STANDS);
     matches.iter().filter(|m| !(stands(0, &m.point0) && stands(1, &m.point1))).copied().collect()
@@ -256,7 +258,12 @@ pub(super) struct Run<'a> {
     pub evidence: Evidence<'a>,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// For an object whose longest side is `extent_m`.
+    pub fn new(matches: &'a [LiftedMatch], extent_m: f64, config: &'a RegisterConfig, evidence: Evidence<'a>) -> Self {
+        Self { matches, telling: telling(matches, &evidence), extent_m, gate: Gate::new(&config.ransac, extent_m), config, evidence }
+    }
+
     /// Labels and costs of both states.
     pub fn labels(&self, motions: &[Pose]) -> ([Vec<u8>; 2], [Vec<f32>; 2]) {
         let alone = self.labels_alone(motions);

@@ -10,9 +10,8 @@ use super::{
     LiftedMatch, RegisterConfig, RegisterError, Registration, SurfaceSamples,
     labeling::{Evidence, FreeSpace},
     part_count::{CHANCE, EvidencePoint, LITTLE, SURFACE_WEIGHT, little_evidence, more_than_asked, point, preference},
-    ransac::Gate,
     refine::refine,
-    register::{Run, checked_extent_m, occupied_cells, reach_m, telling},
+    register::{Run, checked_extent_m, occupied_cells, reach_m},
     residual::LEAST_SHARE,
 };
 use crate::geometry::{Pose, Screw};
@@ -96,14 +95,7 @@ pub fn unite<'a>(
     let run = |pair: &StatePair<'a>| {
         let surfaces = [surface, pair.surface];
         let evidence = Evidence::new(surfaces, [free, pair.free], reach_m(surfaces, config.last_reach * extent_m));
-        Run {
-            matches: pair.matches,
-            telling: telling(pair.matches, &evidence),
-            extent_m,
-            gate: Gate::new(&config.ransac, extent_m),
-            config,
-            evidence,
-        }
+        Run::new(pair.matches, extent_m, config, evidence)
     };
     let states = States { runs: pairs.iter().map(run).collect() };
     let mut classes = classes(pairs, surface.points.len());

@@ -1,9 +1,9 @@
 //! What the static part did between two states: by itself, and by all that stands still.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::Matrix6;
 
 use super::ParentMotion;
-use crate::geometry::{Pose, log_so3};
+use crate::geometry::{Pose, shift_and_turn};
 
 /// Two motions contradict each other beyond this squared distance in their standard deviations, which is by chance in one of a
 /// thousand (chi-square, six degrees of freedom).
@@ -18,8 +18,7 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
         return ParentMotion { covariance: *still, ..ParentMotion::still() };
     }
     let Some(both) = (own.covariance + still).cholesky().map(|c| c.inverse()) else { return own.clone() };
-    let (shift, turn) = (own.state1_from_state0.translation.vector, log_so3(&own.state1_from_state0.rotation));
-    let motion = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+    let motion = shift_and_turn(&own.state1_from_state0);
     if motion.dot(&(both * motion)) > CONTRADICTION {
         return own.clone();
     }
@@ -33,9 +32,10 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
+    use nalgebra::{Vector3, Vector6};
 
     use super::*;
+    use crate::geometry::log_so3;
 
     fn diagonal(sigmas: [f64; 6]) -> Matrix6<f64> {
         Matrix6::from_diagonal(&Vector6::from_row_slice(&sigmas.map(|s| s * s)))

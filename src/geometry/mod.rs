@@ -10,7 +10,7 @@ pub use bounds::SceneBox;
 pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;
-pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, skew};
+pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn, skew};
 
 /// A rigid motion or a frame transform; name it `target_from_source`.
 pub type Pose = nalgebra::Isometry3<f64>;

@@ -3,7 +3,7 @@
 //! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure rotation
 //! has pitch zero; a pure translation has a direction and no location.
 
-use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::Pose;
@@ -68,6 +68,13 @@ pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     let v = q.imag();
     let s = v.norm();
     if s < 1e-12 { 2.0 * v } else { v * (2.0 * s.atan2(q.w) / s) }
+}
+
+/// Translation, metres, and rotation vector, radians, of a motion.
+#[must_use]
+pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
+    let (shift, turn) = (motion.translation.vector, log_so3(&motion.rotation));
+    Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
 /// Rotation of a rotation vector.

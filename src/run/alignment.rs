@@ -47,7 +47,7 @@ pub(super) fn align(
     let standing = |motion: &Pose| standing_share(frames, motion, &config.capture.noise);
     let found =
         align_states(matches, around, standing, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
-    let found = found.map(|mut a| {
+    Ok(found.map(|mut a| {
         let mut covariance = None;
         // Matches bring the states near to each other, surfaces bring them together.
         let near = moved_back(frames[1], &a.state1_from_state0);
@@ -56,9 +56,8 @@ pub(super) fn align(
             a.state1_from_state0 *= fine.right_from_told.inverse();
             covariance = fine.covariance;
         }
-        (a, covariance)
-    });
-    Ok(found.map(|(a, covariance)| Aligned { covariance, ..apply(&a, state, frames[1], matches, scene) }))
+        apply(&a, covariance, state, frames[1], matches, scene)
+    }))
 }
 
 /// The frame with what is not the object for its object.
@@ -73,7 +72,14 @@ pub(super) fn moved_back(frames: &[RgbdFrame], world_from_world0: &Pose) -> Vec<
     frames.iter().map(|f| RgbdFrame { world_from_camera: back * f.world_from_camera, ..f.clone() }).collect()
 }
 
-fn apply(alignment: &StateAlignment, state: usize, frames: &[RgbdFrame], matches: &[LiftedMatch], scene: &SceneBox) -> Aligned {
+fn apply(
+    alignment: &StateAlignment,
+    covariance: Option<Matrix6<f64>>,
+    state: usize,
+    frames: &[RgbdFrame],
+    matches: &[LiftedMatch],
+    scene: &SceneBox,
+) -> Aligned {
     let back = alignment.state1_from_state0.inverse();
     let center = scene.center;
     let shift_mm = 1e3 * (alignment.state1_from_state0 * center - center).norm();
@@ -89,5 +95,5 @@ fn apply(alignment: &StateAlignment, state: usize, frames: &[RgbdFrame], matches
     );
     let matches = matches.iter().map(|m| LiftedMatch { point1: back * m.point1, ..*m }).collect();
     let world_from_world0 = alignment.state1_from_state0;
-    Aligned { frames: moved_back(frames, &world_from_world0), matches, world_from_world0, covariance: None, note }
+    Aligned { frames: moved_back(frames, &world_from_world0), matches, world_from_world0, covariance, note }
 }

@@ -8,10 +8,10 @@ use crate::{
     articulate::{SurfaceSamples, mesh_samples},
     capture::{NoiseConfig, RgbdFrame, median_over_object, pixel_weights},
     field::ObjectField,
-    geometry::{Grid3, Pose, SceneBox},
+    geometry::{Grid3, SceneBox},
     surface::{
-        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
-        marching_cubes, object_roles, signed_distance, visibility_grid,
+        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfVolume, free_space_grid, keep_components, marching_cubes,
+        object_roles, object_views, signed_distance, visibility_grid,
     },
 };
 
@@ -64,12 +64,7 @@ pub fn fuse(frames: &[RgbdFrame], scene: &SceneBox, band: &Band, noise: &NoiseCo
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
     let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
     let roles: Vec<_> = frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
-    let views: Vec<TsdfView> = frames
-        .iter()
-        .zip(&weights)
-        .zip(&roles)
-        .map(|((frame, weights), roles)| TsdfView { frame, weights, roles, volume_from_world: Pose::identity() })
-        .collect();
+    let views = object_views(frames, &weights, &roles);
     views.iter().for_each(|view| volume.integrate(view, noise));
     volume.face(&views, noise);
     volume

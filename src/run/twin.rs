@@ -69,7 +69,10 @@ pub(super) fn joints(seen: &Seen<'_>, articulation: &Articulation, scene: &Scene
             return ParentMotion::still();
         }
         let own = gather(0, k).free_motion(&pair_of(&states, k), &config.joint);
-        seen.still[k].map_or(own.clone(), |still| static_motion(&own, &still))
+        match seen.still[k] {
+            Some(still) => static_motion(&own, &still),
+            None => own,
+        }
     };
     let root: Vec<ParentMotion> = motions.clone().map(root).collect();
     let still: Vec<_> = states.iter().map(|s| select(s.samples, s.labels, 0)).collect();

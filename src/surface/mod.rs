@@ -43,6 +43,6 @@ pub use overlay::{LineStyle, Occlusion};
 pub use raster::{BACKGROUND, RenderItem, Rendered, render};
 pub use sample::{SurfaceSamples, sample_surface};
 pub use simplify::simplify;
-pub use tsdf::{PixelRole, TsdfView, TsdfVolume, object_roles};
+pub use tsdf::{PixelRole, TsdfView, TsdfVolume, object_roles, object_views};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
 pub use weld::{EdgeDefects, drop_unused_vertices, edge_defects, is_watertight, merge, weld};

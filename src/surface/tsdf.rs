@@ -54,6 +54,19 @@ pub struct TsdfView<'a> {
     pub volume_from_world: Pose,
 }
 
+/// The views of a whole object in its own world, with the weights and roles of their pixels.
+#[must_use]
+pub fn object_views<'a>(frames: &'a [RgbdFrame], weights: &'a [Vec<f32>], roles: &'a [Vec<PixelRole>]) -> Vec<TsdfView<'a>> {
+    let pixels = weights.iter().zip(roles);
+    let view = |(frame, (weights, roles)): (&'a RgbdFrame, (&'a Vec<f32>, &'a Vec<PixelRole>))| TsdfView {
+        frame,
+        weights,
+        roles,
+        volume_from_world: Pose::identity(),
+    };
+    frames.iter().zip(pixels).map(view).collect()
+}
+
 /// Weighted means of projective distance and color at the nodes of a grid. 24 bytes a node.
 pub struct TsdfVolume {
     truncation_m: f32,
@@ -116,12 +129,12 @@ impl TsdfVolume {
     /// Adds a view; with distances of a first fusion at nodes near its surface only, where the view sees that side.
     fn add(&mut self, view: &TsdfView, noise: &NoiseConfig, first: Option<&Grid3<f32>>) {
         let readings = readings(view, noise);
-        let camera_from_volume = (view.volume_from_world * view.frame.world_from_camera).inverse();
+        let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
+        let eye = volume_from_camera.translation.vector.cast();
         let grid = &mut self.sums;
-        let camera = RowCamera::new(&view.frame.intrinsics, &camera_from_volume, &grid.origin, grid.spacing_m);
+        let camera = RowCamera::new(&view.frame.intrinsics, &volume_from_camera.inverse(), &grid.origin, grid.spacing_m);
         let [nx, ny, _] = grid.dims;
         let truncation_m = self.truncation_m;
-        let eye = camera_from_volume.inverse().translation.vector.cast();
         // Even weights about the surface leave it where noisy readings have their mean.
         let steepness = if first.is_some() { 2.0 } else { 1.0 };
         let planes = grid.values.par_chunks_mut(nx * ny).zip(self.weights.par_chunks_mut(nx * ny));
@@ -224,7 +237,7 @@ fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
         let slope = at(1) - at(-1);
         if slope.is_nan() { 0.0 } else { slope }
     });
-    let position: Vector3<f32> = distance.position(distance.index(node[0], node[1], node[2])).coords.cast();
+    let position: Vector3<f32> = distance.node(node[0], node[1], node[2]).coords.cast();
     slope.dot(&(eye - position)) >= 0.0
 }
 
@@ -400,12 +413,7 @@ mod tests {
         let noise = NoiseConfig::default();
         let weights: Vec<_> = frames.iter().map(|f| pixel_weights(f, &noise)).collect();
         let roles: Vec<_> = frames.iter().zip(&weights).map(|(f, w)| object_roles(f, w)).collect();
-        let views: Vec<TsdfView> = frames
-            .iter()
-            .zip(&weights)
-            .zip(&roles)
-            .map(|((frame, weights), roles)| TsdfView { frame, weights, roles, volume_from_world: Pose::identity() })
-            .collect();
+        let views = object_views(&frames, &weights, &roles);
         let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.005, [121; 3], 0.02);
         views.iter().for_each(|v| volume.integrate(v, &noise));
         let off_m = |volume: &TsdfVolume, side: f32| {

@@ -1,9 +1,9 @@
-use nalgebra::{Point3, Vector6};
+use nalgebra::Point3;
 use rand_core::Rng;
 
 use super::*;
 use crate::{
-    geometry::{Intrinsics, log_so3},
+    geometry::{Intrinsics, shift_and_turn},
     run::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
@@ -155,8 +155,7 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
     let found = align_worlds([&state0, &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
     let left = found.right_from_told * drift;
     assert!(left.translation.vector.norm() < 0.0005 && left.rotation.angle() < 0.0007, "{left}");
-    let (shift, turn) = (left.translation.vector, log_so3(&left.rotation));
-    let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+    let error = shift_and_turn(&left);
     let covariance = found.covariance.unwrap();
     let squared = error.dot(&(covariance.try_inverse().unwrap() * error));
     assert!(squared < 22.46, "{squared} squared deviations in six directions: {error} {covariance}");

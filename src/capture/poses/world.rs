@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame},
-    geometry::{Pose, log_so3},
+    geometry::{Pose, log_so3, shift_and_turn},
 };
 
 /// Rounds of association and Gauss-Newton at most.
@@ -129,10 +129,8 @@ fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, mov
         gradient += told.gradient;
     }
     let Observed { information, projector } = Observed::of(&information);
-    let (shift, turn) = (moved.translation.vector, log_so3(&moved.rotation));
-    let from_expected = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
     let expected = expected_information(expected);
-    let gradient = projector * gradient + expected * from_expected;
+    let gradient = projector * gradient + expected * shift_and_turn(moved);
     Some(-(information + expected).cholesky()?.solve(&gradient))
 }
 
