@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, SMatrix, Unit, Vector3};
 
 use super::{
-    joint_motion::{Carried, ParallelMotion, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
+    joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
     motion_fit::{FreeMotion, MotionEvidence, MotionModel, RefineConfig, Refined, refine},
 };
 use crate::{
@@ -64,7 +64,7 @@ impl JointEstimate {
 
 /// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error of
 /// poses and surfaces that more points do not average out.
-const SIGMA_FLOOR: f64 = 0.02;
+pub(super) const SIGMA_FLOOR: f64 = 0.02;
 /// Difference of two scores from which one type is decisively better: very strong evidence in the sense of Kass and
 /// Raftery (1995), on their scale of twice the log likelihood. Less of it is said, and a screw needs as much.
 pub(super) const DECISIVE: f64 = 10.0;
@@ -149,19 +149,20 @@ pub(super) fn far(turn: &RevoluteMotion, near: &Point3<f64>, radius_m: f64) -> f
     4.0 * (off_m / (2.0 * radius_m)).powi(2).ln_1p()
 }
 
-/// Fits all joint types to the evidence of one part, starting at a motion, and chooses. `near` is the middle of the part
-/// in state 0 and `radius_m` the distance of its farthest point from there.
+/// Fits all joint types to the evidence of one part, starting at a motion, and chooses, unless the `kind` is known. `near` is the
+/// middle of the part in state 0 and `radius_m` the distance of its farthest point from there.
 #[must_use]
 pub fn estimate_joint(
     start: &Pose,
     parent: &ParentMotion,
     evidence: &MotionEvidence,
     (near, radius_m): (&Point3<f64>, f64),
+    kind: Option<JointKind>,
     config: &RefineConfig,
 ) -> JointEstimate {
     let found = Candidates::fit(start, parent, evidence, near, config);
     let scores = found.scores((near, radius_m));
-    let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
+    let of = |name: &str| among(kind, &scores, name);
     let simple = of("prismatic").min(of("revolute"));
     let chosen = match (&found.screw, &found.revolute) {
         (Some(screw), _) if of("screw") + DECISIVE < simple => {
@@ -178,6 +179,12 @@ pub fn estimate_joint(
         _ => Chosen::sliding(&found.prismatic, near),
     };
     chosen.estimate(&found, parent, near, scores)
+}
+
+/// Score of a type; infinite where it was not fitted or another is known to be right.
+pub(super) fn among(known: Option<JointKind>, scores: &BTreeMap<String, f64>, name: &str) -> f64 {
+    let right = known.is_none_or(|k| k.name() == name || k.name() == "free" && name == "screw");
+    scores.get(name).copied().filter(|_| right).unwrap_or(f64::INFINITY)
 }
 
 /// The motion of a part without a joint, with its covariance; zero in directions that nothing observes.
@@ -203,34 +210,6 @@ pub(super) fn fit_free(start: &Pose, evidence: &MotionEvidence, config: &RefineC
     (free, dispersion)
 }
 
-/// A revolute joint with the direction of another axis, whose covariance is given, where the evidence prefers the fewer
-/// parameters; else `None`.
-#[must_use]
-pub fn estimate_parallel(
-    found: &JointEstimate,
-    (direction, covariance): (&Unit<Vector3<f64>>, &Matrix3<f64>),
-    parent: &ParentMotion,
-    evidence: &MotionEvidence,
-    (near, radius_m): (&Point3<f64>, f64),
-    config: &RefineConfig,
-) -> Option<JointEstimate> {
-    if found.kind != JointKind::Revolute {
-        return None;
-    }
-    let candidates = Candidates::fit(&found.evidence.state1_from_state0, parent, evidence, near, config);
-    let direction = if direction.dot(&found.axis) < 0.0 { -*direction } else { *direction };
-    let joint = ParallelMotion(RevoluteMotion { direction, point: found.point, angle_rad: found.motion() });
-    let sigma_m = candidates.revolute.as_ref()?.sigma_m;
-    let fit = refine(Carried { parent: parent.state1_from_state0, joint }, evidence, sigma_m, config);
-    let mut scores = candidates.scores((near, radius_m));
-    let score = candidates.score(fit.quadratic.cost, 3.0) + far(&fit.model.joint.0, near, radius_m);
-    if scores.get("revolute").is_none_or(|r| score > *r) {
-        return None;
-    }
-    scores.insert("revolute, parallel".to_owned(), score);
-    Some(Chosen::parallel(&fit, *covariance).estimate(&candidates, parent, near, scores))
-}
-
 /// A fit with what all types share.
 struct Chosen {
     kind: JointKind,
@@ -246,8 +225,6 @@ struct Chosen {
     covariance: Option<DMatrix<f64>>,
     /// Maps the parameters to (direction 3, point 3, motion 1, pitch 1).
     spread: DMatrix<f64>,
-    /// Covariance of the direction that is not fitted.
-    direction_covariance: Matrix3<f64>,
     agreement: [usize; 2],
     residual_rms_m: f64,
 }
@@ -266,7 +243,6 @@ impl Chosen {
             displacements: q.displacements(),
             covariance: fit.covariance.clone(),
             spread,
-            direction_covariance: Matrix3::zeros(),
             agreement: [q.inliers, q.tried],
             residual_rms_m: q.rms_m(),
         }
@@ -285,17 +261,6 @@ impl Chosen {
             spread[(7, 5)] = 1.0 / turn.angle_rad;
         }
         Self { kind, direction: turn.direction, point: turn.point, motion: turn.angle_rad, ..Self::new(fit, spread) }
-    }
-
-    fn parallel(fit: &Refined<Carried<ParallelMotion>>, direction_covariance: Matrix3<f64>) -> Self {
-        let turn = &fit.model.joint.0;
-        let (a, b) = frame_across(&turn.direction);
-        let mut spread = DMatrix::zeros(8, 3);
-        spread.fixed_view_mut::<3, 1>(3, 0).copy_from(&a);
-        spread.fixed_view_mut::<3, 1>(3, 1).copy_from(&b);
-        spread[(6, 2)] = 1.0;
-        let RevoluteMotion { direction, point, angle_rad: motion } = *turn;
-        Self { kind: JointKind::Revolute, direction, point, motion, direction_covariance, ..Self::new(fit, spread) }
     }
 
     fn sliding(fit: &Refined<Carried<PrismaticMotion>>, near: &Point3<f64>) -> Self {
@@ -325,18 +290,16 @@ impl Chosen {
 
     fn estimate(self, found: &Candidates, parent: &ParentMotion, near: &Point3<f64>, scores: BTreeMap<String, f64>) -> JointEstimate {
         let covariance = self.parameter_covariance(found.dispersion, parent);
-        let mut full: SMatrix<f64, 8, 8> = match &covariance {
+        let forward = self.motion >= 0.0;
+        let full: SMatrix<f64, 8, 8> = match &covariance {
             Some(c) => {
                 let full = &self.spread * c * self.spread.transpose();
-                SMatrix::from_fn(|r, c| full[(r, c)])
+                directed(SMatrix::from_fn(|r, c| full[(r, c)]), forward)
             }
             None => SMatrix::from_element(f64::INFINITY),
         };
-        let of_direction = full.fixed_view::<3, 3>(0, 0) + self.direction_covariance;
-        full.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_direction);
         let own = self.own_covariance(found.dispersion).map(|c| &self.tangent * c * self.tangent.transpose());
         let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
-        let forward = self.motion >= 0.0;
         let (axis, motion) = if forward { (self.direction, self.motion) } else { (-self.direction, -self.motion) };
         let (kind, agreement) = (self.kind, self.agreement);
         let cautions = cautions(&Cautioned { kind, motion, covariance: &full, finite: covariance.is_some(), scores: &scores, agreement });
@@ -351,6 +314,7 @@ impl Chosen {
             dispersion: found.dispersion,
             type_scores: scores,
             parents: BTreeMap::new(),
+            axis_alone: None,
             cautions,
             not_observable: not_observable(self.kind, 2),
         };
@@ -364,6 +328,12 @@ impl Chosen {
             evidence,
         }
     }
+}
+
+/// The covariance of (direction 3, point 3, motion 1, pitch 1) where the axis is turned round unless it points `forward`.
+pub(super) fn directed(covariance: SMatrix<f64, 8, 8>, forward: bool) -> SMatrix<f64, 8, 8> {
+    let turned = |i: usize| !forward && !(3..6).contains(&i) && i != 7;
+    SMatrix::from_fn(|r, c| if turned(r) == turned(c) { covariance[(r, c)] } else { -covariance[(r, c)] })
 }
 
 /// What a joint is judged by.
@@ -504,7 +474,7 @@ mod tests {
         };
         let off = Pose::from_parts(Translation3::new(0.008, -0.006, 0.01), nalgebra::UnitQuaternion::from_euler_angles(0.02, 0.03, -0.02));
         let place = (&Point3::new(0.1, 0.05, 0.0), 0.25);
-        let e = estimate_joint(&(off * motion), &ParentMotion::still(), &evidence, place, &RefineConfig::default());
+        let e = estimate_joint(&(off * motion), &ParentMotion::still(), &evidence, place, None, &RefineConfig::default());
         assert_eq!(e.kind, kind, "{:?}", e.evidence.type_scores);
         let difference = e.motions[0] * motion.inverse();
         assert!(difference.rotation.angle() < 2e-3, "{}", difference.rotation.angle());

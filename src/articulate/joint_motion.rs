@@ -49,25 +49,6 @@ impl MotionModel for RevoluteMotion {
     }
 }
 
-/// Rotation about a line of known direction: point (2), angle (1).
-#[derive(Clone, Copy, Debug)]
-pub struct ParallelMotion(pub RevoluteMotion);
-
-impl MotionModel for ParallelMotion {
-    fn dimension(&self) -> usize {
-        3
-    }
-
-    fn stepped(&self, s: &DVector<f64>) -> Self {
-        let (a, b) = frame_across(&self.0.direction);
-        Self(RevoluteMotion { point: self.0.point + a * s[0] + b * s[1], angle_rad: self.0.angle_rad + s[2], ..self.0 })
-    }
-
-    fn motion(&self) -> Pose {
-        self.0.motion()
-    }
-}
-
 /// Translation without rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct PrismaticMotion(pub Vector3<f64>);
@@ -108,6 +89,24 @@ impl MotionModel for ScrewMotion {
     fn motion(&self) -> Pose {
         let RevoluteMotion { direction, point, angle_rad } = self.turn;
         Screw { direction, point, angle_rad, advance_m: self.advance_m }.motion()
+    }
+}
+
+/// A turn or a screw whose axis keeps its direction: the joint's parameters but the first two.
+#[derive(Clone, Copy, Debug)]
+pub struct Directed<M>(pub M);
+
+impl<M: MotionModel> MotionModel for Directed<M> {
+    fn dimension(&self) -> usize {
+        self.0.dimension() - 2
+    }
+
+    fn stepped(&self, s: &DVector<f64>) -> Self {
+        Self(self.0.stepped(&s.clone().insert_rows(0, 2, 0.0)))
+    }
+
+    fn motion(&self) -> Pose {
+        self.0.motion()
     }
 }
 

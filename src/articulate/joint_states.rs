@@ -9,7 +9,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, SMatrix, Unit, Vector3, Vector6};
 
 use super::{
-    joint::{Cautioned, DECISIVE, JointEstimate, PARAMETERS, ParentMotion, cautions, excess, far, fit_free, not_observable},
+    joint::{
+        Cautioned, DECISIVE, JointEstimate, PARAMETERS, ParentMotion, among, cautions, directed, excess, far, fit_free, not_observable,
+    },
     joint_motion::{RevoluteMotion, foot, frame_across},
     motion_fit::{FreeMotion, MotionEvidence, MotionModel, Quadratic, RefineConfig, Refined, minimise},
 };
@@ -282,7 +284,13 @@ impl<'a> Motions<'a> {
 ///
 /// The motions must share the side of their blocks ([`MotionEvidence::block_m`]).
 #[must_use]
-pub fn estimate_shared_joint(motions: &[JointMotion], place: (&Point3<f64>, f64), doubt: bool, config: &RefineConfig) -> JointEstimate {
+pub fn estimate_shared_joint(
+    motions: &[JointMotion],
+    place: (&Point3<f64>, f64),
+    doubt: bool,
+    kind: Option<JointKind>,
+    config: &RefineConfig,
+) -> JointEstimate {
     let found = Motions::new(motions, place, config);
     let fits = found.fits();
     let scores = found.scores(&fits);
@@ -297,11 +305,11 @@ pub fn estimate_shared_joint(motions: &[JointMotion], place: (&Point3<f64>, f64)
         };
         let best = (0..motions.len()).map(without).reduce(|a, b| if b.0 < a.0 { b } else { a });
         if let Some((_, left_out, others)) = best.filter(|b| b.0 < DECISIVE.max(OUTLIER_SHARE * excess(&scores, true))) {
-            let estimate = estimate_shared_joint(&others, place, false, config);
+            let estimate = estimate_shared_joint(&others, place, false, kind, config);
             return with_contradiction(estimate, &found, left_out);
         }
     }
-    estimate(&found, fits, scores)
+    estimate(&found, fits, scores, kind)
 }
 
 /// The estimate with a position for the motion that it leaves out, and what that motion needs beyond the joint.
@@ -337,9 +345,9 @@ fn with_contradiction(mut estimate: JointEstimate, found: &Motions, left_out: us
     estimate
 }
 
-/// The type of the lowest score, a screw only decisively.
-fn choose(scores: &BTreeMap<String, f64>) -> Freedom {
-    let of = |name: &str| scores.get(name).copied().unwrap_or(f64::INFINITY);
+/// The type of the lowest score, a screw only decisively, unless the kind is known.
+fn choose(scores: &BTreeMap<String, f64>, kind: Option<JointKind>) -> Freedom {
+    let of = |name: &str| among(kind, scores, name);
     if of("screw") + DECISIVE < of("prismatic").min(of("revolute")) {
         Freedom::Helix
     } else if of("revolute") < of("prismatic") {
@@ -350,8 +358,8 @@ fn choose(scores: &BTreeMap<String, f64>) -> Freedom {
 }
 
 /// The joint of the best type.
-fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64>) -> JointEstimate {
-    let chosen = choose(&scores);
+fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64>, kind: Option<JointKind>) -> JointEstimate {
+    let chosen = choose(&scores, kind);
     let index = fits.iter().position(|f| f.joint.freedom == chosen).unwrap_or(0);
     let fit = fits.swap_remove(index);
     let joint = &fit.joint;
@@ -369,7 +377,8 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
     let dispersion = found.dispersion_of(&fit);
     let covariance = fit.covariance.as_ref().map(|c| total_covariance(c, &fit, found, dispersion));
     let finite = covariance.is_some();
-    let full = covariance.as_ref().map_or_else(|| SMatrix::from_element(f64::INFINITY), |c| spread(joint, farthest, c));
+    let forward = joint.positions[farthest] >= 0.0;
+    let full = covariance.as_ref().map_or_else(|| SMatrix::from_element(f64::INFINITY), |c| directed(spread(joint, farthest, c), forward));
     let shared = joint.shared();
     let std = |k: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(shared + k, shared + k)].max(0.0).sqrt());
     let position_std = (0..joint.positions.len()).map(std).collect();
@@ -380,7 +389,6 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
     };
     let covariances = (0..joint.positions.len()).map(|k| own(k) + found.all[k].parent.covariance).collect();
     let motions = (0..joint.positions.len()).map(|k| found.all[k].parent.state1_from_state0 * joint.at(joint.positions[k])).collect();
-    let forward = joint.positions[farthest] >= 0.0;
     let sign = if forward { 1.0 } else { -1.0 };
     let axis = if forward { joint.direction } else { -joint.direction };
     let agreement = fit.quadratics.iter().fold([0, 0], |[a, b], q| [a + q.inliers, b + q.tried]);
@@ -396,6 +404,7 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
         tried: agreement[1],
         residual_rms_m: (squared_m2 / readings.max(1) as f64).sqrt(),
         dispersion,
+        axis_alone: None,
         cautions: cautions(&said),
         type_scores: scores,
         parents: BTreeMap::new(),

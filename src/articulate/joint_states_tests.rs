@@ -63,7 +63,7 @@ fn joint_of(motions: &[Pose], doubt: bool) -> JointEstimate {
         },
     };
     let all: Vec<JointMotion> = motions.iter().enumerate().map(motion).collect();
-    estimate_shared_joint(&all, (&Point3::new(0.1, 0.05, 0.0), 0.25), doubt, &RefineConfig::default())
+    estimate_shared_joint(&all, (&Point3::new(0.1, 0.05, 0.0), 0.25), doubt, None, &RefineConfig::default())
 }
 
 fn hinge(angle_rad: f64) -> Pose {

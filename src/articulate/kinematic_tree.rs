@@ -9,10 +9,12 @@ use nalgebra::Matrix6;
 
 use super::{
     JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples,
+    flat_faces::flat_faces,
     hinge::axis_off_m,
     joint::{DECISIVE, excess},
     joint_of_part, pair_of,
     sample_index::SampleIndex,
+    square_axes::square_priors,
 };
 use crate::{
     geometry::Pose,
@@ -76,20 +78,36 @@ pub fn kinematic_tree(
     let contact_m = (CONTACT_SHARE * extent_m).max(2.0 * states[0].sdf.spacing_m);
     let candidates = candidates(root, parts, still, states, contact_m, config);
     let parents = attach(&candidates, contact_m);
-    let mut found: Vec<Option<TreeJointEstimate>> = vec![None; parts.len()];
-    // Parents first: each joint is estimated with its parent's motion as the tree makes it.
-    while let Some(k) = (0..parts.len()).find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some())) {
-        let parent = match parents[k].checked_sub(1).and_then(|p| found[p].as_ref()) {
-            None => root.to_vec(),
-            Some(p) => carried(&p.joint),
+    let alone = grown(&parents, |k, carried| joint_of_part(&parts[k], carried, states, true, None, config), root);
+    let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
+    let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
+    // Where the parent's joint changes, so does the motion against it, not its kind.
+    let square = |k: usize, carried: &[ParentMotion]| {
+        let joint = match parents[k] {
+            0 => alone[k].clone(),
+            _ => joint_of_part(&parts[k], carried, states, true, Some(alone[k].kind), config),
         };
-        let mut joint = joint_of_part(&parts[k], &parent, states, true, config);
-        // Of one motion alone: several tell the direction by themselves.
-        if let (Some(plane), [part], [parent]) = (turning_child(&candidates, &parents, k), parts[k].as_slice(), parent.as_slice()) {
-            joint = part.parallel_joint(&joint, plane, parent, &pair_of(states, 0), config).unwrap_or(joint);
+        let Some(prior) = &priors[k] else { return joint };
+        let joint = joint.towards(prior, carried);
+        match (parts[k].as_slice(), carried) {
+            ([part], [parent]) => part.placed(joint, parent, &pair_of(states, 0), config),
+            _ => joint,
         }
+    };
+    let joints = grown(&parents, square, root);
+    let explained = joints.into_iter().enumerate().map(|(k, mut joint)| {
         explain(&mut joint, k, parents[k], &candidates[k], contact_m);
-        found[k] = Some(TreeJointEstimate { parent: parents[k], joint });
+        TreeJointEstimate { parent: parents[k], joint }
+    });
+    explained.collect()
+}
+
+/// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
+fn grown(parents: &[usize], estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate, root: &[ParentMotion]) -> Vec<JointEstimate> {
+    let mut found: Vec<Option<JointEstimate>> = vec![None; parents.len()];
+    while let Some(k) = (0..parents.len()).find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some())) {
+        let carried = parents[k].checked_sub(1).and_then(|p| found[p].as_ref()).map_or_else(|| root.to_vec(), carried);
+        found[k] = Some(estimate(k, &carried));
     }
     found.into_iter().flatten().collect()
 }
@@ -98,14 +116,6 @@ pub fn kinematic_tree(
 fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
     let motion = |(m, c): (&Pose, &Matrix6<f64>)| ParentMotion { state1_from_state0: *m, covariance: *c };
     joint.motions.iter().zip(&joint.covariances).map(motion).collect()
-}
-
-/// The turn, in the world, of a part that hangs on part `k` (counted from 0) and whose own motion is a plain rotation. Two
-/// turns make one only where their axes are parallel or meet; that of the child is often known better, as it turns more.
-fn turning_child<'a>(candidates: &'a [Vec<Candidate>], parents: &[usize], k: usize) -> Option<&'a JointEstimate> {
-    let children = (0..parents.len()).filter(|&c| parents[c] == k + 1);
-    let in_world = children.filter_map(|c| candidates[c].iter().find(|x| x.parent == 0));
-    in_world.filter(|c| c.excess < DECISIVE && c.joint.kind == JointKind::Revolute).map(|c| &c.joint).next()
 }
 
 /// All parents that every part could have.
@@ -124,7 +134,7 @@ fn candidates(
     let candidate = |k: usize, parent: usize| {
         let carried = |m: usize| ParentMotion { state1_from_state0: motion(parent, m), ..ParentMotion::still() };
         let carried: Vec<ParentMotion> = (0..root.len()).map(carried).collect();
-        let joint = joint_of_part(&parts[k], &carried, states, false, config);
+        let joint = joint_of_part(&parts[k], &carried, states, false, None, config);
         let threaded = matches!(joint.kind, JointKind::Screw { .. });
         let excess = excess(&joint.evidence.type_scores, threaded);
         let off_m = match joint.kind {

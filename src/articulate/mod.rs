@@ -1,7 +1,9 @@
 //! Articulation: matches between the states, rigid motions, part segmentation, joints (method.md 4 and 5).
 
 mod assemble;
+mod axis_prior;
 mod evidence;
+mod flat_faces;
 mod hinge;
 mod index_sets;
 mod joint;
@@ -13,11 +15,12 @@ mod match_evidence;
 mod motion_fit;
 mod part_count;
 mod parts;
+mod square_axes;
 mod texture;
 
 pub use assemble::{LabelledState, NO_LABEL, part_tsdf};
 pub use evidence::{ColorField, ColorSample, LiftedMatch, SurfaceSamples};
-pub use joint::{JointEstimate, ParentMotion, estimate_joint, estimate_parallel, free_motion};
+pub use joint::{JointEstimate, ParentMotion, estimate_joint, free_motion};
 pub use joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion};
 pub use joint_states::{JointMotion, estimate_shared_joint};
 pub use kinematic_tree::{TreeJointEstimate, kinematic_tree};
@@ -26,6 +29,7 @@ pub use match_evidence::match_evidence;
 pub use motion_fit::{FreeMotion, MatchEvidence, MotionEvidence, MotionModel, RefineConfig, Refined, refine};
 pub use part_count::EvidencePoint;
 pub use parts::{JointConfig, ObservedState, PartEvidence, joint_of_part, pair_of, select};
+pub use square_axes::{SeenDirection, SquareConfig, square_priors};
 pub use texture::{TextureConfig, texture_matches};
 mod descriptor;
 mod features;

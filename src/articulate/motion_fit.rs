@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::SurfaceSamples;
-use crate::geometry::{Grid3, Pose, exp_so3};
+use crate::geometry::{Grid3, Pose, exp_so3, shift_and_turn};
 
 /// Settings of the refinement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -354,13 +354,15 @@ pub trait MotionModel: Sized {
             e[k] = H;
             let plus = Self::stepped(self, &e).motion();
             let minus = Self::stepped(self, &-e).motion();
-            let difference = plus * minus.inverse();
-            let w = difference.rotation.scaled_axis() / (2.0 * H);
-            let v = difference.translation.vector / (2.0 * H);
-            t.column_mut(k).copy_from_slice(&[v.x, v.y, v.z, w.x, w.y, w.z]);
+            t.column_mut(k).copy_from(&(left_difference(&plus, &minus) / (2.0 * H)));
         }
         t
     }
+}
+
+/// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.
+pub(super) fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
+    shift_and_turn(&(to * from.inverse()))
 }
 
 /// Any rigid motion.

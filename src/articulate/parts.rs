@@ -4,14 +4,15 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SurfaceSamples, TextureConfig,
-    estimate_joint, estimate_parallel, estimate_shared_joint, free_motion, match_evidence,
+    JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SquareConfig, SurfaceSamples,
+    TextureConfig, estimate_joint, estimate_shared_joint, free_motion, match_evidence,
     surface_error::{ReadingHeights, clear, surface_error_m},
     texture_matches,
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame, smoothing_m},
     geometry::{Grid3, Pose},
+    model::JointKind,
 };
 
 /// Settings of the joint estimation.
@@ -22,6 +23,8 @@ pub struct JointConfig {
     pub refine: RefineConfig,
     /// Dense texture matches.
     pub texture: TextureConfig,
+    /// Axes along and across each other.
+    pub square: SquareConfig,
 }
 
 /// What is known of one state once its surface is there.
@@ -116,7 +119,7 @@ impl PartEvidence {
         let offsets_m = |part: &Self| heights.offsets_m(part.surfaces.each_ref(), &part.motion, correlation_m);
         for _ in 0..ROUNDS {
             part.offsets_m = offsets_m(&part).map(|o| clear(o, UNCLEAR_SPACINGS * spacing_m));
-            let found = part.joint(&ParentMotion::still(), states, config);
+            let found = part.joint(&ParentMotion::still(), states, None, config);
             let sdf = [states[0].sdf, states[1].sdf];
             let dense = texture_matches(part.surfaces.each_ref(), frames, sdf, &found.motions[0], noise, &config.texture);
             part.matches.truncate(sparse);
@@ -129,24 +132,22 @@ impl PartEvidence {
         part
     }
 
-    /// The joint between a parent and this part.
+    /// The joint between a parent and this part; of some kind, if it is known.
     #[must_use]
-    pub fn joint(&self, parent: &ParentMotion, states: &[ObservedState; 2], config: &JointConfig) -> JointEstimate {
-        estimate_joint(&self.motion, parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
-    }
-
-    /// The joint as revolute with the direction of another axis, where the evidence prefers that.
-    #[must_use]
-    pub fn parallel_joint(
+    pub fn joint(
         &self,
-        found: &JointEstimate,
-        other: &JointEstimate,
         parent: &ParentMotion,
         states: &[ObservedState; 2],
+        kind: Option<JointKind>,
         config: &JointConfig,
-    ) -> Option<JointEstimate> {
-        let covariance = other.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
-        estimate_parallel(found, (&other.axis, &covariance), parent, &self.evidence(states), (&self.center, self.radius_m), &config.refine)
+    ) -> JointEstimate {
+        estimate_joint(&self.motion, parent, &self.evidence(states), (&self.center, self.radius_m), kind, &config.refine)
+    }
+
+    /// A turning joint, its axis moved to where it suits its direction best.
+    #[must_use]
+    pub fn placed(&self, joint: JointEstimate, parent: &ParentMotion, states: &[ObservedState; 2], config: &JointConfig) -> JointEstimate {
+        joint.placed(parent, &self.evidence(states), &config.refine)
     }
 
     /// The motion of this part by itself, with its covariance.
@@ -180,17 +181,18 @@ pub fn pair_of<'a>(states: &[ObservedState<'a>], k: usize) -> [ObservedState<'a>
 }
 
 /// The joint between a parent and a part, by the part's motions to all other states. One joint is fitted to all of them;
-/// where a `doubt` is allowed, a motion that contradicts the others is left out and told.
+/// where a `doubt` is allowed, a motion that contradicts the others is left out and told. The `kind` may be known.
 #[must_use]
 pub fn joint_of_part(
     part: &[PartEvidence],
     parents: &[ParentMotion],
     states: &[ObservedState],
     doubt: bool,
+    kind: Option<JointKind>,
     config: &JointConfig,
 ) -> JointEstimate {
     if let ([part], [parent]) = (part, parents) {
-        return part.joint(parent, &pair_of(states, 0), config);
+        return part.joint(parent, &pair_of(states, 0), kind, config);
     }
     let pairs: Vec<[ObservedState; 2]> = (0..part.len()).map(|k| pair_of(states, k)).collect();
     let mut motions: Vec<JointMotion> = part
@@ -203,7 +205,7 @@ pub fn joint_of_part(
     let block_m = motions.iter().map(|m| m.evidence.block_m).fold(0.0, f64::max);
     motions.iter_mut().for_each(|m| m.evidence.block_m = block_m);
     let place = part.first().map_or((Point3::origin(), 0.0), |p| (p.center, p.radius_m));
-    estimate_shared_joint(&motions, (&place.0, place.1), doubt, &config.refine)
+    estimate_shared_joint(&motions, (&place.0, place.1), doubt, kind, &config.refine)
 }
 
 /// The points with a label.

@@ -96,11 +96,23 @@ pub struct JointReport {
     /// How well each link would carry the child, by name.
     #[serde(default)]
     pub parents: BTreeMap<String, ParentReport>,
+    /// The axis by the motion alone, where the object's other axes and flat faces had a say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis_alone: Option<AxisAloneReport>,
     /// What speaks against trusting this joint.
     pub cautions: Vec<String>,
     /// What the observed states cannot tell of it.
     #[serde(default)]
     pub not_observable: Vec<String>,
+}
+
+/// An axis by the motion of its part alone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisAloneReport {
+    /// Unit direction, world.
+    pub axis: [f64; 3],
+    /// Its standard deviation, degrees.
+    pub std_deg: f64,
 }
 
 /// How well a link would carry a part.
@@ -367,6 +379,10 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         type_scores: e.type_scores.iter().map(|(k, v)| (k.clone(), round_significant(*v, DIGITS))).collect(),
         dispersion: round_significant(e.dispersion, 4),
         parents: e.parents.iter().map(|(name, p)| (name.clone(), parent_report(p))).collect(),
+        axis_alone: e.axis_alone.map(|a| AxisAloneReport {
+            axis: std::array::from_fn(|k| round_significant(a.axis[k], DIGITS)),
+            std_deg: round_significant(a.std_rad.to_degrees(), 4),
+        }),
         cautions: e.cautions.clone(),
         not_observable: e.not_observable.clone(),
     }

@@ -170,10 +170,21 @@ pub struct JointEvidence {
     pub type_scores: BTreeMap<String, f64>,
     /// Links that could carry the part, by name.
     pub parents: BTreeMap<String, ParentScore>,
+    /// The axis as the motion alone tells it, where the object's other axes and faces were asked, too.
+    pub axis_alone: Option<AxisAlone>,
     /// Sentences about low information or disagreement; empty where all is well.
     pub cautions: Vec<String>,
     /// Sentences about what the observed states cannot tell.
     pub not_observable: Vec<String>,
+}
+
+/// An axis by the motion of its part alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisAlone {
+    /// Unit direction, world, in state 0.
+    pub axis: Unit<Vector3<f64>>,
+    /// Its standard deviation, radians.
+    pub std_rad: f64,
 }
 
 /// A joint; its frame is the child link's frame.

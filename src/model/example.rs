@@ -74,6 +74,7 @@ fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axi
         dispersion: 1.0,
         type_scores: BTreeMap::from([("prismatic".into(), 120.0), ("revolute".into(), 10.0)]),
         parents: BTreeMap::new(),
+        axis_alone: None,
         cautions: vec![],
         not_observable: Vec::new(),
     };

@@ -11,7 +11,9 @@ mod sweep;
 mod tree;
 mod validate;
 
-pub use articulated::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ParentScore};
+pub use articulated::{
+    ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ParentScore,
+};
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use dynamics::assumed_dynamics;
 pub use mass::solids_inertial;

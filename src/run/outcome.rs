@@ -165,6 +165,7 @@ mod tests {
             dispersion: 1.0,
             type_scores: std::collections::BTreeMap::new(),
             parents: std::collections::BTreeMap::new(),
+            axis_alone: None,
             cautions: Vec::new(),
             not_observable: Vec::new(),
         };

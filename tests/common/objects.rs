@@ -70,6 +70,7 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         dispersion: 1.0,
         type_scores: BTreeMap::new(),
         parents: BTreeMap::new(),
+        axis_alone: None,
         cautions: vec![],
         not_observable: Vec::new(),
     };

@@ -1,0 +1,239 @@
+//! Directions that the axes of one object share: most mechanisms are built square.
+//!
+//! Hinges and slides mostly run along or across each other and the flat faces of the body. A frame of three square directions is
+//! fitted to all axes, each with its covariance, and to the faces, by the likelihood of a mixture: a share of the directions
+//! lies along one of the frame's, but for a tolerance of building, the others anywhere. What the others tell of the frame is a
+//! prior of each axis, where it is likelier with it than without. An axis that is known better than things are built hardly
+//! feels it; one that a small motion of a narrow part leaves open does.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Unit, UnitQuaternion, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::joint_motion::frame_across;
+
+/// How square an object is taken to be built.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SquareConfig {
+    /// Share of the axes that run along or across the others; 0 leaves every axis as its motion alone tells it.
+    pub share: f64,
+    /// Standard deviation of such an axis from square, degrees.
+    pub tolerance_deg: f64,
+}
+
+impl Default for SquareConfig {
+    fn default() -> Self {
+        Self { share: 0.8, tolerance_deg: 0.3 }
+    }
+}
+
+/// A direction, or its opposite, and how well it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenDirection {
+    /// Unit direction.
+    pub direction: Unit<Vector3<f64>>,
+    /// Covariance, square radians.
+    pub covariance: Matrix3<f64>,
+}
+
+/// Information on the frame's rotation from nowhere: a turn is known to a radian.
+const LEAST_INFORMATION: f64 = 1.0;
+const ITERATIONS: usize = 20;
+/// A direction farther than this cosine from all of the frame's has nothing to do with it.
+const LEAST_COSINE: f64 = 0.7;
+
+/// A direction as the frame sees it.
+struct View {
+    /// The frame's direction nearest to it, and two vectors across.
+    along: Vector3<f64>,
+    across: Matrix3x2<f64>,
+    /// Offset from there, and its slope by a left rotation of the frame, negative.
+    offset: Vector2<f64>,
+    slope: Matrix2x3<f64>,
+    information: Matrix2<f64>,
+    /// Logarithm of the density of the direction as one of the frame's.
+    log_density: f64,
+}
+
+impl View {
+    fn new(frame: &Matrix3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
+        let views = (0..3).filter_map(|k| {
+            let column = frame.column(k).into_owned();
+            let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
+            if along.dot(&seen.direction) < LEAST_COSINE {
+                return None;
+            }
+            let (a, b) = frame_across(&Unit::new_unchecked(along));
+            let across = Matrix3x2::from_columns(&[a, b]);
+            let offset = across.transpose() * seen.direction.into_inner();
+            let covariance = across.transpose() * seen.covariance * across + tolerance(config);
+            let information = covariance.try_inverse()?;
+            let log_density = square_log_density(&offset, &information, config);
+            Some(Self { along, across, offset, slope: -across.transpose() * along.cross_matrix(), information, log_density })
+        });
+        views.reduce(|a, b| if b.log_density > a.log_density { b } else { a })
+    }
+
+    /// Probability that the direction is one of the frame's.
+    fn weight(&self, config: &SquareConfig) -> f64 {
+        1.0 / (1.0 + (any_log_density(config) - self.log_density).exp())
+    }
+
+    /// Information and gradient on the frame's rotation.
+    fn tells(&self, config: &SquareConfig) -> (Matrix3<f64>, Vector3<f64>) {
+        let weighed = self.slope.transpose() * self.information * self.weight(config);
+        (weighed * self.slope, weighed * self.offset)
+    }
+}
+
+fn tolerance(config: &SquareConfig) -> Matrix2<f64> {
+    Matrix2::identity() * config.tolerance_deg.to_radians().powi(2)
+}
+
+/// Logarithm of the density, a steradian, of a direction that is off one of the frame's three.
+fn square_log_density(offset: &Vector2<f64>, information: &Matrix2<f64>, config: &SquareConfig) -> f64 {
+    (config.share / 3.0).ln() - 0.5 * offset.dot(&(information * offset)) + 0.5 * information.determinant().ln() - TAU.ln()
+}
+
+/// The same of a direction, without its sign, that may be any.
+fn any_log_density(config: &SquareConfig) -> f64 {
+    (1.0 - config.share).ln() - TAU.ln()
+}
+
+/// What the other axes and the faces tell of each axis; `None` where it is likelier to run anywhere, or is not known at all.
+#[must_use]
+pub fn square_priors(axes: &[Option<SeenDirection>], faces: &[SeenDirection], config: &SquareConfig) -> Vec<Option<SeenDirection>> {
+    let known: Vec<SeenDirection> = axes.iter().flatten().chain(faces).copied().collect();
+    let Some(frame) = (config.share > 0.0).then(|| fit(&known, config)).flatten() else { return vec![None; axes.len()] };
+    let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
+    let told: Vec<_> = views.iter().map(|v| v.as_ref().map(|v| v.tells(config))).collect();
+    let prior = |own: usize| {
+        let view = views[own].as_ref()?;
+        let others = told.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
+        let (h, g) = others.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
+        let turn = h.try_inverse()?;
+        let mean = view.slope * turn * g;
+        let spread = view.slope * turn * view.slope.transpose() + tolerance(config);
+        let seen = view.across.transpose() * known[own].covariance * view.across;
+        let likely = square_log_density(&(view.offset - mean), &(spread + seen).try_inverse()?, config) > any_log_density(config);
+        let direction = Unit::new_normalize(view.along + view.across * mean);
+        likely.then(|| SeenDirection { direction, covariance: view.across * spread * view.across.transpose() })
+    };
+    let mut next = 0..;
+    axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
+}
+
+/// The likeliest frame; its columns are the directions.
+fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
+    let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
+    let value = |frame: &Matrix3<f64>| -> f64 {
+        let any = any_log_density(config);
+        known
+            .iter()
+            .map(|seen| {
+                View::new(frame, seen, config).map_or(any, |v| any.max(v.log_density) + (-(any - v.log_density).abs()).exp().ln_1p())
+            })
+            .sum()
+    };
+    let fits = starts.map(|start| polish(start, known, config)).map(|frame| (value(&frame), frame));
+    fits.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
+}
+
+/// A frame along a direction and, as far as it is square to it, another, which may be the same.
+fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
+    let a = first.into_inner();
+    let b = if first == second { frame_across(first).0 } else { second.into_inner() };
+    let b = Unit::try_new(b - a * a.dot(&b), LEAST_COSINE)?;
+    Some(Matrix3::from_columns(&[a, b.into_inner(), a.cross(&b)]))
+}
+
+fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
+    for _ in 0..ITERATIONS {
+        let told = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.tells(config));
+        let (h, g) = told.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
+        let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };
+        frame = UnitQuaternion::from_scaled_axis(turn).to_rotation_matrix() * frame;
+        if turn.norm() < 1e-10 {
+            break;
+        }
+    }
+    frame
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(direction: [f64; 3], std_deg: f64) -> SeenDirection {
+        let direction = Unit::new_normalize(Vector3::from(direction));
+        let across = Matrix3::identity() - direction.into_inner() * direction.transpose();
+        SeenDirection { direction, covariance: across * std_deg.to_radians().powi(2) }
+    }
+
+    fn turned(all: &[SeenDirection]) -> Vec<Option<SeenDirection>> {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+        let rotation = turn.to_rotation_matrix();
+        let covariance = |s: &SeenDirection| rotation * s.covariance * rotation.transpose();
+        all.iter().map(|s| Some(SeenDirection { direction: turn * s.direction, covariance: covariance(s) })).collect()
+    }
+
+    fn off_deg(prior: &SeenDirection, direction: [f64; 3]) -> f64 {
+        let truth = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0) * Vector3::from(direction);
+        prior.direction.cross(&truth).norm().asin().to_degrees()
+    }
+
+    fn std_deg(prior: &SeenDirection) -> f64 {
+        prior.covariance.trace().sqrt().to_degrees()
+    }
+
+    #[test]
+    fn an_axis_takes_the_direction_of_its_likes() {
+        // Two hinges and a slide that are known, a hinge that is hardly.
+        let all = turned(&[
+            seen([0.0, 0.0, 1.0], 0.05),
+            seen([0.0, 0.001, -1.0], 0.05),
+            seen([1.0, 0.0, 0.0], 0.05),
+            seen([0.05, 0.03, 1.0], 2.0),
+        ]);
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        let open = priors[3].expect("square");
+        assert!(off_deg(&open, [0.0, 0.0, 1.0]) < 0.05 && std_deg(&open) < 0.6, "{} {}", off_deg(&open, [0.0, 0.0, 1.0]), std_deg(&open));
+        // What is known well hardly learns from what is not.
+        let without = square_priors(&all[..3], &[], &SquareConfig::default());
+        for (a, b) in priors.iter().zip(&without) {
+            assert!(a.unwrap().direction.angle(&b.unwrap().direction) < 2e-3);
+        }
+    }
+
+    #[test]
+    fn one_face_tells_what_is_across_it_and_no_more() {
+        let face = turned(&[seen([0.0, 0.0, 1.0], 0.1)])[0].unwrap();
+        let all = turned(&[seen([1.0, 0.2, 0.04], 1.5)]);
+        let prior = square_priors(&all, &[face], &SquareConfig::default())[0].expect("square");
+        let normal = face.direction.into_inner();
+        assert!(prior.direction.dot(&normal).abs() < 2e-3);
+        assert!(normal.dot(&(prior.covariance * normal)).sqrt().to_degrees() < 0.5);
+        assert!(std_deg(&prior) > 20.0);
+    }
+
+    #[test]
+    fn a_slanting_axis_is_left_alone() {
+        let all =
+            turned(&[seen([0.0, 0.0, 1.0], 0.05), seen([1.0, 0.0, 0.0], 0.05), seen([0.05, 0.0, 1.0], 0.2), seen([0.5, 0.5, 0.7], 2.0)]);
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        assert!(priors[0].is_some() && priors[1].is_some() && priors[2].is_none() && priors[3].is_none());
+        let none = SquareConfig { share: 0.0, ..SquareConfig::default() };
+        assert!(square_priors(&all, &[], &none).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn an_axis_that_is_not_known_has_no_prior_and_keeps_its_place() {
+        let mut all = turned(&[seen([0.0, 0.0, 1.0], 0.05), seen([0.0, 0.0, 1.0], 0.05), seen([0.0, 1.0, 0.0], 0.05)]);
+        all[0] = None;
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        assert!(priors[0].is_none());
+        assert!(off_deg(&priors[1].unwrap(), [0.0, 0.0, 1.0]) < 1e-6 && off_deg(&priors[2].unwrap(), [0.0, 1.0, 0.0]) < 1e-6);
+    }
+}
