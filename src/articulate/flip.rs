@@ -13,6 +13,9 @@ use crate::geometry::{Pose, Screw};
 
 /// Rounds in which a turned motion settles.
 const ROUNDS: usize = 3;
+/// Turn at which half of what speaks for a hinge is lost, radians: few joints turn farther, and a part turned end for end does by
+/// as much as half a turn exceeds its own.
+const FAR_TURN: f64 = 2.1;
 
 impl Run<'_> {
     /// The motions, each part's turned end for end where that explains more, weighed by what speaks for a hinge.
@@ -39,7 +42,7 @@ impl Run<'_> {
     }
 
     /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs by the surfaces of
-    /// both. A slide along another part has no axis; both touch.
+    /// both, and it does not turn too far. A slide along another part has no axis; both touch.
     fn hinge(&self, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
         let of = |part: usize| -> Vec<Point3<f64>> {
             let points = self.evidence.samples[0].points.iter().zip(labels);
@@ -48,11 +51,11 @@ impl Run<'_> {
         let own = of(k);
         let on = |parent: usize| {
             let relative = motions[parent].inverse() * motions[k];
-            let off_m = match Screw::of(&relative).filter(|s| s.angle_rad > PARALLEL) {
-                Some(axis) => axis_off_m((&axis.point, &axis.direction), &own, &of(parent)),
-                None => touch_m(&own, &of(parent)),
+            let (off_m, angle_rad) = match Screw::of(&relative).filter(|s| s.angle_rad > PARALLEL) {
+                Some(axis) => (axis_off_m((&axis.point, &axis.direction), &own, &of(parent)), axis.angle_rad),
+                None => (touch_m(&own, &of(parent)), 0.0),
             };
-            1.0 / (1.0 + (off_m / (HINGE * self.extent_m)).powi(2))
+            1.0 / (1.0 + (off_m / (HINGE * self.extent_m)).powi(2)) / (1.0 + (angle_rad / FAR_TURN).powi(4))
         };
         (0..motions.len()).filter(|p| *p != k).map(on).fold(0.0, f64::max)
     }

@@ -222,6 +222,9 @@ pub struct SynthArgs {
     /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same
     #[arg(long, value_name = "X", default_value_t = SynthConfig::default().motion_scale)]
     pub motion_scale: f64,
+    /// Angle by which every axis leans from square, degrees
+    #[arg(long, value_name = "DEG", default_value_t = SynthConfig::default().skew_deg)]
+    pub skew: f64,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

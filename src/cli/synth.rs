@@ -25,6 +25,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         pose_noise: args.pose_noise,
         drift: args.drift,
         motion_scale: args.motion_scale,
+        skew_deg: args.skew,
         further: usize::from(args.states) - 2,
         views: args.views,
         width: args.width,

@@ -100,6 +100,8 @@ pub struct SynthConfig {
     pub drift: PoseSpread,
     /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same.
     pub motion_scale: f64,
+    /// Angle by which every axis leans from square, in a random direction, degrees; parts may then touch a little.
+    pub skew_deg: f64,
     /// States filmed beyond the first two, at other positions of the joints.
     pub further: usize,
     /// Views of each state.
@@ -121,6 +123,7 @@ impl Default for SynthConfig {
             pose_noise: PoseSpread::default(),
             drift: PoseSpread::default(),
             motion_scale: 1.0,
+            skew_deg: 0.0,
             further: 0,
             views: 30,
             width: 640,
@@ -160,6 +163,9 @@ impl SynthConfig {
         if !(0.01..=1.0).contains(&self.motion_scale) {
             return Err(format!("motion scale {}: give a factor from 0.01 to 1", self.motion_scale));
         }
+        if !(0.0..=10.0).contains(&self.skew_deg) {
+            return Err(format!("skew {}: give 0 to 10 degrees", self.skew_deg));
+        }
         Ok(())
     }
 }
@@ -188,6 +194,7 @@ mod tests {
         assert!(check(|c| c.parts = Some(1)).is_err() && check(|c| c.parts = Some(8)).is_err());
         assert!(check(|c| (c.parts, c.family) = (Some(3), Some(Family::Clamshell))).unwrap_err().contains("clamshell has 2 to 2"));
         assert!(check(|c| c.motion_scale = 1.5).is_err());
+        assert!(check(|c| c.skew_deg = -1.0).is_err());
         assert!(check(|c| c.noise = f64::NAN).is_err() && check(|c| c.views = 1).is_err() && check(|c| c.width = 10).is_err());
     }
 }

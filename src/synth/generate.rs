@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
@@ -49,7 +49,7 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
             let parent = |part: usize| object.parts[part].joint.map(|j| j.parent);
             let hinge = |a: usize, b: usize| joined && (parent(a) == Some(b) || parent(b) == Some(a));
             if clearance::is_free(&object, &hinge) && observable::is_observable(&object, config, rng) {
-                return Ok(scaled(object, config.motion_scale));
+                return Ok(skewed(scaled(object, config.motion_scale), config));
             }
         }
     }
@@ -64,6 +64,16 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
 fn scaled(mut object: Object, share: f64) -> Object {
     for [from, to] in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.positions) {
         *to = *from + share * (*to - *from);
+    }
+    object
+}
+
+/// The object with axes that lean from square.
+fn skewed(mut object: Object, config: &SynthConfig) -> Object {
+    let rng = &mut stage_rng(config.seed, "synth/skew", 0);
+    for axis in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.axis) {
+        let aside = Unit::new_normalize(draw::direction(rng).cross(axis));
+        *axis = UnitQuaternion::from_axis_angle(&aside, config.skew_deg.to_radians()) * *axis;
     }
     object
 }
@@ -179,6 +189,17 @@ mod tests {
             assert!(a.positions[0] == b.positions[0] && (moved(b) - 0.5 * moved(a)).abs() < 1e-12);
         }
         assert!(whole.parts.iter().zip(&half.parts).all(|(a, b)| a.solids == b.solids));
+    }
+
+    #[test]
+    fn skewed_axes_lean_by_the_angle_and_nothing_else_changes() {
+        let of = |skew_deg| generate(&SynthConfig { seed: 4, skew_deg, ..SynthConfig::default() }).unwrap();
+        let (square, skewed) = (of(0.0), of(1.5));
+        for (a, b) in square.parts.iter().zip(&skewed.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
+            assert!((a.axis.angle(&b.axis).to_degrees() - 1.5).abs() < 1e-6);
+            assert!(a.origin == b.origin && a.positions == b.positions);
+        }
+        assert!(square.parts.iter().zip(&skewed.parts).all(|(a, b)| a.solids == b.solids));
     }
 
     #[test]
