@@ -403,7 +403,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        articulate::{MatchEvidence, SurfaceSamples},
+        articulate::{MatchEvidence, SeenDirection, SurfaceSamples},
         geometry::{Grid3, SceneBox, Screw, line_distance_m},
     };
 
@@ -496,6 +496,31 @@ mod tests {
     fn a_small_turn_is_still_told_from_a_slide() {
         let screw = Screw { direction: Vector3::z_axis(), point: Point3::new(-0.1, 0.05, 0.0), angle_rad: 0.1, advance_m: 0.0 };
         check(&screw.motion(), JointKind::Revolute);
+    }
+
+    #[test]
+    fn a_prior_moves_the_axis_and_what_goes_with_it() {
+        let screw = Screw { direction: Vector3::z_axis(), point: Point3::new(-0.1, 0.05, 0.0), angle_rad: 0.3, advance_m: 0.0 };
+        let e = check(&screw.motion(), JointKind::Revolute);
+        let still = [ParentMotion::still()];
+        let prior = |lean: f64, std_rad: f64| {
+            let direction = Unit::new_normalize(e.axis.into_inner() + Vector3::x() * lean);
+            SeenDirection { direction, covariance: Matrix3::identity() * std_rad.powi(2) }
+        };
+        let deviation = |e: &JointEstimate| e.evidence.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+        // One that tells nothing changes nothing.
+        let vague = e.clone().towards(&prior(0.03, 1e3), &still);
+        assert!(vague.axis.angle(&e.axis) < 1e-6 && (deviation(&vague) / deviation(&e) - 1.0).abs() < 1e-6);
+        assert!((vague.covariances[0] - e.covariances[0]).norm() < 1e-6 * e.covariances[0].norm());
+        assert!(vague.evidence.axis_alone.is_some_and(|a| a.axis == e.axis && a.std_rad == deviation(&e)));
+        // One that is known better is followed, and the motion is that of the joint.
+        let firm = e.clone().towards(&prior(0.03, 1e-5), &still);
+        assert!(firm.axis.angle(&prior(0.03, 1.0).direction) < 1e-4 && deviation(&firm) < 3e-5);
+        assert!(firm.covariances[0].trace() < e.covariances[0].trace());
+        let told = Screw { direction: firm.axis, point: firm.point, angle_rad: firm.motion(), advance_m: 0.0 }.motion();
+        let middle = Point3::new(0.1, 0.05, 0.0);
+        assert!((firm.motions[0] * told.inverse()).rotation.angle() < 1e-9);
+        assert!((told * middle - screw.motion() * middle).norm() < 5e-4);
     }
 
     #[test]

@@ -136,6 +136,9 @@ fn push_joints(out: &mut String, report: &Report) {
         } else {
             String::new()
         };
+        let alone = joint.axis_alone.map_or_else(String::new, |a| {
+            format!("<br><span class=\"soft\">{} by its motion alone</span>", unit(&significant(a.std_deg, 2), "\u{b0}"))
+        });
         let share = if joint.tried > 0 { 100.0 * joint.inliers as f64 / joint.tried as f64 } else { 0.0 };
         let cells = [
             format!(
@@ -148,7 +151,7 @@ fn push_joints(out: &mut String, report: &Report) {
             escape(&joint.kind),
             escape(&motion(&joint.motion, &joint.motion_std)) + &positions(joint),
             vector(joint.axis) + &through,
-            unit(&significant(joint.axis_std_deg, 2), "\u{b0}"),
+            unit(&significant(joint.axis_std_deg, 2), "\u{b0}") + &alone,
             place,
             format!("{}<br><span class=\"soft\">{share:.0} % of {}</span>", joint.inliers, joint.tried),
             unit(&decimal(joint.residual_rms_mm, 2), "mm"),
