@@ -54,6 +54,7 @@ mod states;
 mod static_motion;
 mod surface_error;
 mod surface_graph;
+mod symmetry;
 #[cfg(test)]
 mod synthetic;
 
