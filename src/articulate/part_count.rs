@@ -48,6 +48,9 @@ const SPLIT: f64 = 0.8;
 const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
 const FIRM: f64 = 2.2;
+/// So is one that leaves less unexplained by this many times its evidence: parts that move nearly alike explain each other's
+/// surface, a little off, so that what each explains alone falls.
+const FITTING: f64 = 1.5;
 /// A motion with less than this share of the least evidence explains next to nothing.
 const SLIGHT: f64 = 0.5;
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the motion that it follows.
@@ -72,6 +75,8 @@ pub struct EvidencePoint {
     pub evidence: f64,
     /// Evidence of the weakest motion and no other; none where nothing moves.
     pub weakest: Option<f64>,
+    /// What is left for other motions: a sixth of the cells of surface, each by the cost of its best motion.
+    pub unexplained: f64,
 }
 
 /// The motions that are parts.
@@ -147,7 +152,8 @@ impl Run<'_> {
                 self.settle(&mut motions);
                 (scores, shares) = self.weighed(&motions);
             }
-            steps.push(Step { motions: motions.clone(), point: point(&scores), shares });
+            let point = EvidencePoint { unexplained: self.unexplained(&motions), ..point(&scores) };
+            steps.push(Step { motions: motions.clone(), point, shares });
             if motions.len() == 1 {
                 return steps;
             }
@@ -329,11 +335,24 @@ impl Run<'_> {
         best.iter().map(|[a, b]| sum(a).min(sum(b))).collect()
     }
 
+    /// See [`EvidencePoint::unexplained`].
+    fn unexplained(&self, motions: &[Pose]) -> f64 {
+        let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, None));
+        let best = costs.iter().flat_map(|c| c.chunks_exact(motions.len())).map(|row| row.iter().copied().fold(1.0, f32::min));
+        let (sum, count) = best.fold((0.0, 0usize), |(sum, n), c| (sum + f64::from(c), n + 1));
+        SURFACE_WEIGHT * sum / count.max(1) as f64 * self.surface_cells() as f64
+    }
+
+    /// Cells of the surface of both states.
+    fn surface_cells(&self) -> usize {
+        let cell_m = self.config.ransac.cell * self.extent_m;
+        self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum()
+    }
+
     /// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance, and the cells of surface
     /// that it explains, which weigh less because a plane explains any other.
     fn scores(&self, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
-        let cell_m = self.config.ransac.cell * self.extent_m;
-        let surface: usize = self.evidence.samples.iter().map(|s| occupied_cells(&s.points, cell_m)).sum();
+        let surface = self.surface_cells();
         let score = |(cells, share): (f64, &f64)| {
             let cells = f64::max(cells - CHANCE, 0.0);
             cells + SURFACE_WEIGHT * share * surface as f64
@@ -353,11 +372,14 @@ pub(super) fn little_evidence(parts: usize, weakest: f64, least: f64) -> String 
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that what each
-/// explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm` evidence by itself.
+/// explains alone, and with it the sum, falls. A motion of its own adds to the sum, has `firm` evidence by itself, or leaves less
+/// unexplained.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
-    let weak = point.weakest.is_some_and(|w| w < firm);
-    let takes = |p: &EvidencePoint| weak && point.evidence < p.evidence;
-    next_smaller(point, curve).is_some_and(takes) || smaller(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
+    let weakest = point.weakest.unwrap_or(f64::INFINITY);
+    let fits = |p: &EvidencePoint| p.unexplained - point.unexplained >= FITTING * weakest;
+    let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence && !fits(p);
+    let share = |p: &EvidencePoint| if fits(p) { SPLIT.powi((point.parts - p.parts) as i32) } else { SPLIT };
+    next_smaller(point, curve).is_some_and(takes) || smaller(point, curve).any(|p| point.evidence < share(p) * p.evidence)
 }
 
 /// The sets of fewer motions.
@@ -380,7 +402,8 @@ fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
 /// The evidence of motions, the first of which is the static part's.
 pub(super) fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
-    EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest: moving.iter().copied().reduce(f64::min) }
+    let weakest = moving.iter().copied().reduce(f64::min);
+    EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest, unexplained: 0.0 }
 }
 
 /// What a sample says for the first of two motions of these costs: that it lands on a surface, where the other takes it into
@@ -430,7 +453,7 @@ mod split_tests {
 
     #[test]
     fn a_motion_of_little_evidence_must_add_to_the_sum() {
-        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest };
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
         let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0)), point(3, 150.0, Some(50.0)), point(4, 159.0, Some(10.0))];
         assert!(adds(&curve[3], &curve) && !adds(&point(4, 153.0, Some(10.0)), &curve));
         assert!(!adds(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
@@ -438,7 +461,7 @@ mod split_tests {
 
     #[test]
     fn a_second_motion_of_one_part_takes_its_evidence_away() {
-        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest };
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
         let curve = [
             point(1, 0.0, None),
             point(2, 414.0, Some(414.0)),
@@ -446,8 +469,15 @@ mod split_tests {
             point(4, 500.0, Some(60.0)),
             point(5, 495.0, Some(20.0)),
         ];
-        let splits = |k: usize| splits(&curve[k], &curve, 35.0);
+        let splits_of = |curve: &[EvidencePoint], k: usize| splits(&curve[k], curve, 35.0);
+        let splits = |k: usize| splits_of(&curve, k);
         assert!(splits(2) && splits(4));
         assert!(!splits(3) && !splits(1) && !splits(0));
+        // Two drawers that moved nearly alike: either motion explains both a little off, both leave less open.
+        let mut alike = curve.clone();
+        (0..5).for_each(|k| alike[k].unexplained = [900.0, 400.0, 380.0, 90.0, 60.0][k]);
+        assert!(!splits_of(&alike, 4) && splits_of(&alike, 2));
+        alike[4].unexplained = 61.0;
+        assert!(splits_of(&alike, 4));
     }
 }

@@ -32,6 +32,9 @@ pub struct EvidencePointReport {
     pub evidence: f64,
     /// What the weakest motion alone explains.
     pub weakest: Option<f64>,
+    /// What no motion explains.
+    #[serde(default)]
+    pub unexplained: f64,
 }
 
 impl PartCountReport {
@@ -43,12 +46,13 @@ impl PartCountReport {
             parts: p.parts,
             evidence: round_significant(p.evidence, DIGITS),
             weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
+            unexplained: round_significant(p.unexplained, DIGITS),
         };
         let curve = curve.iter().rev().map(point).collect();
         Self { given, found, least_evidence, curve }
     }
 
-    /// Rows of a table: number of parts, evidence, weakest motion; the chosen one marked.
+    /// Rows of a table: number of parts, evidence, weakest motion, what is left; the chosen one marked.
     pub(super) fn rows(&self) -> String {
         let mut rows = String::new();
         for p in &self.curve {
@@ -57,9 +61,10 @@ impl PartCountReport {
             // Writing to a string cannot fail.
             writeln!(
                 rows,
-                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td></tr>",
+                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td><td class=\"number\">{}</td></tr>",
                 p.parts,
                 decimal(p.evidence, 1),
+                decimal(p.unexplained, 1),
             )
             .ok();
         }

@@ -183,7 +183,7 @@ fn push_unknown(out: &mut String, report: &Report) {
     push_list(out, "unknown", "Not observable in these states", &report.joints.iter().flat_map(said).collect::<Vec<_>>());
     if let Some(count) = &report.run.part_count {
         let title = if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
-        push_table(out, title, &["Parts", "Evidence of all motions", "Weakest motion"], &count.rows());
+        push_table(out, title, &["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"], &count.rows());
     }
 }
 
