@@ -2,7 +2,7 @@
 //!
 //! Hinges and slides mostly run along or across each other and the flat faces of the body. A frame of three square directions is
 //! fitted to all axes, each with its covariance, and to the faces, by the likelihood of a mixture: a share of the directions
-//! lies along one of the frame's, but for a tolerance of building, the others anywhere. What the others tell of the frame is a
+//! lies along one of the frame's, but for a tolerance of building; some of these lean by degrees, the rest runs anywhere. What the others tell of the frame is a
 //! prior of each axis, where it is likelier with it than without. An axis that is known better than things are built hardly
 //! feels it; one that a small motion of a narrow part leaves open does.
 
@@ -38,6 +38,9 @@ pub struct SeenDirection {
     pub covariance: Matrix3<f64>,
 }
 
+/// Share of the axes meant to be square that lean, and the standard deviation of these, degrees: they are not drawn to square.
+const LEANING: f64 = 0.2;
+const LEAN_DEG: f64 = 2.0;
 /// Information on the frame's rotation from nowhere: a turn is known to a radian.
 const LEAST_INFORMATION: f64 = 1.0;
 const ITERATIONS: usize = 20;
@@ -53,8 +56,7 @@ struct View {
     offset: Vector2<f64>,
     slope: Matrix2x3<f64>,
     information: Matrix2<f64>,
-    /// Logarithm of the density of the direction as one of the frame's.
-    log_density: f64,
+    likelihood: Likelihood,
 }
 
 impl View {
@@ -68,38 +70,53 @@ impl View {
             let (a, b) = frame_across(&Unit::new_unchecked(along));
             let across = Matrix3x2::from_columns(&[a, b]);
             let offset = across.transpose() * seen.direction.into_inner();
-            let covariance = across.transpose() * seen.covariance * across + tolerance(config);
-            let information = covariance.try_inverse()?;
-            let log_density = square_log_density(&offset, &information, config);
-            Some(Self { along, across, offset, slope: -across.transpose() * along.cross_matrix(), information, log_density })
+            let own = across.transpose() * seen.covariance * across;
+            let information = (own + square_deg(config.tolerance_deg)).try_inverse()?;
+            let likelihood = Likelihood::new(&offset, &own, config)?;
+            Some(Self { along, across, offset, slope: -across.transpose() * along.cross_matrix(), information, likelihood })
         });
-        views.reduce(|a, b| if b.log_density > a.log_density { b } else { a })
-    }
-
-    /// Probability that the direction is one of the frame's.
-    fn weight(&self, config: &SquareConfig) -> f64 {
-        1.0 / (1.0 + (any_log_density(config) - self.log_density).exp())
+        views.reduce(|a, b| if b.likelihood.square > a.likelihood.square { b } else { a })
     }
 
     /// Information and gradient on the frame's rotation.
-    fn tells(&self, config: &SquareConfig) -> (Matrix3<f64>, Vector3<f64>) {
-        let weighed = self.slope.transpose() * self.information * self.weight(config);
+    fn tells(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let weight = 1.0 / (1.0 + (self.likelihood.other - self.likelihood.square).exp());
+        let weighed = self.slope.transpose() * self.information * weight;
         (weighed * self.slope, weighed * self.offset)
     }
 }
 
-fn tolerance(config: &SquareConfig) -> Matrix2<f64> {
-    Matrix2::identity() * config.tolerance_deg.to_radians().powi(2)
+/// Logarithms of the density, a steradian, of a direction as a square one and as any other.
+struct Likelihood {
+    square: f64,
+    other: f64,
 }
 
-/// Logarithm of the density, a steradian, of a direction that is off one of the frame's three.
-fn square_log_density(offset: &Vector2<f64>, information: &Matrix2<f64>, config: &SquareConfig) -> f64 {
-    (config.share / 3.0).ln() - 0.5 * offset.dot(&(information * offset)) + 0.5 * information.determinant().ln() - TAU.ln()
+impl Likelihood {
+    /// Of a direction that is off one of the frame's, with a covariance without the tolerance.
+    fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
+        let of = |share: f64, std_deg: f64| {
+            let information = (covariance + square_deg(std_deg)).try_inverse()?;
+            Some((share / 3.0).ln() - 0.5 * offset.dot(&(information * offset)) + 0.5 * information.determinant().ln() - TAU.ln())
+        };
+        let leans = of(config.share * LEANING, LEAN_DEG.max(config.tolerance_deg))?;
+        let square = of(config.share * (1.0 - LEANING), config.tolerance_deg)?;
+        Some(Self { square, other: log_sum(leans, any_log_density(config)) })
+    }
 }
 
-/// The same of a direction, without its sign, that may be any.
+/// The variance of a standard deviation in degrees, square radians, in both directions.
+fn square_deg(std_deg: f64) -> Matrix2<f64> {
+    Matrix2::identity() * std_deg.to_radians().powi(2)
+}
+
+/// Logarithm of the density of a direction, without its sign, that may be any.
 fn any_log_density(config: &SquareConfig) -> f64 {
     (1.0 - config.share).ln() - TAU.ln()
+}
+
+fn log_sum(a: f64, b: f64) -> f64 {
+    a.max(b) + (-(a - b).abs()).exp().ln_1p()
 }
 
 /// What the other axes and the faces tell of each axis; `None` where it is likelier to run anywhere, or is not known at all.
@@ -108,18 +125,20 @@ pub fn square_priors(axes: &[Option<SeenDirection>], faces: &[SeenDirection], co
     let known: Vec<SeenDirection> = axes.iter().flatten().chain(faces).copied().collect();
     let Some(frame) = (config.share > 0.0).then(|| fit(&known, config)).flatten() else { return vec![None; axes.len()] };
     let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
-    let told: Vec<_> = views.iter().map(|v| v.as_ref().map(|v| v.tells(config))).collect();
+    let told: Vec<_> = views.iter().map(|v| v.as_ref().map(View::tells)).collect();
     let prior = |own: usize| {
         let view = views[own].as_ref()?;
         let others = told.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
         let (h, g) = others.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
         let turn = h.try_inverse()?;
         let mean = view.slope * turn * g;
-        let spread = view.slope * turn * view.slope.transpose() + tolerance(config);
+        let frame = view.slope * turn * view.slope.transpose();
         let seen = view.across.transpose() * known[own].covariance * view.across;
-        let likely = square_log_density(&(view.offset - mean), &(spread + seen).try_inverse()?, config) > any_log_density(config);
+        let likelihood = Likelihood::new(&(view.offset - mean), &(frame + seen), config)?;
+        let spread = frame + square_deg(config.tolerance_deg);
         let direction = Unit::new_normalize(view.along + view.across * mean);
-        likely.then(|| SeenDirection { direction, covariance: view.across * spread * view.across.transpose() })
+        (likelihood.square > likelihood.other)
+            .then(|| SeenDirection { direction, covariance: view.across * spread * view.across.transpose() })
     };
     let mut next = 0..;
     axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
@@ -128,15 +147,9 @@ pub fn square_priors(axes: &[Option<SeenDirection>], faces: &[SeenDirection], co
 /// The likeliest frame; its columns are the directions.
 fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
     let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
-    let value = |frame: &Matrix3<f64>| -> f64 {
-        let any = any_log_density(config);
-        known
-            .iter()
-            .map(|seen| {
-                View::new(frame, seen, config).map_or(any, |v| any.max(v.log_density) + (-(any - v.log_density).abs()).exp().ln_1p())
-            })
-            .sum()
-    };
+    let any = any_log_density(config);
+    let likelihood = |v: View| log_sum(v.likelihood.square, v.likelihood.other);
+    let value = |frame: &Matrix3<f64>| -> f64 { known.iter().map(|seen| View::new(frame, seen, config).map_or(any, likelihood)).sum() };
     let fits = starts.map(|start| polish(start, known, config)).map(|frame| (value(&frame), frame));
     fits.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
 }
@@ -151,7 +164,7 @@ fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matr
 
 fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
     for _ in 0..ITERATIONS {
-        let told = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.tells(config));
+        let told = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.tells());
         let (h, g) = told.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
         let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };
         frame = UnitQuaternion::from_scaled_axis(turn).to_rotation_matrix() * frame;
