@@ -11,7 +11,6 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, SMatrix, Unit, Vector3};
 use super::{
     joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
     motion_fit::{FreeMotion, MotionEvidence, MotionModel, RefineConfig, Refined, refine},
-    symmetry::looks_alike_round,
 };
 use crate::{
     geometry::Pose,
@@ -179,12 +178,7 @@ pub fn estimate_joint(
         }
         _ => Chosen::sliding(&found.prismatic, near),
     };
-    let mut joint = chosen.estimate(&found, parent, near, scores);
-    if joint.kind == JointKind::Prismatic && looks_alike_round(evidence, &joint.motions[0], &joint.axis, found.prismatic.sigma_m, config) {
-        let said = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
-        joint.evidence.not_observable.push(said.to_owned());
-    }
-    joint
+    chosen.estimate(&found, parent, near, scores)
 }
 
 /// Score of a type; infinite where it was not fitted or another is known to be right.

@@ -96,6 +96,12 @@ pub fn kinematic_tree(
     };
     let joints = grown(&parents, square, root);
     let explained = joints.into_iter().enumerate().map(|(k, mut joint)| {
+        if let ([part], JointKind::Prismatic) = (parts[k].as_slice(), joint.kind)
+            && part.looks_alike_round(&joint, &pair_of(states, 0), config)
+        {
+            let said = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
+            joint.evidence.not_observable.push(said.to_owned());
+        }
         explain(&mut joint, k, parents[k], &candidates[k], contact_m);
         TreeJointEstimate { parent: parents[k], joint }
     });

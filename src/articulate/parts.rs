@@ -7,6 +7,7 @@ use super::{
     JointEstimate, JointMotion, LiftedMatch, MatchEvidence, MotionEvidence, ParentMotion, RefineConfig, SquareConfig, SurfaceSamples,
     TextureConfig, estimate_joint, estimate_shared_joint, free_motion, match_evidence,
     surface_error::{ReadingHeights, clear, surface_error_m},
+    symmetry::looks_alike_round,
     texture_matches,
 };
 use crate::{
@@ -148,6 +149,12 @@ impl PartEvidence {
     #[must_use]
     pub fn placed(&self, joint: JointEstimate, parent: &ParentMotion, states: &[ObservedState; 2], config: &JointConfig) -> JointEstimate {
         joint.placed(parent, &self.evidence(states), &config.refine)
+    }
+
+    /// Whether the part would land as well if it had turned about the axis of a joint.
+    #[must_use]
+    pub fn looks_alike_round(&self, joint: &JointEstimate, states: &[ObservedState; 2], config: &JointConfig) -> bool {
+        looks_alike_round(&self.evidence(states), &joint.motions[0], &joint.axis, &config.refine)
     }
 
     /// The motion of this part by itself, with its covariance.

@@ -129,7 +129,7 @@ pub fn square_priors(axes: &[Option<SeenDirection>], faces: &[SeenDirection], co
     let prior = |own: usize| {
         let view = views[own].as_ref()?;
         let others = told.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
-        let (h, g) = others.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
+        let (h, g) = summed(others);
         let turn = h.try_inverse()?;
         let mean = view.slope * turn * g;
         let frame = view.slope * turn * view.slope.transpose();
@@ -142,6 +142,11 @@ pub fn square_priors(axes: &[Option<SeenDirection>], faces: &[SeenDirection], co
     };
     let mut next = 0..;
     axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
+}
+
+/// Information and gradient on the frame's rotation of all that tell of it.
+fn summed(told: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f64>, Vector3<f64>) {
+    told.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
 }
 
 /// The likeliest frame; its columns are the directions.
@@ -165,7 +170,7 @@ fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matr
 fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
     for _ in 0..ITERATIONS {
         let told = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.tells());
-        let (h, g) = told.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r));
+        let (h, g) = summed(told);
         let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };
         frame = UnitQuaternion::from_scaled_axis(turn).to_rotation_matrix() * frame;
         if turn.norm() < 1e-10 {

@@ -2,13 +2,14 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::{
     SurfaceSamples,
+    joint::SIGMA_FLOOR,
     motion_fit::{MotionEvidence, RefineConfig},
 };
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Screw};
 
 /// Turns that are tried, all round, of which no regular prism but one of seven sides has any.
 const TURNS: usize = 7;
@@ -20,18 +21,12 @@ const SEEN: f64 = 0.5;
 const CENTERINGS: usize = 10;
 
 /// Whether a part that makes a motion and, before it, any turn about a direction would land as well.
-pub(super) fn looks_alike_round(
-    evidence: &MotionEvidence,
-    motion: &Pose,
-    direction: &Unit<Vector3<f64>>,
-    sigma_m: f64,
-    config: &RefineConfig,
-) -> bool {
+pub(super) fn looks_alike_round(evidence: &MotionEvidence, motion: &Pose, direction: &Unit<Vector3<f64>>, config: &RefineConfig) -> bool {
+    let sigma_m = evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR);
     let Some(center) = center(evidence.surfaces[0], direction) else { return false };
     let landed = |turn_rad: f64| {
-        let turn = UnitQuaternion::from_axis_angle(direction, turn_rad);
-        let about = Isometry3::from_parts((center.coords - turn * center.coords).into(), turn);
-        let q = evidence.linearise(&(motion * about), sigma_m, config);
+        let turn = Screw { direction: *direction, point: center, angle_rad: turn_rad, advance_m: 0.0 };
+        let q = evidence.linearise(&(motion * turn.motion()), sigma_m, config);
         (q.inliers as f64, q.tried as f64)
     };
     let (inliers, tried) = landed(0.0);
@@ -114,7 +109,7 @@ mod tests {
             displacement_m: 0.0,
             piece_m: 0.05,
         };
-        looks_alike_round(&evidence, &lift, &Vector3::z_axis(), 5e-4, &RefineConfig::default())
+        looks_alike_round(&evidence, &lift, &Vector3::z_axis(), &RefineConfig::default())
     }
 
     #[test]
