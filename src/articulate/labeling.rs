@@ -26,6 +26,8 @@ const HALF_COST: f64 = 6.0;
 const NORMAL_SIGMA: f64 = 0.35;
 /// Standard deviation of the change of light on a surface, as a share of it, by the length of its normal's change.
 const SHADING: f64 = 0.5;
+/// Samples beyond an edge by more than this many times their mean distance do not land.
+pub(super) const EDGE: f64 = 1.5;
 /// Deviations of corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
@@ -95,6 +97,8 @@ pub(crate) struct Evidence<'a> {
     pub scales: Scales,
     /// Longest distance of a correspondence, metres.
     pub reach_m: f64,
+    /// Mean distance of neighboring samples of each state, metres.
+    pub spacing_m: [f64; 2],
     kept: Mutex<Kept>,
 }
 
@@ -104,7 +108,8 @@ impl<'a> Evidence<'a> {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
         let graphs = [0, 1].map(|s| SurfaceGraph::new(samples[s], &indices[s], reach_m));
         let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
-        let mut evidence = Self { samples, indices, free, graphs, scales, reach_m, kept: Mutex::default() };
+        let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
+        let mut evidence = Self { samples, indices, free, graphs, scales, reach_m, spacing_m, kept: Mutex::default() };
         evidence.scales = evidence.static_scales();
         evidence
     }
@@ -122,11 +127,6 @@ impl<'a> Evidence<'a> {
     /// Samples beside a sample on its surface.
     pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
         self.graphs[state].beside(sample)
-    }
-
-    /// Mean distance of neighboring samples of each state, metres.
-    pub fn spacing_m(&self) -> [f64; 2] {
-        self.samples.map(|s| spacing_m(&s.points, self.reach_m))
     }
 
     /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
@@ -155,15 +155,22 @@ impl<'a> Evidence<'a> {
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
-        let partner = self.indices[1 - state].nearest(&point, &normal).map(|j| {
+        let free = self.free[1 - state].map(|is_free| is_free(&point));
+        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
             let offset = point - others.points[j];
-            let plane = others.normals[j].dot(&offset) / self.scales.plane_m;
+            let off_m = others.normals[j].dot(&offset);
+            let aside_m = (offset - others.normals[j] * off_m).norm();
+            // Space seen empty beside a surface is beyond its edge.
+            if free == Some(true) && aside_m > EDGE * self.spacing_m[1 - state] {
+                return None;
+            }
+            let plane = off_m / self.scales.plane_m;
             let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
             let color = self.color_deviation(these.colors[sample], others.colors[j], (normal - these.normals[sample]).norm());
             let side = offset.norm() / self.reach_m;
-            (j as u32, plane * plane + bend * bend + side * side, color)
+            Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
-        Landing { partner, free: self.free[1 - state].map(|is_free| is_free(&point)) }
+        Landing { partner, free }
     }
 
     /// Squared deviation of two colors of one surface whose normal turned in the world, by a difference of length `turned`: the light

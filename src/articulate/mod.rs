@@ -2,6 +2,7 @@
 
 mod assemble;
 mod axis_prior;
+mod division;
 mod evidence;
 mod flat_faces;
 mod hinge;

@@ -93,6 +93,8 @@ pub(super) struct Step {
     point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
     shares: Vec<f64>,
+    /// Whether it is a smaller set of which a motion was divided.
+    divided: bool,
 }
 
 impl Run<'_> {
@@ -101,7 +103,7 @@ impl Run<'_> {
     pub fn choose(&self, steps: &[Step], parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = |s: &&Step| self.stands(&s.point, &curve);
+        let enough = |s: &&Step| s.divided || self.stands(&s.point, &curve);
         let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
         let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
         let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
@@ -127,7 +129,7 @@ impl Run<'_> {
     /// The most motions of which each has the evidence that a part needs.
     pub fn best(&self, steps: &[Step]) -> Vec<Pose> {
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = steps.iter().filter(|s| self.stands(&s.point, &curve));
+        let enough = steps.iter().filter(|s| s.divided || self.stands(&s.point, &curve));
         enough.max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
     }
 
@@ -153,12 +155,31 @@ impl Run<'_> {
                 (scores, shares) = self.weighed(&motions);
             }
             let point = EvidencePoint { unexplained: self.unexplained(&motions), ..point(&scores) };
-            steps.push(Step { motions: motions.clone(), point, shares });
+            steps.push(Step { motions: motions.clone(), point, shares, divided: false });
             if motions.len() == 1 {
                 return steps;
             }
             motions = self.without_least(&motions, &scores);
         }
+    }
+
+    /// Adds sets in which motions are divided, as far as two motions explain clearly more than one. They begin with the best set
+    /// in which no motion loses evidence to another, and come before others of as many motions that leave more unexplained.
+    pub fn divide(&self, steps: &mut Vec<Step>) {
+        let blind: Vec<EvidencePoint> = steps.iter().map(|s| EvidencePoint { unexplained: 0.0, ..s.point }).collect();
+        let standing = steps.iter().zip(&blind).filter(|(_, p)| self.stands(p, &blind)).map(|(s, _)| s);
+        let mut motions = standing.max_by_key(|s| s.motions.len()).map_or_else(Vec::new, |s| s.motions.clone());
+        while let Some(divided) = self.divided(&motions) {
+            let (scores, shares) = self.weighed(&divided);
+            let point = EvidencePoint { unexplained: self.unexplained(&divided), ..point(&scores) };
+            if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
+                break;
+            }
+            motions.clone_from(&divided);
+            steps.retain(|s| s.point.parts != point.parts);
+            steps.push(Step { motions: divided, point, shares, divided: true });
+        }
+        steps.sort_by_key(|s| std::cmp::Reverse(s.point.parts));
     }
 
     /// Rounds until no motion changes.
@@ -340,7 +361,12 @@ impl Run<'_> {
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, None));
         let best = costs.iter().flat_map(|c| c.chunks_exact(motions.len())).map(|row| row.iter().copied().fold(1.0, f32::min));
         let (sum, count) = best.fold((0.0, 0usize), |(sum, n), c| (sum + f64::from(c), n + 1));
-        SURFACE_WEIGHT * sum / count.max(1) as f64 * self.surface_cells() as f64
+        self.surface_evidence(sum / count.max(1) as f64)
+    }
+
+    /// A share of the surface as evidence, in cells.
+    pub fn surface_evidence(&self, share: f64) -> f64 {
+        SURFACE_WEIGHT * share * self.surface_cells() as f64
     }
 
     /// Cells of the surface of both states.

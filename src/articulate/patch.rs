@@ -45,7 +45,8 @@ impl Band {
         let across = normal.cross(&along);
         let half = |p: &Patch, d: &Vector3<f64>| p.axes[0].dot(d).abs() * p.half_m[0] + p.axes[1].dot(d).abs() * p.half_m[1];
         let [breadth_a, breadth_b] = [a, b].map(|p| half(p, &across));
-        let beside = across.dot(&apart).abs() < SAME_BREADTH * breadth_a && (breadth_a - breadth_b).abs() < SAME_BREADTH * breadth_a;
+        let alike_m = SAME_BREADTH * (breadth_a + breadth_b);
+        let beside = across.dot(&apart).abs() < alike_m && (breadth_a - breadth_b).abs() < alike_m;
         // What lies between is the middle; the patches themselves are open.
         let length_m = along.dot(&apart).abs() - half(a, &along) - half(b, &along);
         let middle = a.center + along * (along.dot(&apart).signum() * (half(a, &along) + 0.5 * length_m));

@@ -11,25 +11,25 @@ const SURFACE_SIGMAS: f64 = 3.0;
 /// Match residuals beyond this many standard deviations lose their weight (Geman-McClure).
 const MATCH_SIGMAS: f64 = 2.0;
 /// Samples of a smooth surface repeat each other's errors: this many count as one.
-const SAMPLES_PER_READING: f64 = 12.0;
+pub(super) const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
 /// Damping relative to the mean diagonal: holds directions that nothing observes.
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
-struct Plane {
+pub(super) struct Plane {
     /// Point that the motion takes along, state 0.
-    source: Point3<f64>,
+    pub source: Point3<f64>,
     /// Where it should land, state 1.
-    target: Point3<f64>,
+    pub target: Point3<f64>,
     /// Surface normal, in the frame of state 1 or, where `normal_moves`, of state 0.
-    normal: Vector3<f64>,
-    normal_moves: bool,
+    pub normal: Vector3<f64>,
+    pub normal_moves: bool,
 }
 
 /// Correspondences of the samples that carry a motion's label, from both states.
-fn correspondences(evidence: &Evidence<'_>, labels: [&[u8]; 2], motion: &Pose, label: u8) -> Vec<Plane> {
+pub(super) fn correspondences(evidence: &Evidence<'_>, labels: [&[u8]; 2], motion: &Pose, label: u8) -> Vec<Plane> {
     let mut all = Vec::new();
     for state in 0..2 {
         let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
@@ -78,10 +78,14 @@ impl System {
         let damping = DAMPING * self.matrix.diagonal().mean();
         (0..6).for_each(|k| self.matrix[(k, k)] += damping);
         let x = self.matrix.cholesky()?.solve(&self.right);
-        let rotation = exp_so3(&x.fixed_rows::<3>(0).into_owned());
-        let shift = self.center.coords - rotation * self.center.coords + x.fixed_rows::<3>(3);
-        Some(Pose::from_parts(shift.into(), rotation) * motion)
+        Some(step(&self.center, &x.fixed_rows::<3>(0).into_owned(), &x.fixed_rows::<3>(3).into_owned()) * motion)
     }
+}
+
+/// The small motion by a rotation vector about a center and a shift.
+pub(super) fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
+    let rotation = exp_so3(turn);
+    Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
 /// Refines one motion. Residual deviations are those of `evidence`, `matches` are the ones that follow the motion.

@@ -181,7 +181,8 @@ pub fn register(
         likely = run.best(&further);
         steps = Some(further);
     }
-    let steps = steps.unwrap_or_else(|| run.steps(motions));
+    let mut steps = steps.unwrap_or_else(|| run.steps(motions));
+    run.divide(&mut steps);
     let PartCount { motions, curve, notes, warnings } = run.choose(&steps, parts)?;
     let mut motions = run.hinged(motions);
     run.evidence = Evidence::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));

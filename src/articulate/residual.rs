@@ -10,7 +10,7 @@ use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    labeling::{Evidence, FREE},
+    labeling::{EDGE, Evidence, FREE},
     part_count::CONTRADICTED,
     patch::{Band, Patch, faces, patches},
     refine::refine,
@@ -22,8 +22,10 @@ use crate::geometry::{Pose, Screw};
 pub(super) const EXPLAINED: f32 = 0.5;
 /// Patches tried per state.
 const PATCHES: usize = 12;
-/// A patch, and what a motion explains, must have this share of a state's samples: less could not outweigh the cost of a part.
+/// What a motion explains must have this share of all samples: less could not outweigh the cost of a part.
 pub(super) const LEAST_SHARE: f64 = 0.004;
+/// A patch that is tried must have this share of a state's samples: what slid within its plane leaves but a strip, and explains more.
+const LEAST_PATCH: f64 = 0.001;
 /// Points of a patch that a trial looks at.
 const TRIAL_POINTS: usize = 60;
 /// Trials of each kind of which the worth for all unexplained surface is measured, per patch.
@@ -32,10 +34,10 @@ const DISTINCT: usize = 16;
 const REFINED: usize = 4;
 /// Finest step of a motion that is polished, as a share of the reach.
 const FINEST: f64 = 0.03;
-/// Samples beyond an edge by more than this many times their mean distance do not land.
-const EDGE: f64 = 1.5;
 /// Tolerance of a landing against the scale of planes while motions are polished.
 const SOFT: f64 = 1.5;
+/// A slide that explains this share of what a small turn explains is as good.
+const AS_MUCH: f64 = 0.95;
 /// Rounds of refinement of a trial.
 const ROUNDS: usize = 5;
 /// Agreement of a patch with its motion: share on unexplained surface of the other state less share in empty space.
@@ -87,7 +89,7 @@ impl Unexplained {
 
     /// Patches of those `faces` of a state that hold samples which moved.
     fn patches(&self, evidence: &Evidence<'_>, state: usize, faces: &[Vec<usize>]) -> Vec<Patch> {
-        let least = (LEAST_SHARE * self.open[state].len() as f64).max(12.0) as usize;
+        let least = (LEAST_PATCH * self.open[state].len() as f64).max(12.0) as usize;
         patches(evidence, state, faces, &self.moved[state], least, PATCHES)
     }
 
@@ -105,7 +107,9 @@ impl Unexplained {
                 let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / spacing_m[s].powi(2);
                 if full(0) && full(1) {
                     for s in 0..2 {
-                        inside[s].iter().for_each(|&i| self.open[s][i] = true);
+                        for &i in &inside[s] {
+                            (self.open[s][i], self.moved[s][i]) = (true, true);
+                        }
                     }
                 }
             }
@@ -157,7 +161,7 @@ struct Search<'a, 'b> {
 impl<'a, 'b> Search<'a, 'b> {
     fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
         let mut left = Unexplained::of(evidence, motions);
-        let spacing_m = evidence.spacing_m();
+        let spacing_m = evidence.spacing_m;
         left.join_slid(evidence, spacing_m);
         let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
         Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m }
@@ -200,11 +204,23 @@ impl Search<'_, '_> {
         total * attachment(self.evidence, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
     }
 
-    /// The motion near by that explains most. What a point-to-plane fit leaves free (slips of the surface in itself: Gelfand
-    /// and Guibas 2004) shows at edges alone: steps along the free twists, halved where none helps.
+    /// The motion near by that explains most, a slide rather than a small turn where it explains as much.
     fn polished(&self, motion: &Pose) -> Pose {
+        let Some(slips) = self.slips(motion) else { return *motion };
+        let (worth, best) = self.climbed(motion, slips, |pose| self.slips(pose));
+        if best.rotation.angle() > PARALLEL {
+            return best;
+        }
+        let center = self.center(&best);
+        let slide = Pose::from_parts((best * center - center).into(), UnitQuaternion::identity());
+        let (slide_worth, slide) = self.climbed(&slide, [0, 1, 2].map(|k| Slip::along(Vector3::ith(k, 1.0))), |_| None);
+        if slide_worth >= AS_MUCH * worth { slide } else { best }
+    }
+
+    /// The motion that explains most of those that steps along slips lead to, with its worth. What a point-to-plane fit leaves free
+    /// (slips of the surface in itself: Gelfand and Guibas 2004) shows at edges alone: steps are halved where none helps.
+    fn climbed(&self, motion: &Pose, mut slips: [Slip; 3], anew: impl Fn(&Pose) -> Option<[Slip; 3]>) -> (f64, Pose) {
         let (mut best, mut step_m) = (*motion, 2.0 * self.evidence.reach_m);
-        let Some(mut slips) = self.slips(motion) else { return *motion };
         let mut worth = self.sharp_worth(&best);
         while step_m > FINEST * self.evidence.reach_m {
             let moves: Vec<Pose> = slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
@@ -214,10 +230,18 @@ impl Search<'_, '_> {
                 (worth, best) = (next, pose);
             } else {
                 step_m *= 0.5;
-                slips = self.slips(&best).unwrap_or(slips);
+                slips = anew(&best).unwrap_or(slips);
             }
         }
-        best
+        (worth, best)
+    }
+
+    /// Middle of the surface of state 0 that a motion explains; that of all surface, where it explains none.
+    fn center(&self, motion: &Pose) -> Point3<f64> {
+        let gains = gain(self.evidence, motion, &self.left, &self.faces);
+        let points = self.evidence.samples[0].points.iter().zip(&gains[0]);
+        let explained: Vec<Vector3<f64>> = points.filter(|(_, g)| **g > 0.0).map(|(p, _)| p.coords).collect();
+        Point3::from(explained.iter().sum::<Vector3<f64>>() / explained.len().max(1) as f64)
     }
 
     /// Slips of what a motion explains, where it lands.

@@ -17,6 +17,11 @@ pub(super) struct Slip {
 }
 
 impl Slip {
+    /// A shift along a unit direction.
+    pub fn along(direction: Vector3<f64>) -> Self {
+        Self { turn: Vector3::zeros(), shift: direction, center: Point3::origin() }
+    }
+
     /// The motion by a step: points at the root mean square distance from the center move by about `step_m`.
     pub fn by(&self, step_m: f64) -> Pose {
         let center = self.center.coords;

@@ -1,0 +1,201 @@
+//! Motions that two parts may share: parts that move nearly alike, such as two drawers pulled equally far, lie within reach of
+//! one motion between theirs. Where along the surface the motion changes, it is divided.
+
+use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+
+use super::{
+    refine::{SAMPLES_PER_READING, correspondences, refine, step},
+    register::Run,
+};
+use crate::geometry::Pose;
+
+/// Residuals beyond this share of the reach lose their weight (Geman-McClure).
+const WIDE: f64 = 0.2;
+/// Fewest correspondences on either side of a cut.
+const LEAST_SIDE: usize = 60;
+/// Cuts along each principal axis.
+const CUTS: usize = 15;
+/// Least fall of the sum of squares, in variances, from one motion to two.
+const LEAST_FALL: f64 = 40.0;
+/// Rounds in which the motions of both sides settle, first by themselves.
+const ROUNDS: usize = 3;
+/// Two motions in place of one must explain more by this share of the least evidence, and each as much alone. Errors of depth that
+/// change along a surface give nearly as much to two motions, but not to either alone.
+const LEAST_GAIN: f64 = 0.5;
+/// Standard deviation of a side's step from the shared motion, as a share of the reach.
+const STEP: f64 = 0.5;
+
+/// A correspondence, linear in a small motion (rotation vector in radii, shift).
+struct Reading {
+    place: Point3<f64>,
+    row: Vector6<f64>,
+    residual_m: f64,
+    weight: f64,
+}
+
+/// Least squares of a small motion.
+#[derive(Clone, Copy)]
+struct Sums {
+    matrix: Matrix6<f64>,
+    right: Vector6<f64>,
+    squares: f64,
+}
+
+impl Sums {
+    fn zero() -> Self {
+        Self { matrix: Matrix6::zeros(), right: Vector6::zeros(), squares: 0.0 }
+    }
+
+    fn with(mut self, r: &Reading) -> Self {
+        self.matrix += r.row * r.row.transpose() * r.weight;
+        self.right -= r.row * (r.residual_m * r.weight);
+        self.squares += r.residual_m * r.residual_m * r.weight;
+        self
+    }
+
+    fn less(&self, other: &Self) -> Self {
+        Self { matrix: self.matrix - other.matrix, right: self.right - other.right, squares: self.squares - other.squares }
+    }
+
+    /// Sum of squares after the best step, and the step.
+    fn best(&self, prior: f64) -> Option<(f64, Vector6<f64>)> {
+        let step = (self.matrix + Matrix6::identity() * prior).cholesky()?.solve(&self.right);
+        Some((self.squares - self.right.dot(&step), step))
+    }
+}
+
+/// Where a motion changes: a plane across the surface of state 0 and the motion on either side.
+struct Cut {
+    axis: Vector3<f64>,
+    at_m: f64,
+    motions: [Pose; 2],
+}
+
+impl Run<'_> {
+    /// The motions with the one divided that two motions replace best; `None` where no two explain clearly more than one, and each
+    /// something alone.
+    pub fn divided(&self, motions: &[Pose]) -> Option<Vec<Pose>> {
+        let least = self.config.least_score;
+        let (labels, _) = self.labels(motions);
+        let (scores, _) = self.weighed(motions);
+        let mut best = (LEAST_GAIN * least, None);
+        for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
+            let Some(cut) = self.cut(&labels, motion, k as u8) else { continue };
+            let mut set = motions.to_vec();
+            let [first, second] = self.settled(&labels, k as u8, motion, cut);
+            set[k] = first;
+            set.insert(k + 1, second);
+            (0..ROUNDS).for_each(|_| self.round(&mut set));
+            let gain = self.gain(k, motions, &labels, &set);
+            if gain > best.0 && self.weighed(&set).0[k..=k + 1].iter().all(|score| *score >= LEAST_GAIN * least) {
+                best = (gain, Some(set));
+            }
+        }
+        best.1
+    }
+
+    /// By how much better two motions, `k` and `k + 1` of a set, explain what one, `k` of `motions`, explained before: a sixth of the
+    /// cells of its surface, each by the fall of its cost.
+    fn gain(&self, k: usize, motions: &[Pose], labels: &[Vec<u8>; 2], set: &[Pose]) -> f64 {
+        let (after, _) = self.labels(set);
+        let costs = [self.shape_costs(motions, labels), self.shape_costs(set, &after)];
+        let (mut sum, mut count) = (0.0, 0);
+        for s in 0..2 {
+            count += labels[s].len();
+            for (i, (before, after)) in labels[s].iter().zip(&after[s]).map(|(b, a)| (usize::from(*b), usize::from(*a))).enumerate() {
+                if before == k && (k..=k + 1).contains(&after) {
+                    let [was, is] = [costs[0][s][i * motions.len() + before], costs[1][s][i * set.len() + after]];
+                    sum += f64::from(was.min(1.0) - is.min(1.0));
+                }
+            }
+        }
+        self.surface_evidence(sum / count.max(1) as f64)
+    }
+
+    /// Costs by shape of every sample under every motion, where each surface belongs to one part.
+    fn shape_costs(&self, motions: &[Pose], labels: &[Vec<u8>; 2]) -> [Vec<f32>; 2] {
+        [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])))
+    }
+
+    /// The cut across what follows a motion that lowers the sum of squares most, if by enough.
+    fn cut(&self, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Cut> {
+        let planes = correspondences(&self.evidence, [&labels[0], &labels[1]], motion, label);
+        if planes.len() < 2 * LEAST_SIDE {
+            return None;
+        }
+        let n = planes.len() as f64;
+        let place = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
+        let spread: Matrix3<f64> = planes.iter().map(|p| p.source - place).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
+        let radius_m = spread.trace().sqrt().max(1e-9);
+        let center = motion * place;
+        let (sigma_m, wide_m) = (self.evidence.scales.plane_m, WIDE * self.evidence.reach_m);
+        let mut readings: Vec<Reading> = planes
+            .iter()
+            .map(|p| {
+                let moved = motion * p.source;
+                let normal = if p.normal_moves { motion * p.normal } else { p.normal };
+                let residual_m = normal.dot(&(moved - p.target));
+                let turn = (moved - center).cross(&normal) / radius_m;
+                let z = residual_m / wide_m;
+                let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
+                Reading { place: p.source, row: Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z), residual_m, weight }
+            })
+            .collect();
+        let prior = (STEP * self.evidence.reach_m).powi(-2);
+        let faces: Matrix3<f64> = planes.iter().map(|p| p.normal * p.normal.transpose()).sum();
+        let axes = [spread, faces].map(|m| SymmetricEigen::new(m).eigenvectors);
+        let mut best: Option<(f64, Cut)> = None;
+        for axis in axes.iter().flat_map(|a| a.column_iter()) {
+            let axis: Vector3<f64> = axis.into_owned();
+            let along = |r: &Reading| axis.dot(&r.place.coords);
+            readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
+            let sums: Vec<Sums> = readings
+                .iter()
+                .scan(Sums::zero(), |sum, r| {
+                    *sum = sum.with(r);
+                    Some(*sum)
+                })
+                .collect();
+            let whole = sums[sums.len() - 1];
+            let one = whole.best(prior)?.0;
+            for cut in 1..=CUTS {
+                let first = readings.len() * cut / (CUTS + 1);
+                if first.min(readings.len() - first) < LEAST_SIDE {
+                    continue;
+                }
+                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(prior));
+                let [Some(a), Some(b)] = sides else { continue };
+                let fall = one - a.0 - b.0;
+                if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
+                    let moved = |twist: Vector6<f64>| {
+                        let turn = twist.fixed_rows::<3>(0) / radius_m;
+                        step(&center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
+                    };
+                    let at_m = 0.5 * (along(&readings[first - 1]) + along(&readings[first]));
+                    best = Some((fall, Cut { axis, at_m, motions: [moved(a.1), moved(b.1)] }));
+                }
+            }
+        }
+        best.map(|b| b.1)
+    }
+
+    /// The motions on both sides of a cut, settled.
+    fn settled(&self, labels: &[Vec<u8>; 2], label: u8, motion: &Pose, cut: Cut) -> [Pose; 2] {
+        let back = motion.inverse();
+        let sides = [0, 1].map(|s| {
+            let points = self.evidence.samples[s].points.iter().zip(&labels[s]);
+            let side = |(p, l): (&Point3<f64>, &u8)| {
+                let first = if s == 0 { *p } else { back * p };
+                if *l == label { 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m) } else { 0 }
+            };
+            points.map(side).collect::<Vec<u8>>()
+        });
+        let mut motions = cut.motions;
+        for _ in 0..ROUNDS {
+            for (k, m) in motions.iter_mut().enumerate() {
+                *m = refine(&self.evidence, [&sides[0], &sides[1]], &[], m, 1 + k as u8);
+            }
+        }
+        motions
+    }
+}
