@@ -288,6 +288,24 @@ mod tests {
     }
 
     #[test]
+    fn space_seen_empty_beside_a_surface_is_beyond_its_edge() {
+        let plate = |columns: i64| {
+            let points: Vec<Point3<f64>> =
+                (0..columns).flat_map(|x| (0..20).map(move |y| Point3::new(0.01 * x as f64, 0.01 * y as f64, 0.0))).collect();
+            SurfaceSamples { normals: vec![Vector3::z(); points.len()], colors: vec![[0.5; 3]; points.len()], points }
+        };
+        let (long, short) = (plate(23), plate(20));
+        let beyond = |p: &Point3<f64>| p.x > 0.192;
+        let costs = |free: Option<FreeSpace<'_>>| {
+            let evidence = Evidence::new([&long, &short], [None, free], 0.04);
+            [20, 22].map(|column: usize| evidence.shape_costs(0, &[Pose::identity()], None)[20 * column + 10])
+        };
+        let [near, far] = costs(Some(&beyond));
+        assert!(near < 0.5 && far == FREE, "{near} {far}");
+        assert!(costs(None).iter().all(|c| *c < 0.5));
+    }
+
+    #[test]
     fn true_motions_label_plain_parts() {
         check(&Scene { texture: 0.0, ..Scene::box_with_lid() }, true, 92);
     }

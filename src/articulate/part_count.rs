@@ -119,6 +119,11 @@ impl Run<'_> {
         if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
             warnings.push(little_evidence(found, weakest, least));
         }
+        if chosen.divided {
+            notes.push(
+                "parts move nearly alike: one motion explains them, a little off, and was divided where the surface calls for two".into(),
+            );
+        }
         let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
         if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
             notes.push(format!("a further motion has {weakest:.1} of the {least} cells of evidence that a part needs"));

@@ -236,7 +236,7 @@ impl Search<'_, '_> {
         (worth, best)
     }
 
-    /// Middle of the surface of state 0 that a motion explains; that of all surface, where it explains none.
+    /// Middle of the surface of state 0 that a motion explains.
     fn center(&self, motion: &Pose) -> Point3<f64> {
         let gains = gain(self.evidence, motion, &self.left, &self.faces);
         let points = self.evidence.samples[0].points.iter().zip(&gains[0]);

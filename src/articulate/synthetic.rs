@@ -50,6 +50,17 @@ impl Scene {
         scene
     }
 
+    /// A chest with two drawers side by side, pulled by so many metres each.
+    pub fn two_drawers(pulled_m: [f64; 2]) -> Self {
+        let chest = vec![cuboid([0.0, 0.0, 0.15], [0.2, 0.15, 0.05]), cuboid([0.0, 0.14, 0.05], [0.2, 0.01, 0.05])];
+        let drawer = |x: f64, pulled_m: f64| Part {
+            boxes: vec![cuboid([x, -0.08, 0.05], [0.095, 0.2, 0.045])],
+            motion: Pose::translation(0.0, -pulled_m, 0.0),
+        };
+        let parts = vec![Part { boxes: chest, motion: Pose::identity() }, drawer(-0.1, pulled_m[0]), drawer(0.1, pulled_m[1])];
+        Self { parts, world: Pose::identity(), texture: 0.0 }
+    }
+
     /// A lamp: a foot, an arm that turns about the foot's top and a head that turns about the arm's end, both about y, so
     /// that the head's motion in the world is a plain rotation too.
     pub fn lamp() -> Self {

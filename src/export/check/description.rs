@@ -46,6 +46,8 @@ pub(super) struct JointText {
     pub axis: Option<Vector3<f64>>,
     pub limit: Option<LimitText>,
     pub mimic: Option<MimicText>,
+    /// Whether it stands for a screw, which URDF has no word for.
+    pub threaded: bool,
 }
 
 /// A joint that follows another one: its position is `multiplier` times that of the other, plus `offset`.
@@ -162,5 +164,6 @@ fn joint(node: Node) -> JointText {
             let read = |name, default| m.attribute(name).map_or(default, number);
             MimicText { joint: text(m, "joint"), multiplier: read("multiplier", 1.0), offset: read("offset", 0.0) }
         }),
+        threaded: node.children().any(|n| n.tag_name().name() == "thread"),
     }
 }

@@ -118,8 +118,11 @@ fn sweep(description: &Description, solids: &[Vec<ConvexSolid>], j: usize, joint
     if let Some((carries, depth, q, link)) = worst {
         let other = &description.links[link].name;
         let message = format!("at position {q:.4} it drives {:.2} mm into {other}: the joint jams; cut what is in the way", 1e3 * depth);
+        if joint.threaded {
+            let advance = format!("a screw without its advance: at position {q:.4} it drives {:.2} mm into {other}", 1e3 * depth);
+            found.warn("sweep", &joint.name, format!("{advance}; `--set export.urdf_screw=pair` writes a slide that follows the turn"));
         // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a folding door.
-        if carries {
+        } else if carries {
             found.error("sweep", &joint.name, message);
         } else {
             found.warn("sweep", &joint.name, message);
