@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
 use super::{
-    refine::{SAMPLES_PER_READING, correspondences, refine, step},
+    refine::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
     register::Run,
 };
 use crate::geometry::Pose;
@@ -64,6 +64,51 @@ impl Sums {
     }
 }
 
+/// What follows a motion.
+struct Follower {
+    readings: Vec<Reading>,
+    /// Middle after the motion, and its distance from the surface, root mean square.
+    center: Point3<f64>,
+    radius_m: f64,
+    /// Directions of cuts, unit, in state 0: principal axes of the points and of the normals.
+    axes: Vec<Vector3<f64>>,
+    /// Information of either side's step.
+    prior: f64,
+}
+
+impl Follower {
+    /// The cut that lowers the sum of squares most, if by enough.
+    fn cut(mut self, motion: &Pose) -> Option<Cut> {
+        let mut best: Option<(f64, Cut)> = None;
+        for axis in &self.axes {
+            let along = |r: &Reading| axis.dot(&r.place.coords);
+            self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
+            let add = |sum: &mut Sums, r: &Reading| {
+                *sum = sum.with(r);
+                Some(*sum)
+            };
+            let sums: Vec<Sums> = self.readings.iter().scan(Sums::zero(), add).collect();
+            let whole = sums[sums.len() - 1];
+            let one = whole.best(self.prior)?.0;
+            let firsts = (1..=CUTS).map(|c| sums.len() * c / (CUTS + 1));
+            for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
+                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(self.prior));
+                let [Some(a), Some(b)] = sides else { continue };
+                let fall = one - a.0 - b.0;
+                if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
+                    let motions = [a.1, b.1].map(|twist| {
+                        let turn = twist.fixed_rows::<3>(0) / self.radius_m;
+                        step(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
+                    });
+                    let at_m = 0.5 * (along(&self.readings[first - 1]) + along(&self.readings[first]));
+                    best = Some((fall, Cut { axis: *axis, at_m, motions }));
+                }
+            }
+        }
+        best.map(|b| b.1)
+    }
+}
+
 /// Where a motion changes: a plane across the surface of state 0 and the motion on either side.
 struct Cut {
     axis: Vector3<f64>,
@@ -80,7 +125,7 @@ impl Run<'_> {
         let (scores, _) = self.weighed(motions);
         let mut best = (LEAST_GAIN * least, None);
         for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
-            let Some(cut) = self.cut(&labels, motion, k as u8) else { continue };
+            let Some(cut) = self.follower(&labels, motion, k as u8).and_then(|f| f.cut(motion)) else { continue };
             let mut set = motions.to_vec();
             let [first, second] = self.settled(&labels, k as u8, motion, cut);
             set[k] = first;
@@ -112,66 +157,34 @@ impl Run<'_> {
         self.surface_evidence(sum / count.max(1) as f64)
     }
 
-    /// The cut across what follows a motion that lowers the sum of squares most, if by enough.
-    fn cut(&self, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Cut> {
+    /// What follows a motion, linear in a small change of it.
+    fn follower(&self, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
         let planes = correspondences(&self.evidence, [&labels[0], &labels[1]], motion, label);
         if planes.len() < 2 * LEAST_SIDE {
             return None;
         }
         let n = planes.len() as f64;
-        let place = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
-        let spread: Matrix3<f64> = planes.iter().map(|p| p.source - place).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
+        let middle = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
+        let spread: Matrix3<f64> = planes.iter().map(|p| p.source - middle).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
         let radius_m = spread.trace().sqrt().max(1e-9);
-        let center = motion * place;
+        let center = motion * middle;
         let (sigma_m, wide_m) = (self.evidence.scales.plane_m, WIDE * self.evidence.reach_m);
-        let mut readings: Vec<Reading> = planes
-            .iter()
-            .map(|p| {
-                let moved = motion * p.source;
-                let normal = if p.normal_moves { motion * p.normal } else { p.normal };
-                let residual_m = normal.dot(&(moved - p.target));
-                let turn = (moved - center).cross(&normal) / radius_m;
-                let z = residual_m / wide_m;
-                let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
-                Reading { place: p.source, row: Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z), residual_m, weight }
-            })
-            .collect();
-        let prior = (STEP * self.evidence.reach_m).powi(-2);
-        let faces: Matrix3<f64> = planes.iter().map(|p| p.normal * p.normal.transpose()).sum();
-        let axes = [spread, faces].map(|m| SymmetricEigen::new(m).eigenvectors);
-        let mut best: Option<(f64, Cut)> = None;
-        for axis in axes.iter().flat_map(|a| a.column_iter()) {
-            let axis: Vector3<f64> = axis.into_owned();
-            let along = |r: &Reading| axis.dot(&r.place.coords);
-            readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
-            let sums: Vec<Sums> = readings
-                .iter()
-                .scan(Sums::zero(), |sum, r| {
-                    *sum = sum.with(r);
-                    Some(*sum)
-                })
-                .collect();
-            let whole = sums[sums.len() - 1];
-            let one = whole.best(prior)?.0;
-            for cut in 1..=CUTS {
-                let first = readings.len() * cut / (CUTS + 1);
-                if first.min(readings.len() - first) < LEAST_SIDE {
-                    continue;
-                }
-                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(prior));
-                let [Some(a), Some(b)] = sides else { continue };
-                let fall = one - a.0 - b.0;
-                if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
-                    let moved = |twist: Vector6<f64>| {
-                        let turn = twist.fixed_rows::<3>(0) / radius_m;
-                        step(&center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
-                    };
-                    let at_m = 0.5 * (along(&readings[first - 1]) + along(&readings[first]));
-                    best = Some((fall, Cut { axis, at_m, motions: [moved(a.1), moved(b.1)] }));
-                }
-            }
-        }
-        best.map(|b| b.1)
+        let mut faces = Matrix3::zeros();
+        let mut reading = |p: &Plane| {
+            let moved = motion * p.source;
+            let normal = if p.normal_moves { motion * p.normal } else { p.normal };
+            let own = motion.inverse_transform_vector(&normal);
+            faces += own * own.transpose();
+            let residual_m = normal.dot(&(moved - p.target));
+            let turn = (moved - center).cross(&normal) / radius_m;
+            let z = residual_m / wide_m;
+            let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
+            Reading { place: p.source, row: Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z), residual_m, weight }
+        };
+        let readings = planes.iter().map(&mut reading).collect();
+        let of = |m: Matrix3<f64>| SymmetricEigen::new(m).eigenvectors.column_iter().map(|c| c.into_owned()).collect::<Vec<Vector3<f64>>>();
+        let axes = [of(spread), of(faces)].concat();
+        Some(Follower { readings, center, radius_m, axes, prior: (STEP * self.evidence.reach_m).powi(-2) })
     }
 
     /// The motions on both sides of a cut, settled.
