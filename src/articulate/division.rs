@@ -22,6 +22,8 @@ const ROUNDS: usize = 3;
 /// Two motions in place of one must explain more by this share of the least evidence, and each as much alone. Errors of depth that
 /// change along a surface give nearly as much to two motions, but not to either alone.
 const LEAST_GAIN: f64 = 0.5;
+/// Nor does less than this share of what the one motion explains: such errors grow with the surface.
+const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
 const STEP: f64 = 0.5;
 
@@ -132,7 +134,8 @@ impl Run<'_> {
             set.insert(k + 1, second);
             (0..ROUNDS).for_each(|_| self.round(&mut set));
             let gain = self.gain(k, motions, &labels, &set);
-            if gain > best.0 && self.weighed(&set).0[k..=k + 1].iter().all(|score| *score >= LEAST_GAIN * least) {
+            let alone = (LEAST_GAIN * least).max(LEAST_ALONE * scores[k]);
+            if gain > best.0 && self.weighed(&set).0[k..=k + 1].iter().all(|score| *score >= alone) {
                 best = (gain, Some(set));
             }
         }
