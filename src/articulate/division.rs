@@ -124,7 +124,7 @@ impl Run<'_> {
     pub fn divided(&self, motions: &[Pose]) -> Option<Vec<Pose>> {
         let least = self.config.least_score;
         let (labels, _) = self.labels(motions);
-        let (scores, _) = self.weighed(motions);
+        let (scores, _) = self.weighed_as(motions, &labels);
         let mut best = (LEAST_GAIN * least, None);
         for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
             let Some(cut) = self.follower(&labels, motion, k as u8).and_then(|f| f.cut(motion)) else { continue };
@@ -133,19 +133,19 @@ impl Run<'_> {
             set[k] = first;
             set.insert(k + 1, second);
             (0..ROUNDS).for_each(|_| self.round(&mut set));
-            let gain = self.gain(k, motions, &labels, &set);
+            let (after, _) = self.labels(&set);
+            let gain = self.gain(k, [motions, &set], [&labels, &after]);
             let alone = (LEAST_GAIN * least).max(LEAST_ALONE * scores[k]);
-            if gain > best.0 && self.weighed(&set).0[k..=k + 1].iter().all(|score| *score >= alone) {
+            if gain > best.0 && self.weighed_as(&set, &after).0[k..=k + 1].iter().all(|score| *score >= alone) {
                 best = (gain, Some(set));
             }
         }
         best.1
     }
 
-    /// By how much better two motions, `k` and `k + 1` of a set, explain what one, `k` of `motions`, explained before: a sixth of the
-    /// cells of its surface, each by the fall of its cost.
-    fn gain(&self, k: usize, motions: &[Pose], labels: &[Vec<u8>; 2], set: &[Pose]) -> f64 {
-        let (after, _) = self.labels(set);
+    /// By how much better two motions, `k` and `k + 1` of the second set, explain what one, `k` of the first, explained before: a
+    /// sixth of the cells of its surface, each by the fall of its cost. Both sets with their labels.
+    fn gain(&self, k: usize, [motions, set]: [&[Pose]; 2], [labels, after]: [&[Vec<u8>; 2]; 2]) -> f64 {
         let (mut sum, mut count) = (0.0, 0);
         for s in 0..2 {
             count += labels[s].len();
@@ -174,11 +174,9 @@ impl Run<'_> {
         let (sigma_m, wide_m) = (self.evidence.scales.plane_m, WIDE * self.evidence.reach_m);
         let mut faces = Matrix3::zeros();
         let mut reading = |p: &Plane| {
-            let moved = motion * p.source;
-            let normal = if p.normal_moves { motion * p.normal } else { p.normal };
+            let (moved, normal, residual_m) = p.under(motion);
             let own = motion.inverse_transform_vector(&normal);
             faces += own * own.transpose();
-            let residual_m = normal.dot(&(moved - p.target));
             let turn = (moved - center).cross(&normal) / radius_m;
             let z = residual_m / wide_m;
             let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;

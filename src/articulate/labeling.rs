@@ -157,20 +157,25 @@ impl<'a> Evidence<'a> {
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
         let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
-            let offset = point - others.points[j];
-            let off_m = others.normals[j].dot(&offset);
-            let aside_m = (offset - others.normals[j] * off_m).norm();
+            let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
-            if free == Some(true) && aside_m > EDGE * self.spacing_m[1 - state] {
+            if free == Some(true) && aside > EDGE {
                 return None;
             }
             let plane = off_m / self.scales.plane_m;
             let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
             let color = self.color_deviation(these.colors[sample], others.colors[j], (normal - these.normals[sample]).norm());
-            let side = offset.norm() / self.reach_m;
+            let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
         Landing { partner, free }
+    }
+
+    /// Height of a point above a sample's plane, metres, and its distance along that plane in mean distances of samples.
+    pub fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
+        let (offset, normal) = (point - self.samples[state].points[sample], self.samples[state].normals[sample]);
+        let off_m = normal.dot(&offset);
+        (off_m, (offset - normal * off_m).norm() / self.spacing_m[state])
     }
 
     /// Squared deviation of two colors of one surface whose normal turned in the world, by a difference of length `turned`: the light

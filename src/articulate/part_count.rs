@@ -103,10 +103,10 @@ impl Run<'_> {
     pub fn choose(&self, steps: &[Step], parts: Option<usize>) -> Result<PartCount, RegisterError> {
         let least = self.config.least_score;
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = |s: &&Step| s.divided || self.stands(&s.point, &curve);
-        let allowed = |s: &&Step| parts.is_none_or(|p| s.motions.len() <= p);
-        let most = steps.iter().filter(enough).max_by_key(|s| s.motions.len());
-        let Some(chosen) = steps.iter().filter(enough).filter(allowed).max_by_key(|s| s.motions.len()) else {
+        let standing = self.standing(steps, &curve);
+        let allowed = |s: &&&Step| parts.is_none_or(|p| s.motions.len() <= p);
+        let most = standing.iter().max_by_key(|s| s.motions.len());
+        let Some(chosen) = standing.iter().filter(allowed).max_by_key(|s| s.motions.len()) else {
             return Err(RegisterError::NoOverlap { static_percent: 0.0 });
         };
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
@@ -134,8 +134,13 @@ impl Run<'_> {
     /// The most motions of which each has the evidence that a part needs.
     pub fn best(&self, steps: &[Step]) -> Vec<Pose> {
         let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-        let enough = steps.iter().filter(|s| s.divided || self.stands(&s.point, &curve));
-        enough.max_by_key(|s| s.motions.len()).map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
+        let most = self.standing(steps, &curve).into_iter().max_by_key(|s| s.motions.len());
+        most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
+    }
+
+    /// The sets that stand by a curve of evidence; divided ones were judged as they were made.
+    fn standing<'s>(&self, steps: &'s [Step], curve: &[EvidencePoint]) -> Vec<&'s Step> {
+        steps.iter().zip(curve).filter(|(s, point)| s.divided || self.stands(point, curve)).map(|(s, _)| s).collect()
     }
 
     /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
@@ -172,8 +177,8 @@ impl Run<'_> {
     /// in which no motion loses evidence to another, and come before others of as many motions that leave more unexplained.
     pub fn divide(&self, steps: &mut Vec<Step>) {
         let blind: Vec<EvidencePoint> = steps.iter().map(|s| EvidencePoint { unexplained: 0.0, ..s.point }).collect();
-        let standing = steps.iter().zip(&blind).filter(|(_, p)| self.stands(p, &blind)).map(|(s, _)| s);
-        let mut motions = standing.max_by_key(|s| s.motions.len()).map_or_else(Vec::new, |s| s.motions.clone());
+        let most = self.standing(steps, &blind).into_iter().max_by_key(|s| s.motions.len());
+        let mut motions = most.map_or_else(Vec::new, |s| s.motions.clone());
         while let Some(divided) = self.divided(&motions) {
             let (scores, shares) = self.weighed(&divided);
             let point = EvidencePoint { unexplained: self.unexplained(&divided), ..point(&scores) };
@@ -246,9 +251,13 @@ impl Run<'_> {
 
     /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging to one part.
     pub fn weighed(&self, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
-        let (labels, _) = self.labels(motions);
+        self.weighed_as(motions, &self.labels(motions).0)
+    }
+
+    /// The same where the labels are known.
+    pub fn weighed_as(&self, motions: &[Pose], labels: &[Vec<u8>; 2]) -> (Vec<f64>, Vec<f64>) {
         let costs = [0, 1].map(|s| self.evidence.shape_costs(s, motions, Some(&labels[1 - s])));
-        let scores = self.scores(motions, &self.preferred(motions, &costs, &labels));
+        let scores = self.scores(motions, &self.preferred(motions, &costs, labels));
         (scores, shares(&costs, motions.len()))
     }
 

@@ -28,6 +28,15 @@ pub(super) struct Plane {
     pub normal_moves: bool,
 }
 
+impl Plane {
+    /// Where a motion takes the point, the surface normal there, in the frame of state 1, and the residual.
+    pub fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
+        let moved = motion * self.source;
+        let normal = if self.normal_moves { motion * self.normal } else { self.normal };
+        (moved, normal, normal.dot(&(moved - self.target)))
+    }
+}
+
 /// Correspondences of the samples that carry a motion's label, from both states.
 pub(super) fn correspondences(evidence: &Evidence<'_>, labels: [&[u8]; 2], motion: &Pose, label: u8) -> Vec<Plane> {
     let mut all = Vec::new();
@@ -102,9 +111,7 @@ pub(crate) fn refine(evidence: &Evidence<'_>, labels: [&[u8]; 2], matches: &[Lif
         let mut system = System { center, matrix: Matrix6::zeros(), right: Vector6::zeros() };
         let sigma = evidence.scales.plane_m;
         for p in &planes {
-            let moved = motion * p.source;
-            let normal = if p.normal_moves { motion * p.normal } else { p.normal };
-            let residual = normal.dot(&(moved - p.target));
+            let (moved, normal, residual) = p.under(&motion);
             let z = residual / (SURFACE_SIGMAS * sigma);
             let weight = (sigma * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
             // Where the normal moves along, `R n . (T p - q)` turns with the target point.

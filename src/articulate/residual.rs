@@ -95,7 +95,7 @@ impl Unexplained {
 
     /// Opens what lies between two strips of one plane, one left in state 0 and one reached in state 1: where a plain panel slides
     /// within its plane, what it covers in both states seems to stand still.
-    fn join_slid(&mut self, evidence: &Evidence<'_>, spacing_m: [f64; 2]) {
+    fn join_slid(&mut self, evidence: &Evidence<'_>) {
         let strips = [0, 1].map(|s| self.patches(evidence, s, &faces(evidence, s, &self.moved[s])));
         for left in &strips[0] {
             for reached in &strips[1] {
@@ -104,7 +104,7 @@ impl Unexplained {
                     let holds = |i: &usize| between.holds(&of.points[*i], &of.normals[*i]);
                     (0..of.points.len()).filter(holds).collect::<Vec<usize>>()
                 });
-                let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / spacing_m[s].powi(2);
+                let full = |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / evidence.spacing_m[s].powi(2);
                 if full(0) && full(1) {
                     for s in 0..2 {
                         for &i in &inside[s] {
@@ -155,16 +155,14 @@ struct Search<'a, 'b> {
     faces: [Vec<Vec<usize>>; 2],
     /// Motions known so far.
     bodies: Vec<Pose>,
-    spacing_m: [f64; 2],
 }
 
 impl<'a, 'b> Search<'a, 'b> {
     fn new(evidence: &'a Evidence<'b>, motions: &[Pose], extent_m: f64) -> Self {
         let mut left = Unexplained::of(evidence, motions);
-        let spacing_m = evidence.spacing_m;
-        left.join_slid(evidence, spacing_m);
+        left.join_slid(evidence);
         let faces = [0, 1].map(|s| faces(evidence, s, &left.open[s]));
-        Self { evidence, extent_m, left, faces, bodies: motions.to_vec(), spacing_m }
+        Self { evidence, extent_m, left, faces, bodies: motions.to_vec() }
     }
 }
 
@@ -238,18 +236,22 @@ impl Search<'_, '_> {
 
     /// Middle of the surface of state 0 that a motion explains.
     fn center(&self, motion: &Pose) -> Point3<f64> {
-        let gains = gain(self.evidence, motion, &self.left, &self.faces);
-        let points = self.evidence.samples[0].points.iter().zip(&gains[0]);
-        let explained: Vec<Vector3<f64>> = points.filter(|(_, g)| **g > 0.0).map(|(p, _)| p.coords).collect();
-        Point3::from(explained.iter().sum::<Vector3<f64>>() / explained.len().max(1) as f64)
+        let explained = self.explained(motion);
+        let points = &self.evidence.samples[0].points;
+        Point3::from(explained.iter().map(|&i| points[i].coords).sum::<Vector3<f64>>() / explained.len().max(1) as f64)
+    }
+
+    /// Samples of state 0 that a motion explains.
+    fn explained(&self, motion: &Pose) -> Vec<usize> {
+        let [gains, _] = gain(self.evidence, motion, &self.left, &self.faces);
+        (0..gains.len()).filter(|&i| gains[i] > 0.0).collect()
     }
 
     /// Slips of what a motion explains, where it lands.
     fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
-        let gains = gain(self.evidence, motion, &self.left, &self.faces);
         let samples = self.evidence.samples[0];
-        let explained = (0..gains[0].len()).filter(|&i| gains[0][i] > 0.0);
-        slips(&explained.map(|i| (motion * samples.points[i], motion * samples.normals[i])).collect::<Vec<_>>())
+        let landed = |i: usize| (motion * samples.points[i], motion * samples.normals[i]);
+        slips(&self.explained(motion).into_iter().map(landed).collect::<Vec<_>>())
     }
 
     /// What one landing says while a motion is polished: up to 1 on unexplained surface within its edges, -[`CONTRADICTED`] in
@@ -259,12 +261,10 @@ impl Search<'_, '_> {
         let (these, others) = (evidence.samples[state], evidence.samples[1 - state]);
         let (point, normal) = (other_from_this * these.points[sample], other_from_this * these.normals[sample]);
         let partner = evidence.indices[1 - state].nearest(&point, &normal).and_then(|j| {
-            let offset = point - others.points[j];
-            let off_m = others.normals[j].dot(&offset);
-            let aside = (offset - others.normals[j] * off_m).norm() / (EDGE * self.spacing_m[1 - state]);
+            let (off_m, aside) = evidence.offset(1 - state, j, &point);
             let z = off_m / (SOFT * evidence.scales.plane_m);
             let likeness = if self.left.calls_for(state, sample, j) { same_hue(these.colors[sample], others.colors[j]) } else { 0.0 };
-            (aside < 1.0).then_some(6.0 / (6.0 + z * z) * likeness)
+            (aside < EDGE).then_some(6.0 / (6.0 + z * z) * likeness)
         });
         match partner {
             Some(v) if v > 0.5 => v,
