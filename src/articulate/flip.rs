@@ -1,5 +1,5 @@
-//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end for end. Its
-//! hinge tells them apart.
+//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end for end, and its
+//! hinge tells them apart; a round part may have made any turn.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
 
@@ -8,6 +8,8 @@ use super::{
     part_count::CHANCE,
     register::Run,
     residual::{EXPLAINED, HINGE, PARALLEL},
+    slip::round_axis,
+    swivel::swivelled,
 };
 use crate::geometry::{Pose, Screw};
 
@@ -22,7 +24,7 @@ impl Run<'_> {
     /// Matches tell one from the other, so that only parts without them are looked at.
     pub fn hinged(&self, mut motions: Vec<Pose>) -> Vec<Pose> {
         for k in 1..motions.len() {
-            if self.match_cells(&motions)[k] - CHANCE >= self.config.least_score {
+            if self.matched(&motions, k) {
                 continue;
             }
             let (labels, _) = self.labels(&motions);
@@ -39,6 +41,27 @@ impl Run<'_> {
             }
         }
         motions
+    }
+
+    /// The motions, those of round parts after the turn that explains most; `None` where that changes none.
+    pub fn swivelled(&self, motions: &[Pose]) -> Option<Vec<Pose>> {
+        let mut all = motions.to_vec();
+        let mut changed = false;
+        for k in 1..all.len() {
+            if self.matched(&all, k) {
+                continue;
+            }
+            let others: Vec<Pose> = all.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
+            if let Some(turned) = swivelled(&self.evidence, &others, &all[k], self.extent_m) {
+                (all[k], changed) = (turned, true);
+            }
+        }
+        changed.then_some(all)
+    }
+
+    /// Whether matches tell the motion of part `k` from others that its shape allows.
+    fn matched(&self, motions: &[Pose], k: usize) -> bool {
+        self.match_cells(motions)[k] - CHANCE >= self.config.least_score
     }
 
     /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs by the surfaces of
@@ -65,7 +88,12 @@ impl Run<'_> {
         let axis = Screw::of(&motions[k]).filter(|s| s.angle_rad > PARALLEL)?.direction;
         let costs = self.evidence.shape_costs(0, motions, Some(&labels[1]));
         let lands = |i: &usize| usize::from(labels[0][*i]) == k && costs[i * motions.len() + k] < EXPLAINED;
-        let points: Vec<Point3<f64>> = (0..labels[0].len()).filter(lands).map(|i| self.evidence.samples[0].points[i]).collect();
+        let surface = self.evidence.samples[0];
+        let (points, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) =
+            (0..labels[0].len()).filter(lands).map(|i| (surface.points[i], surface.normals[i])).unzip();
+        if round_axis(&points, &normals).is_some() {
+            return None;
+        }
         let center = middle(&points)?;
         let turn = UnitQuaternion::from_axis_angle(&axis, std::f64::consts::PI);
         Some(motions[k] * Pose::from_parts((center.coords - turn * center.coords).into(), turn))
@@ -122,5 +150,26 @@ mod tests {
                 assert!(off_m < 0.01, "{off_m}");
             }
         }
+    }
+
+    #[test]
+    fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {
+        let scene = &Scene { texture: 0.0, ..Scene::lamp() };
+        let cameras = &camera_ring(10);
+        let [(s0, _), (s1, _)] = [0, 1].map(|s| scene.surface(s, cameras, 0.006));
+        let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
+        let config = RegisterConfig::default();
+        let run = Run::new(&[], 0.4, &config, Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], 0.012));
+        // The arm's lower and upper half, each turned end for end.
+        let halves = [0.11, 0.25].map(|z| {
+            let (middle, half) = (Vector3::new(0.0, 0.0, z), UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
+            scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half)
+        });
+        let found = run.exchanged(vec![Pose::identity(), halves[0], halves[1], scene.truth(2)], &[scene.truth(1)]);
+        assert_eq!(found.len(), 3);
+        let end = Point3::new(0.0, 0.0, 0.31);
+        assert!(found.iter().any(|m| (m * end - scene.truth(1) * end).norm() < 0.01));
+        let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];
+        assert_eq!(run.exchanged(right.clone(), &halves), right);
     }
 }

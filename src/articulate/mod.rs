@@ -55,6 +55,7 @@ mod states;
 mod static_motion;
 mod surface_error;
 mod surface_graph;
+mod swivel;
 mod symmetry;
 #[cfg(test)]
 mod synthetic;
@@ -83,6 +84,7 @@ mod segmentation;
 mod state_alignment;
 mod state_model;
 mod trainer_input;
+mod trial;
 mod uniform_batch;
 
 pub use articulation_config::{ArticulationConfig, ColorSpace, Compatibility, LossWeights, Reading, SdfResidual};

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
 
 use super::{SurfaceSamples, labeling::Evidence};
+use crate::geometry::Pose;
 
 /// Largest angle between the normal of a sample and that of its plane, as its cosine.
 const SAME_NORMAL: f64 = 0.94;
@@ -19,6 +20,13 @@ pub(super) struct Patch {
     pub axes: [Vector3<f64>; 3],
     /// Half sides along the edges, metres.
     pub half_m: [f64; 2],
+}
+
+impl Patch {
+    /// Where a motion takes it.
+    pub fn under(&self, motion: &Pose) -> Self {
+        Self { samples: self.samples.clone(), center: motion * self.center, axes: self.axes.map(|a| motion * a), half_m: self.half_m }
+    }
 }
 
 /// Two patches of one plane are as broad as each other up to this share.

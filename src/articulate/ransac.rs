@@ -55,6 +55,8 @@ pub struct Proposal {
 
 /// Two motions of one place that differ by less than this many gates are one.
 const TWIN_GATES: f64 = 2.5;
+/// A motion with this share of another's support is none found again: badly placed matches seldom agree.
+const TWIN_SUPPORT: f64 = 0.3;
 /// Two matches closer than this share of the object's longest side are in one place.
 const TWIN_DISTANCE: f64 = 0.06;
 
@@ -110,7 +112,10 @@ pub fn propose(matches: &[LiftedMatch], motions: usize, extent_m: f64, config: &
         let before = pool.len();
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
         let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
-        let twin = |p: &Proposal| is_twin(&proposal.state1_from_state0, &p.state1_from_state0, matches, &gate, extent_m);
+        let twin = |p: &Proposal| {
+            let weak = proposal.support < TWIN_SUPPORT * p.support;
+            weak && is_twin(&proposal.state1_from_state0, &p.state1_from_state0, matches, &gate, extent_m)
+        };
         if !slack && !proposals.iter().any(twin) {
             proposals.push(proposal);
         }
@@ -326,6 +331,17 @@ mod tests {
                 assert_eq!(found.iter().filter(|p| near(p)).count(), 1, "motion {k}");
                 assert!(found.iter().position(near).is_some_and(|i| i < 3));
             }
+        }
+    }
+
+    #[test]
+    fn parts_side_by_side_that_move_nearly_alike_are_two() {
+        let truth = [Pose::translation(0.112, 0.0, 0.0), Pose::translation(0.125, 0.0, 0.0)];
+        let found = propose(&scene(&truth, 60, 4), 2, 0.94, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0));
+        for (k, t) in truth.iter().enumerate() {
+            let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
+            let off_m = |p: &Proposal| (p.state1_from_state0 * center - t * center).norm();
+            assert!(found.iter().map(off_m).fold(f64::INFINITY, f64::min) < 0.003, "motion {k} of {}", found.len());
         }
     }
 

@@ -178,8 +178,12 @@ pub fn register(
         motions.extend(more);
         run.round(&mut motions);
         let further = run.steps(motions.clone());
-        likely = run.best(&further);
-        steps = Some(further);
+        let best = run.best(&further);
+        likely = run.exchanged(best.clone(), &motions);
+        steps = Some(if likely == best { further } else { run.steps(likely.clone()) });
+    }
+    if let Some(swivelled) = run.swivelled(&likely) {
+        steps = Some(run.steps(swivelled));
     }
     let mut steps = steps.unwrap_or_else(|| run.steps(motions));
     run.divide(&mut steps);

@@ -26,8 +26,11 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
         let center = [range(rng, -0.02, 0.02), y + radius_m];
         y += 2.0 * radius_m + 0.015;
         let at = |z: f64| Pose::translation(center[0], center[1], z);
-        base.push(Solid::cylinder(0.8 * radius_m, 0.014, at(height + 0.014), &look.trim(rng)));
+        let neck = look.trim(rng);
         let tall = range(rng, 0.02, 0.032);
+        // The closed cap holds the whole neck.
+        let half_neck = 0.5 * (tall - 0.002);
+        base.push(Solid::cylinder(0.8 * radius_m, half_neck, at(height + half_neck), &neck));
         let material = look.material(rng);
         let top = height + 0.001 + tall;
         let grip = look.material(rng);
@@ -69,4 +72,22 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     ];
     let origin = [-half_x, 0.0, bottom];
     vec![fixed("base", base), moving("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::{Family, Shape, SynthConfig, generate};
+
+    #[test]
+    fn closed_caps_hold_their_necks() {
+        for seed in 0..20 {
+            let object = generate(&SynthConfig { seed, family: Some(Family::CappedBox), ..SynthConfig::default() }).unwrap();
+            let top_m = |s: &Solid| s.part_from_solid.translation.z + s.shape.half_sides().z;
+            let necks = object.parts[0].solids.iter().filter(|s| matches!(s.shape, Shape::Cylinder { .. }));
+            for (neck, cap) in necks.zip(&object.parts[1..]) {
+                assert!(top_m(neck) < top_m(&cap.solids[0]) - 0.001, "seed {seed}: {}", cap.name);
+            }
+        }
+    }
 }
