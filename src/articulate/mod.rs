@@ -71,6 +71,7 @@ mod articulation_config;
 mod collision;
 mod consistency;
 mod dense_kernel;
+mod exchange;
 mod feature_grid;
 mod label_fit;
 mod loss_term;

@@ -16,7 +16,7 @@ use super::{
     labeling::{FREE, HIDDEN},
     piece::{groups, pieces},
     register::{Run, occupied_cells},
-    residual::{EXPLAINED, unexplained},
+    residual::unexplained,
 };
 use crate::geometry::Pose;
 
@@ -63,8 +63,6 @@ const SETTLED: f64 = 0.02;
 const RIVALS: usize = 3;
 /// Two sets of motions explain alike from this share of the better one's evidence on.
 const ALIKE: f64 = 0.9;
-/// A motion can take the place of one of whose surface it explains this share.
-const REPLACED: f64 = 0.25;
 /// Share of the surface that may move unexplained.
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
@@ -194,48 +192,8 @@ impl Run<'_> {
         steps.sort_by_key(|s| std::cmp::Reverse(s.point.parts));
     }
 
-    /// A set in which one of the `proposed` motions takes the place of two or more, as long as that explains more: motions that each
-    /// explain a piece of a part may have driven out the one that explains all of it.
-    pub fn exchanged(&self, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
-        let mut left = proposed.to_vec();
-        loop {
-            let (labels, costs) = self.labels(&set);
-            let evidence = point(&self.weighed_as(&set, &labels).0).evidence;
-            let with = |motion: &Pose| {
-                let replaced = self.replaced(&set, &labels, &costs, motion);
-                if replaced.len() < 2 {
-                    return None;
-                }
-                let mut others: Vec<Pose> = set.iter().enumerate().filter(|(k, _)| !replaced.contains(k)).map(|(_, m)| *m).collect();
-                others.push(*motion);
-                self.settle(&mut others);
-                Some((point(&self.weighed(&others).0).evidence, others))
-            };
-            let better = left.iter().enumerate().filter_map(|(i, motion)| Some((i, with(motion)?)));
-            let Some((i, (_, others))) = better.filter(|b| b.1.0 > evidence).max_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return set };
-            left.swap_remove(i);
-            set = others;
-        }
-    }
-
-    /// The moving parts of a set of which a motion explains most of the surface that moved.
-    fn replaced(&self, set: &[Pose], labels: &[Vec<u8>; 2], costs: &[Vec<f32>; 2], motion: &Pose) -> Vec<usize> {
-        let mut counts = vec![[0usize; 2]; set.len()];
-        for state in 0..2 {
-            let other = self.evidence.shape_costs(state, &[*motion], None);
-            for ((row, label), cost) in costs[state].chunks_exact(set.len()).zip(&labels[state]).zip(other) {
-                let label = usize::from(*label);
-                if row[label] < EXPLAINED && row[0] >= FREE {
-                    counts[label][0] += 1;
-                    counts[label][1] += usize::from(cost < EXPLAINED);
-                }
-            }
-        }
-        (1..set.len()).filter(|&k| counts[k][1] as f64 > REPLACED * counts[k][0] as f64).collect()
-    }
-
     /// Rounds until no motion changes.
-    fn settle(&self, motions: &mut [Pose]) {
+    pub fn settle(&self, motions: &mut [Pose]) {
         let points = &self.evidence.samples[0].points;
         let every = points.len().div_ceil(200);
         for _ in 0..SETTLING {
