@@ -53,30 +53,25 @@ mod tests {
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::articulate::{
-        RegisterConfig,
-        labeling::Evidence,
-        synthetic::{Scene, camera_ring},
-    };
+    use crate::articulate::{RegisterConfig, synthetic::Scene};
 
     #[test]
     fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {
-        let scene = &Scene { texture: 0.0, ..Scene::lamp() };
-        let cameras = &camera_ring(10);
-        let [(s0, _), (s1, _)] = [0, 1].map(|s| scene.surface(s, cameras, 0.006));
-        let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
-        let config = RegisterConfig::default();
-        let run = Run::new(&[], 0.4, &config, Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], 0.012));
+        let scene = Scene { texture: 0.0, ..Scene::lamp() };
         // The arm's lower and upper half, each turned end for end.
         let halves = [0.11, 0.25].map(|z| {
             let (middle, half) = (Vector3::new(0.0, 0.0, z), UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
             scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half)
         });
-        let found = run.exchanged(vec![Pose::identity(), halves[0], halves[1], scene.truth(2)], &[scene.truth(1)]);
-        assert_eq!(found.len(), 3);
-        let end = Point3::new(0.0, 0.0, 0.31);
-        assert!(found.iter().any(|m| (m * end - scene.truth(1) * end).norm() < 0.01));
         let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];
-        assert_eq!(run.exchanged(right.clone(), &halves), right);
+        scene.seen(0.006, 0.012, |evidence, _| {
+            let config = RegisterConfig::default();
+            let run = Run::new(&[], 0.4, &config, evidence);
+            let found = run.exchanged(vec![Pose::identity(), halves[0], halves[1], scene.truth(2)], &[scene.truth(1)]);
+            assert_eq!(found.len(), 3);
+            let end = Point3::new(0.0, 0.0, 0.31);
+            assert!(found.iter().any(|m| (m * end - scene.truth(1) * end).norm() < 0.01));
+            assert_eq!(run.exchanged(right.clone(), &halves), right);
+        });
     }
 }

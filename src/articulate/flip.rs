@@ -1,5 +1,5 @@
-//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end for end, and its
-//! hinge tells them apart; a round part may have made any turn.
+//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end for end. Its
+//! hinge tells them apart. (Round parts: `swivel.rs`.)
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
 
@@ -9,7 +9,6 @@ use super::{
     register::Run,
     residual::{EXPLAINED, HINGE, PARALLEL},
     slip::round_axis,
-    swivel::swivelled,
 };
 use crate::geometry::{Pose, Screw};
 
@@ -43,24 +42,8 @@ impl Run<'_> {
         motions
     }
 
-    /// The motions, those of round parts after the turn that explains most; `None` where that changes none.
-    pub fn swivelled(&self, motions: &[Pose]) -> Option<Vec<Pose>> {
-        let mut all = motions.to_vec();
-        let mut changed = false;
-        for k in 1..all.len() {
-            if self.matched(&all, k) {
-                continue;
-            }
-            let others: Vec<Pose> = all.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect();
-            if let Some(turned) = swivelled(&self.evidence, &others, &all[k], self.extent_m) {
-                (all[k], changed) = (turned, true);
-            }
-        }
-        changed.then_some(all)
-    }
-
     /// Whether matches tell the motion of part `k` from others that its shape allows.
-    fn matched(&self, motions: &[Pose], k: usize) -> bool {
+    pub fn matched(&self, motions: &[Pose], k: usize) -> bool {
         self.match_cells(motions)[k] - CHANCE >= self.config.least_score
     }
 
@@ -121,34 +104,25 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
-        RegisterConfig,
-        labeling::Evidence,
-        synthetic::{Scene, camera_ring},
-    };
+    use crate::articulate::{RegisterConfig, synthetic::Scene};
 
     #[test]
     fn a_plain_arm_turned_end_for_end_goes_back_to_its_hinges() {
         let scene = Scene { texture: 0.0, ..Scene::lamp() };
-        let cameras = camera_ring(10);
-        let [(s0, _), (s1, _)] = [0, 1].map(|s| scene.surface(s, &cameras, 0.006));
-        let cameras = &cameras;
-        let scene = &scene;
-        let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
-        let config = RegisterConfig::default();
-        let extent_m = 0.4;
-        let evidence = Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], 0.012);
-        let run = Run::new(&[], extent_m, &config, evidence);
         let middle = Vector3::new(0.0, 0.0, 0.18);
         let half = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
         let turned = scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half);
-        for start in [scene.truth(1), turned] {
-            let found = run.hinged(vec![Pose::identity(), start, scene.truth(2)])[1];
-            for z in [0.05, 0.31] {
-                let end = Point3::new(0.0, 0.0, z);
-                let off_m = (found * end - scene.truth(1) * end).norm();
-                assert!(off_m < 0.01, "{off_m}");
+        scene.seen(0.006, 0.012, |evidence, _| {
+            let config = RegisterConfig::default();
+            let run = Run::new(&[], 0.4, &config, evidence);
+            for start in [scene.truth(1), turned] {
+                let found = run.hinged(vec![Pose::identity(), start, scene.truth(2)])[1];
+                for z in [0.05, 0.31] {
+                    let end = Point3::new(0.0, 0.0, z);
+                    let off_m = (found * end - scene.truth(1) * end).norm();
+                    assert!(off_m < 0.01, "{off_m}");
+                }
             }
-        }
+        });
     }
 }

@@ -221,12 +221,11 @@ impl Run<'_> {
         let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
         let rivals = if untold > 0 { untold.min(RIVALS) } else { RIVALS };
         weakest.truncate(if clear { 1 } else { rivals });
-        let without = |k: usize| motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect::<Vec<_>>();
         let refitted = |mut others: Vec<Pose>| {
             self.round(&mut others);
             others
         };
-        let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(without).map(|others| (0.0, others)).collect();
+        let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
         if rest.len() > 1 {
             rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&self.weighed(others).0).evidence);
             rest.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -437,6 +436,11 @@ fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option
 /// set explain less than all of these by half its evidence at least. Wrong motions take from the right ones what they explain.
 fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
     next_smaller(point, curve).is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
+}
+
+/// All motions but one.
+pub(super) fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
+    motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect()
 }
 
 /// The evidence of motions, the first of which is the static part's.

@@ -379,10 +379,7 @@ fn agreement(cost: f32, likeness: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
-        SurfaceSamples,
-        synthetic::{Scene, camera_ring},
-    };
+    use crate::articulate::{SurfaceSamples, synthetic::Scene};
 
     #[test]
     fn a_plain_panel_slides_by_what_it_uncovers() {
@@ -413,17 +410,16 @@ mod tests {
         let mut scene = Scene { texture: 0.0, ..Scene::lamp() };
         let twist = Screw { direction: Vector3::x_axis(), point: Point3::new(0.0, 0.0, 0.33), angle_rad: 0.9, advance_m: 0.0 };
         scene.parts[2].motion = scene.parts[1].motion * twist.motion();
-        let (scene, cameras) = (&scene, &camera_ring(10));
-        let [(s0, t0), (s1, _)] = [0, 1].map(|s| scene.surface(s, cameras, 0.006));
-        let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
-        let evidence = Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], 0.012);
-        let found = propose_from_residual(&evidence, &[Pose::identity()], 0.4);
-        for part in [1, 2] {
-            let points: Vec<&Point3<f64>> = s0.points.iter().zip(&t0).filter(|(_, l)| **l == part).map(|(p, _)| p).collect();
-            let truth = scene.truth(usize::from(part));
-            let off_m = |m: &Pose| points.iter().map(|p| (m * *p - truth * *p).norm()).sum::<f64>() / points.len() as f64;
-            let nearest_m = found.iter().map(off_m).fold(f64::INFINITY, f64::min);
-            assert!(nearest_m < 0.01, "part {part}: {nearest_m} of {}", found.len());
-        }
+        scene.seen(0.006, 0.012, |evidence, labels| {
+            let found = propose_from_residual(&evidence, &[Pose::identity()], 0.4);
+            let all = &evidence.samples[0].points;
+            for part in [1, 2] {
+                let points: Vec<&Point3<f64>> = all.iter().zip(&labels[0]).filter(|(_, l)| **l == part).map(|(p, _)| p).collect();
+                let truth = scene.truth(usize::from(part));
+                let off_m = |m: &Pose| points.iter().map(|p| (m * *p - truth * *p).norm()).sum::<f64>() / points.len() as f64;
+                let nearest_m = found.iter().map(off_m).fold(f64::INFINITY, f64::min);
+                assert!(nearest_m < 0.01, "part {part}: {nearest_m} of {}", found.len());
+            }
+        });
     }
 }

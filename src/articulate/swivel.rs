@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use super::{labeling::Evidence, residual::Search, slip::round_axis};
+use super::{part_count::without, register::Run, residual::Search, slip::round_axis};
 use crate::geometry::Pose;
 
 /// Turns that are tried, all round.
@@ -14,9 +14,21 @@ const PEAKS: usize = 4;
 /// A turn explains more than none by this share.
 const MORE: f64 = 0.02;
 
-/// The motion of a round part after the turn that explains most, where that is more; `others` are the motions of the other parts.
-pub(super) fn swivelled(evidence: &Evidence<'_>, others: &[Pose], motion: &Pose, extent_m: f64) -> Option<Pose> {
-    Search::new(evidence, others, extent_m).swivelled(motion)
+impl Run<'_> {
+    /// The motions, those of round parts that no matches tell after the turn that explains most; `None` where that changes none.
+    pub fn swivelled(&self, motions: &[Pose]) -> Option<Vec<Pose>> {
+        let mut all = motions.to_vec();
+        let mut changed = false;
+        for k in 1..all.len() {
+            if self.matched(&all, k) {
+                continue;
+            }
+            if let Some(turned) = Search::new(&self.evidence, &without(&all, k), self.extent_m).swivelled(&all[k]) {
+                (all[k], changed) = (turned, true);
+            }
+        }
+        changed.then_some(all)
+    }
 }
 
 impl Search<'_, '_> {
@@ -42,7 +54,10 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{articulate::SurfaceSamples, geometry::Screw};
+    use crate::{
+        articulate::{SurfaceSamples, labeling::Evidence},
+        geometry::Screw,
+    };
 
     const RADIUS_M: f64 = 0.04;
     const HEIGHT_M: f64 = 0.025;
@@ -95,7 +110,7 @@ mod tests {
         let evidence = Evidence::new([&s0, &s1], [Some(&free0), Some(&free1)], 0.008);
         let end = Point3::new(0.035, 0.0, HEIGHT_M);
         for start in [Pose::translation(0.0, 0.0, 0.02), screw.motion()] {
-            let found = swivelled(&evidence, &[Pose::identity()], &start, 0.2).unwrap_or(start);
+            let found = Search::new(&evidence, &[Pose::identity()], 0.2).swivelled(&start).unwrap_or(start);
             let off_m = (found * end - screw.motion() * end).norm();
             assert!(off_m < 0.002, "{off_m}");
         }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::SurfaceSamples;
+use super::{SurfaceSamples, labeling::Evidence};
 use crate::{
     capture::{PixelMatch, RgbdFrame},
     geometry::{Intrinsics, Pose, Screw},
@@ -186,6 +186,14 @@ impl Scene {
         };
         let (a, b) = (at(0, &frames[0][m.frame0], m.pixel0)?, at(1, &frames[1][m.frame1], m.pixel1)?);
         (a.1 == b.1).then(|| (a.2 - b.2).norm())
+    }
+
+    /// Calls with what a ring of ten cameras sees of both states, and the part of each sample.
+    pub fn seen<R>(&self, spacing_m: f64, reach_m: f64, then: impl FnOnce(Evidence<'_>, &[Vec<u8>; 2]) -> R) -> R {
+        let cameras = &camera_ring(10);
+        let [(s0, t0), (s1, t1)] = [0, 1].map(|s| self.surface(s, cameras, spacing_m));
+        let free = [0, 1].map(|s| move |p: &Point3<f64>| self.is_free(s, cameras, p));
+        then(Evidence::new([&s0, &s1], [Some(&free[0]), Some(&free[1])], reach_m), &[t0, t1])
     }
 
     /// Points on the faces that some camera sees, with the part of each, on grids `spacing_m` wide.
