@@ -13,6 +13,11 @@ use crate::{
     model::{AxisAlone, JointKind},
 };
 
+/// Share of the largest slope below which a slope is none: of (direction 3, point 3) two have no effect, and finite differences
+/// with a step of 1e-6 leave 1e-10 to 1e-9 of them, whose inverse would blow any covariance up. Derived: between that noise and the slopes
+/// of a real joint, which are no smaller than its motion in radians.
+const FLAT: f64 = 1e-6;
+
 impl JointEstimate {
     /// The direction of the axis as the motion alone tells it; `None` where it does not.
     #[must_use]
@@ -102,5 +107,75 @@ impl JointEstimate {
         let mut slopes = DMatrix::zeros(6, 7);
         (0..7).for_each(|i| slopes.column_mut(i).copy_from(&(left_difference(&moved(i, H), &moved(i, -H)) / (2.0 * H))));
         slopes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use nalgebra::{Matrix3, Point3, UnitQuaternion};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::JointEvidence;
+
+    /// A hinge on a parent that turned, its covariances those of one another.
+    fn hinge(axis: Unit<Vector3<f64>>, point: Point3<f64>, angle_rad: f64, parent: &ParentMotion) -> JointEstimate {
+        let evidence = JointEvidence {
+            covariance: SMatrix::zeros(),
+            state1_from_state0: Pose::identity(),
+            inliers: 1,
+            tried: 1,
+            residual_rms_m: 0.0,
+            position_std: Vec::new(),
+            pitch_std_m_per_rad: 0.0,
+            dispersion: 1.0,
+            type_scores: BTreeMap::new(),
+            parents: BTreeMap::new(),
+            axis_alone: None,
+            cautions: Vec::new(),
+            not_observable: Vec::new(),
+        };
+        let mut joint = JointEstimate {
+            kind: JointKind::Revolute,
+            axis,
+            point,
+            positions: vec![angle_rad],
+            motions: Vec::new(),
+            covariances: Vec::new(),
+            evidence,
+        };
+        joint.motions = vec![parent.state1_from_state0 * joint.at(angle_rad)];
+        let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
+        let covariance = &mut joint.evidence.covariance;
+        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * 3e-4));
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * 1e-6));
+        covariance[(6, 6)] = 2e-5;
+        let slopes = joint.slopes(0, true, &parent.state1_from_state0);
+        let own = &slopes * joint.evidence.covariance * slopes.transpose();
+        joint.covariances = vec![Matrix6::from_fn(|r, c| own[(r, c)]) + parent.covariance];
+        joint
+    }
+
+    proptest! {
+        /// What is learned takes uncertainty away. (The inverse of slopes that are rounding alone made it 1450 deg.)
+        #[test]
+        fn a_prior_never_makes_a_motion_less_certain(
+            lean in prop::array::uniform3(-1.0f64..1.0),
+            place in prop::array::uniform3(-2.0f64..2.0),
+            angle_rad in 0.05f64..3.0,
+            turned in prop::array::uniform3(-1.0f64..1.0),
+        ) {
+            prop_assume!(Vector3::from(lean).norm() > 0.1);
+            let axis = Unit::new_normalize(Vector3::from(lean));
+            let state1_from_state0 = Pose::from_parts(Vector3::from(turned).into(), UnitQuaternion::from_scaled_axis(turned.into()));
+            let parent = ParentMotion { state1_from_state0, covariance: Matrix6::identity() * 1e-5 };
+            let before = hinge(axis, Point3::from(place), angle_rad, &parent);
+            let prior = SeenDirection { direction: axis, covariance: Matrix3::identity() * 1e-5 };
+            let after = before.clone().towards(&prior, &[parent]);
+            let [was, is] = [&before, &after].map(|j| j.covariances[0].trace());
+            prop_assert!(is <= was * (1.0 + 1e-6), "{was:e} became {is:e}");
+        }
     }
 }

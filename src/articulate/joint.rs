@@ -70,9 +70,6 @@ pub(super) const SIGMA_FLOOR: f64 = 0.02;
 pub(super) const DECISIVE: f64 = 10.0;
 /// Number of parameters of a prismatic, a revolute and a screw or free motion.
 pub(super) const PARAMETERS: [f64; 3] = [3.0, 5.0, 6.0];
-/// Standard deviation of an axis direction, radians, and of an axis position, metres, from which it is said.
-const COARSE_DIRECTION_RAD: f64 = 0.02;
-const COARSE_POSITION_M: f64 = 0.01;
 
 /// All joint types fitted to the evidence of one part.
 struct Candidates {
@@ -302,7 +299,7 @@ impl Chosen {
         let own: Matrix6<f64> = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
         let (axis, motion) = if forward { (self.direction, self.motion) } else { (-self.direction, -self.motion) };
         let (kind, agreement) = (self.kind, self.agreement);
-        let cautions = cautions(&Cautioned { kind, motion, covariance: &full, finite: covariance.is_some(), scores: &scores, agreement });
+        let cautions = cautions(&Cautioned { kind, motion, scores: &scores, agreement });
         let evidence = JointEvidence {
             covariance: full.fixed_view::<7, 7>(0, 0).into(),
             position_std: Vec::new(),
@@ -341,30 +338,15 @@ pub(super) struct Cautioned<'a> {
     pub kind: JointKind,
     /// Farthest from state 0, positive.
     pub motion: f64,
-    /// Of (direction 3, point 3, motion 1, pitch 1).
-    pub covariance: &'a SMatrix<f64, 8, 8>,
-    pub finite: bool,
     pub scores: &'a BTreeMap<String, f64>,
     /// Observations that agree with the joint, of those tried.
     pub agreement: [usize; 2],
 }
 
-/// What speaks against trusting a joint, in words.
+/// What speaks against trusting a joint, in words; what its deviations say is in `vagueness`, once they are final.
 pub(super) fn cautions(joint: &Cautioned<'_>) -> Vec<String> {
-    let Cautioned { kind, motion, covariance, finite, scores, agreement: [agree, tried] } = *joint;
+    let Cautioned { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
-    let amount = if kind.turns() { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
-    if !finite {
-        cautions.push("some direction of the joint is not observed; its covariance is not finite".to_owned());
-    }
-    let spread_of = |from: usize| (0..3).map(|k| covariance[(from + k, from + k)]).sum::<f64>().sqrt();
-    if finite && spread_of(0) > COARSE_DIRECTION_RAD {
-        let degrees = spread_of(0).to_degrees();
-        cautions.push(format!("a motion of {amount} tells the axis direction to +-{degrees:.1} deg only"));
-    }
-    if finite && kind.turns() && spread_of(3) > COARSE_POSITION_M {
-        cautions.push(format!("a motion of {amount} tells the axis position to +-{:.0} mm only", 1e3 * spread_of(3)));
-    }
     if let (Some(p), Some(r)) = (scores.get("prismatic"), scores.get("revolute"))
         && (p - r).abs() < DECISIVE
     {

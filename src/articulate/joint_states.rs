@@ -376,7 +376,6 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
         .unwrap_or(0);
     let dispersion = found.dispersion_of(&fit);
     let covariance = fit.covariance.as_ref().map(|c| total_covariance(c, &fit, found, dispersion));
-    let finite = covariance.is_some();
     let forward = joint.positions[farthest] >= 0.0;
     let full = covariance.as_ref().map_or_else(|| SMatrix::from_element(f64::INFINITY), |c| directed(spread(joint, farthest, c), forward));
     let shared = joint.shared();
@@ -394,7 +393,7 @@ fn estimate(found: &Motions, mut fits: Vec<Fitted>, scores: BTreeMap<String, f64
     let agreement = fit.quadratics.iter().fold([0, 0], |[a, b], q| [a + q.inliers, b + q.tried]);
     let squared_m2: f64 = fit.quadratics.iter().map(|q| q.squared_m2).sum();
     let readings: usize = fit.quadratics.iter().map(|q| q.surface_inliers).sum();
-    let said = Cautioned { kind, motion: joint.positions[farthest].abs(), covariance: &full, finite, scores: &scores, agreement };
+    let said = Cautioned { kind, motion: joint.positions[farthest].abs(), scores: &scores, agreement };
     let evidence = JointEvidence {
         covariance: full.fixed_view::<7, 7>(0, 0).into(),
         position_std,

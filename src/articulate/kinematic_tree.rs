@@ -15,6 +15,7 @@ use super::{
     joint_of_part, pair_of,
     sample_index::SampleIndex,
     square_axes::square_priors,
+    vagueness::vagueness,
 };
 use crate::{
     geometry::Pose,
@@ -102,6 +103,8 @@ pub fn kinematic_tree(
             let said = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
             joint.evidence.not_observable.push(said.to_owned());
         }
+        let vague = vagueness(&joint, extent_m);
+        joint.evidence.cautions.splice(0..0, vague);
         explain(&mut joint, k, parents[k], &candidates[k], contact_m);
         TreeJointEstimate { parent: parents[k], joint }
     });

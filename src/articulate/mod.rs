@@ -87,6 +87,7 @@ mod state_model;
 mod trainer_input;
 mod trial;
 mod uniform_batch;
+mod vagueness;
 
 pub use articulation_config::{ArticulationConfig, ColorSpace, Compatibility, LossWeights, Reading, SdfResidual};
 pub use objective::ArticulationLosses;

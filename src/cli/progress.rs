@@ -39,7 +39,7 @@ impl Progress {
             } else if io::stderr().is_terminal() {
                 listen(&receiver, &ended, &mut Bars::default());
             } else {
-                listen(&receiver, &ended, &mut Lines { out: io::stderr(), stages: BTreeMap::new() });
+                listen(&receiver, &ended, &mut Lines::new(io::stderr()));
             }
         });
         (Self { done, thread }, sender)
@@ -56,6 +56,9 @@ impl Progress {
 /// Shows events; `at` is the time since the run began.
 trait Listener {
     fn tell(&mut self, event: &Event, at: Duration);
+
+    /// Shows what was kept for the end.
+    fn end(&mut self) {}
 }
 
 fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Listener) {
@@ -64,7 +67,7 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
         match events.recv_timeout(PATIENCE) {
             Ok(event) => listener.tell(&event, start.elapsed()),
             Err(RecvTimeoutError::Timeout) if !ended.load(Ordering::Acquire) => {}
-            Err(_) => return,
+            Err(_) => return listener.end(),
         }
     }
 }
@@ -81,10 +84,19 @@ impl<W: Write> Listener for JsonLines<W> {
     }
 }
 
-/// Plain lines. `stages`: when each stage began, and when a step of it was last shown.
+/// Plain lines.
 struct Lines<W> {
     out: W,
+    /// When each stage began, and when a step of it was last shown.
     stages: BTreeMap<String, (Duration, Duration)>,
+    /// Told together at the end, where they are read.
+    warnings: Vec<String>,
+}
+
+impl<W> Lines<W> {
+    fn new(out: W) -> Self {
+        Self { out, stages: BTreeMap::new(), warnings: Vec::new() }
+    }
 }
 
 impl<W: Write> Listener for Lines<W> {
@@ -107,12 +119,19 @@ impl<W: Write> Listener for Lines<W> {
                 let loss = if let Event::Step { loss, .. } = event { format!(", loss {loss:.4e}") } else { String::new() };
                 format!("{stage}: {done} of {total}{loss}{left}")
             }
+            Event::Warning { message } => return self.warnings.push(message.clone()),
             other => match sentence(other) {
                 Some(line) => line,
                 None => return,
             },
         };
         writeln!(self.out, "{}", printable(&line)).ok();
+    }
+
+    fn end(&mut self) {
+        for warning in self.warnings.drain(..) {
+            writeln!(self.out, "warning: {}", printable(&warning)).ok();
+        }
     }
 }
 
@@ -121,6 +140,8 @@ impl<W: Write> Listener for Lines<W> {
 struct Bars {
     all: MultiProgress,
     running: BTreeMap<String, ProgressBar>,
+    /// Told together at the end, where they are read.
+    warnings: Vec<String>,
 }
 
 impl Bars {
@@ -157,6 +178,7 @@ impl Listener for Bars {
             Event::Count { stage, done, total } => {
                 self.bar(stage, Some(*total)).set_position(*done as u64);
             }
+            Event::Warning { message } => self.warnings.push(message.clone()),
             other => {
                 if let Event::StageFinished { stage, .. } = other
                     && let Some(bar) = self.running.remove(stage)
@@ -167,6 +189,10 @@ impl Listener for Bars {
                 sentence(other).iter().for_each(|line| self.line(line));
             }
         }
+    }
+
+    fn end(&mut self) {
+        std::mem::take(&mut self.warnings).iter().for_each(|w| self.line(&format!("warning: {w}")));
     }
 }
 
@@ -180,13 +206,12 @@ impl Drop for Bars {
     }
 }
 
-/// What an event says; steps and starts are shown in their own way.
+/// What an event says; steps, starts and warnings are shown in their own way.
 fn sentence(event: &Event) -> Option<String> {
     match event {
         // The program says last why it fails.
-        Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } | Event::Error { .. } => None,
+        Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } | Event::Warning { .. } | Event::Error { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
-        Event::Warning { message } => Some(format!("warning: {message}")),
         Event::Failed { message } => Some(format!("failed: {message}")),
         Event::Note { message } => Some(message.clone()),
         Event::Artifact { path } => Some(format!("wrote {path}")),
@@ -234,16 +259,17 @@ mod tests {
 
     #[test]
     fn lines_are_few_and_tell_the_time_left() {
-        let mut lines = Lines { out: Vec::new(), stages: BTreeMap::new() };
+        let mut lines = Lines::new(Vec::new());
         shown(&mut lines);
+        lines.end();
         let expected = "field/state0: 100 steps\n\
                         field/state0: 10 of 100, loss 2.5000e-1, 1 min 30 s left\n\
                         field/state0: 20 of 100, loss NaN, 1 min 20 s left\n\
                         field/state0: done in 99.0 s\n\
-                        warning: topic \u{fffd}[2J lost\n\
                         stopping\n\
                         wrote runs/box/box.urdf\n\
-                        export: started\n";
+                        export: started\n\
+                        warning: topic \u{fffd}[2J lost\n";
         assert_eq!(String::from_utf8(lines.out).unwrap(), expected);
     }
 

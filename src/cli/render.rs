@@ -7,13 +7,17 @@ use crate::{
     run::{JointSummary, Outcome},
 };
 
-/// Where the result lies, its joints, whether it is degraded. Warnings were told while the run went on.
+/// Where the result lies, its joints, whether it is degraded. Warnings were told at the end of the run.
 pub fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     // Writing to a String cannot fail.
     outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint(j)).unwrap_or_default());
     if outcome.degraded {
-        writeln!(text, "  degraded: {} warnings, see report.json", outcome.warnings.len()).unwrap_or_default();
+        let (count, warnings) = match outcome.warnings.len() {
+            1 => (1, "warning"),
+            n => (n, "warnings"),
+        };
+        writeln!(text, "  degraded: {count} {warnings}, told above and in report.json").unwrap_or_default();
     }
     text
 }
@@ -61,7 +65,7 @@ mod tests {
             degraded: true,
         };
         let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through (0.2500, 0.5000, 0.0000) m\n  \
-                        lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warnings, see report.json\n";
+                        lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warning, told above and in report.json\n";
         assert_eq!(super::outcome(&outcome), expected);
         let three = JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
         assert!(super::joint(&three).ends_with("; in the states at 0.0, 20.0, -123.4"), "{}", super::joint(&three));

@@ -5,10 +5,12 @@ use std::fmt::Write as _;
 use super::{
     number::{decimal, significant},
     picture::{Picture, PictureError, part_color},
-    report_json::{JointReport, Quantity, RecordedCamera, Report},
+    report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
     urdf::escape,
 };
 
+/// In place of a deviation that no guess would exceed.
+const NOT_DETERMINED: &str = "not determined";
 const STYLE: &str = include_str!("report.css");
 
 /// The pictures of a report.
@@ -130,15 +132,15 @@ fn push_joints(out: &mut String, report: &Report) {
     let mut rows = String::new();
     for joint in &report.joints {
         let child = report.links.iter().position(|l| l.name == joint.child).unwrap_or_default();
-        let place = if joint.motion.unit == "rad" { unit(&significant(joint.origin_std_mm, 2), "mm") } else { "\u{2013}".into() };
+        let place = if joint.motion.unit == "rad" { spread(joint.origin_std_mm, "mm") } else { "\u{2013}".into() };
         let through = if joint.motion.unit == "rad" {
             format!("<br><span class=\"soft\">through {} m</span>", vector(joint.origin))
         } else {
             String::new()
         };
-        let alone = joint.axis_alone.map_or_else(String::new, |a| {
-            format!("<br><span class=\"soft\">{} by its motion alone</span>", unit(&significant(a.std_deg, 2), "\u{b0}"))
-        });
+        let alone = joint
+            .axis_alone
+            .map_or_else(String::new, |a| format!("<br><span class=\"soft\">{} by its motion alone</span>", spread(a.std_deg, "\u{b0}")));
         let share = if joint.tried > 0 { 100.0 * joint.inliers as f64 / joint.tried as f64 } else { 0.0 };
         let cells = [
             format!(
@@ -151,7 +153,7 @@ fn push_joints(out: &mut String, report: &Report) {
             escape(&joint.kind),
             escape(&motion(&joint.motion, &joint.motion_std)) + &positions(joint),
             vector(joint.axis) + &through,
-            unit(&significant(joint.axis_std_deg, 2), "\u{b0}") + &alone,
+            spread(joint.axis_std_deg, "\u{b0}") + &alone,
             place,
             format!("{}<br><span class=\"soft\">{share:.0} % of {}</span>", joint.inliers, joint.tried),
             unit(&decimal(joint.residual_rms_mm, 2), "mm"),
@@ -245,10 +247,18 @@ fn push_run(out: &mut String, report: &Report) {
 }
 
 /// A motion with its standard deviation in degrees or millimetres.
-fn motion(value: &Quantity, std: &Quantity) -> String {
+fn motion(value: &Quantity, std: &SpreadReport) -> String {
     let (factor, unit) = if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
-    let spread = decimal((factor * std.value).max(0.01), 2);
-    minus(&format!("{:+.2}{unit} \u{b1} {spread}{unit}", factor * value.value))
+    let spread = match std.value {
+        Some(std) => format!("\u{b1} {}{unit}", decimal((factor * std).max(0.01), 2)),
+        None => format!("(deviation {NOT_DETERMINED})"),
+    };
+    minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
+}
+
+/// A deviation with its unit, or that there is none.
+fn spread(value: Option<f64>, its_unit: &str) -> String {
+    value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| unit(&significant(v, 2), its_unit))
 }
 
 /// Positions in all states, where there are more than two, and what was observed.

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Unit;
 use serde::{Deserialize, Serialize};
 
 use super::{camera_poses::CameraPosesReport, number::round_significant, part_count::PartCountReport, start::InitialMotion};
 use crate::{
     geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Joint, JointKind, LimitSource, ParentScore},
+    model::{ArticulatedModel, Deviations, Joint, JointKind, LimitSource, ParentScore},
 };
 
 /// Version of the layout of `report.json`.
@@ -73,13 +73,13 @@ pub struct JointReport {
     /// Friction and damping.
     #[serde(default)]
     pub dynamics: DynamicsReport,
-    /// Root mean square angle between estimated and true axis by the covariance, degrees.
-    pub axis_std_deg: f64,
+    /// Root mean square angle between estimated and true axis by the covariance, degrees; null: not determined.
+    pub axis_std_deg: Option<f64>,
     /// Root mean square distance of the axis from the true one by the covariance, across the axis, millimetres; of no
-    /// meaning for a prismatic joint.
-    pub origin_std_mm: f64,
+    /// meaning for a prismatic joint; null: not determined.
+    pub origin_std_mm: Option<f64>,
     /// Standard deviation of the motion.
-    pub motion_std: Quantity,
+    pub motion_std: SpreadReport,
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and metres, row by row.
     pub covariance: Vec<[f64; 7]>,
     /// Points and matches that support the motion.
@@ -111,8 +111,8 @@ pub struct JointReport {
 pub struct AxisAloneReport {
     /// Unit direction, world.
     pub axis: [f64; 3],
-    /// Its standard deviation, degrees.
-    pub std_deg: f64,
+    /// Its standard deviation, degrees; null: not determined.
+    pub std_deg: Option<f64>,
 }
 
 /// How well a link would carry a part.
@@ -140,6 +140,15 @@ pub struct PositionReport {
 pub struct Quantity {
     /// The number.
     pub value: f64,
+    /// `rad` or `m`.
+    pub unit: String,
+}
+
+/// A standard deviation with its unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpreadReport {
+    /// The number; null: not determined.
+    pub value: Option<f64>,
     /// `rad` or `m`.
     pub unit: String,
 }
@@ -338,7 +347,10 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let unit = unit(joint.kind);
     let quantity = |value: f64| Quantity { value: round_significant(value, DIGITS), unit: unit.to_owned() };
     let e = &joint.evidence;
-    let deviation = deviations(joint, &axis);
+    let extent_m = model.extent_m();
+    let direction = Unit::new_normalize(axis);
+    let deviation = Deviations::of(&e.covariance, &direction, joint.kind.turns(), extent_m);
+    let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
     let l = &joint.limit;
     JointReport {
         name: joint.name.clone(),
@@ -369,9 +381,9 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
             damping: round_significant(joint.dynamics.damping, DIGITS),
             assumption: joint.dynamics.assumption.clone(),
         },
-        axis_std_deg: round_significant(deviation.axis_rad.to_degrees(), 4),
-        origin_std_mm: round_significant(1000.0 * deviation.origin_m, 4),
-        motion_std: Quantity { value: round_significant(deviation.motion, 4), unit: unit.to_owned() },
+        axis_std_deg: spread(deviation.axis_rad, 1f64.to_degrees()),
+        origin_std_mm: spread(deviation.origin_m, 1e3),
+        motion_std: SpreadReport { value: spread(deviation.motion, 1.0), unit: unit.to_owned() },
         covariance: e.covariance.row_iter().map(|r| std::array::from_fn(|k| round_significant(r[k], DIGITS))).collect(),
         inliers: e.inliers,
         tried: e.tried,
@@ -381,7 +393,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         parents: e.parents.iter().map(|(name, p)| (name.clone(), parent_report(p))).collect(),
         axis_alone: e.axis_alone.map(|a| AxisAloneReport {
             axis: std::array::from_fn(|k| round_significant(a.axis[k], DIGITS)),
-            std_deg: round_significant(a.std_rad.to_degrees(), 4),
+            std_deg: spread(a.deviation_rad(), 1f64.to_degrees()),
         }),
         cautions: e.cautions.clone(),
         not_observable: e.not_observable.clone(),
@@ -410,23 +422,6 @@ fn parent_report(score: &ParentScore) -> ParentReport {
     ParentReport { excess: round_significant(score.excess, 4), gap_mm: round_significant(1e3 * score.gap_m, 4) }
 }
 
-/// Root mean square deviations of a joint by its covariance.
-struct Deviations {
-    axis_rad: f64,
-    origin_m: f64,
-    motion: f64,
-}
-
-/// Of the direction and of the point only what lies across the axis counts: along it a direction has no freedom and a
-/// line no place.
-fn deviations(joint: &Joint, axis: &Vector3<f64>) -> Deviations {
-    let c = &joint.evidence.covariance;
-    let across = Matrix3::identity() - axis * axis.transpose();
-    let rms = |block: Matrix3<f64>| (across * block * across).trace().max(0.0).sqrt();
-    let block = |k: usize| -> Matrix3<f64> { c.fixed_view::<3, 3>(k, k).into() };
-    Deviations { axis_rad: rms(block(0)), origin_m: rms(block(3)), motion: c[(6, 6)].max(0.0).sqrt() }
-}
-
 /// Unit of a joint's positions.
 fn unit(kind: JointKind) -> &'static str {
     if kind.turns() { "rad" } else { "m" }
@@ -439,6 +434,8 @@ fn round3(v: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Matrix3, Vector3};
+
     use super::*;
     use crate::{
         export::start::{compare_starts, nearest_starts},
@@ -481,9 +478,9 @@ mod tests {
         hinge.evidence.covariance[(6, 6)] = 4e-6;
         let report = Report::new(&model, facts());
         let door = &report.joints[0];
-        assert!((door.axis_std_deg - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4, "{}", door.axis_std_deg);
-        assert!((door.origin_std_mm - 1.414).abs() < 1e-3);
-        assert_eq!((door.motion.value, door.motion.unit.as_str(), door.motion_std.value), (1.25, "rad", 0.002));
+        assert!((door.axis_std_deg.unwrap() - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4, "{:?}", door.axis_std_deg);
+        assert!((door.origin_std_mm.unwrap() - 1.414).abs() < 1e-3);
+        assert_eq!((door.motion.value, door.motion.unit.as_str(), door.motion_std.value), (1.25, "rad", Some(0.002)));
         assert_eq!((report.joints[1].motion.value, report.joints[1].motion.unit.as_str()), (-0.18, "m"));
         assert_eq!((door.parent.as_str(), door.child.as_str(), door.kind.as_str()), ("body", "door", "revolute"));
         assert!((Vector3::from(door.axis) - axis).norm() < 1e-9 && door.origin == [0.2, -0.25, 0.3]);

@@ -139,7 +139,7 @@ struct ReportJoint {
 
 #[derive(Deserialize)]
 struct ReportQuantity {
-    value: f64,
+    value: Option<f64>,
 }
 
 /// Reads a finished run folder.
@@ -189,7 +189,7 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
         states: states?,
         axis_std_rad: told.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
         origin_std_m: told.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
-        motion_std: told.motion_std.as_ref().map_or(f64::NAN, |q| q.value),
+        motion_std: told.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
         residual_rms_m: told.residual_rms_mm.unwrap_or(f64::NAN) * 1e-3,
     })
 }

@@ -2,6 +2,7 @@
 
 mod articulated;
 mod build;
+mod deviation;
 mod dynamics;
 #[cfg(test)]
 pub(crate) mod example;
@@ -15,6 +16,7 @@ pub use articulated::{
     ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ParentScore,
 };
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
+pub use deviation::Deviations;
 pub use dynamics::assumed_dynamics;
 pub use mass::solids_inertial;
 pub use material::Material;

@@ -154,23 +154,16 @@ impl Drawn<'_> {
     fn label(&self) -> String {
         let j = self.joint;
         let [low, high] = j.limits;
+        let axis = if j.axis_std_rad.is_finite() {
+            format!("axis +-{:.2} deg", j.axis_std_rad.to_degrees())
+        } else {
+            "axis not determined".to_owned()
+        };
         match j.kind {
-            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => format!(
-                "{}: {:.1} deg in [{:.1}, {:.1}], axis +-{:.2} deg",
-                j.name,
-                self.position.to_degrees(),
-                low.to_degrees(),
-                high.to_degrees(),
-                j.axis_std_rad.to_degrees()
-            ),
-            JointKind::Prismatic => format!(
-                "{}: {:.0} mm in [{:.0}, {:.0}], axis +-{:.2} deg",
-                j.name,
-                1e3 * self.position,
-                1e3 * low,
-                1e3 * high,
-                j.axis_std_rad.to_degrees()
-            ),
+            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+                format!("{}: {:.1} deg in [{:.1}, {:.1}], {axis}", j.name, self.position.to_degrees(), low.to_degrees(), high.to_degrees())
+            }
+            JointKind::Prismatic => format!("{}: {:.0} mm in [{:.0}, {:.0}], {axis}", j.name, 1e3 * self.position, 1e3 * low, 1e3 * high),
         }
     }
 }

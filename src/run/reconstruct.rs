@@ -197,6 +197,7 @@ pub fn reconstruct_twin(
         let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         return Err(RunError::stage("validate", format!("the model is not sound: {list}")));
     }
+    cautions(&model).for_each(|c| stages.monitor.warn(c));
     if count > 2 {
         let said = more_views(&model);
         said.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
@@ -206,6 +207,11 @@ pub fn reconstruct_twin(
     let starts = articulation.starts[1..].to_vec();
     let warnings = aligned.into_iter().flatten().map(|a| a.note).chain(warnings).collect();
     Ok(Twin { model, starts, registered, part_count, drifts, notes, warnings, replaced_engines })
+}
+
+/// What speaks against trusting the joints.
+fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = String> {
+    model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)))
 }
 
 /// How well what stands still was brought to rest in state `k + 1`, by all of it: where its world was corrected, or its poses were.
@@ -318,7 +324,6 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
         Some(Rendering { state: p.state, view: p.view.clone(), psnr_db: p.psnr_db?, photo: photo_path(p), camera })
     };
-    let cautions = twin.model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| format!("{}: {c}", j.name)));
     RunFacts {
         input: InputFacts {
             paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
@@ -335,7 +340,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         config_digest: config_digest(&request.config),
         device: device(request.config.run.engine, twin.replaced_engines.len(), capture.states.len()),
         notes: capture.notes.iter().chain(&twin.notes).chain(&twin.replaced_engines).cloned().collect(),
-        warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions).collect(),
+        warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions(&twin.model)).collect(),
     }
 }
 
