@@ -6,7 +6,7 @@ import zlib
 
 import inputs
 import mcap_file
-from joint_logs import TWIN, joint, link, robot
+from joint_logs import TWIN, joint, link, log, robot
 from outcomes import Family
 from program import run
 
@@ -65,6 +65,7 @@ class Costly:
     def __init__(self, binary, work):
         self.binary, self.work = binary, work
         self.family = Family("small inputs of large cost")
+        self.log = mcap_file.write(work / "costly_log/log.mcap", log()).parent
         self.sound = mcap_file.read(inputs.ROOT / "bags/drawer/state0/state0.mcap")
 
     def ends(self, name, *args, codes=(1, 2), said=""):
@@ -130,18 +131,21 @@ class Costly:
         self.ends("six views of 8192 x 8192", *self.reconstruct(folder), codes=(0, 1, 2, 3))
 
     def bags(self):
-        folder = self.bag(self.sound)
-        path = folder / "state0/state0.mcap"
-        broken = mcap_file.record(3, struct.pack("<HI", 9, 2**32 - 1) + b"x" * 40)
-        mcap_file.write(path, self.sound, broken)
-        self.ends("schema whose name is 4 GiB long", "inspect", folder, codes=(0, 1, 3))
+        for field, begin in (("name", b""), ("encoding", mcap_file.text("a")), ("text", mcap_file.text("a") + mcap_file.text("ros2msg"))):
+            broken = mcap_file.record(3, struct.pack("<H", 9) + begin + struct.pack("<I", 2**32 - 1) + b"x" * 40)
+            folder = self.bag(self.sound, broken)
+            self.ends(f"schema whose {field} is 4 GiB long", "inspect", folder, codes=(0, 1, 3))
+            folder = self.bag(self.sound, mcap_file.chunk(broken))
+            self.ends(f"schema whose {field} is 4 GiB long, in a chunk", "inspect", folder, codes=(0, 1, 3))
         self.bag(self.sound, zstd_chunks(200, 256 << 20))
         self.ends("200 chunks of 256 MiB in 4 MB", "inspect", folder, codes=(0, 1, 3))
         info = next(m for m in self.sound if m[0].endswith("color/camera_info"))
-        other = bytearray(info[4])
-        other[-60:-52] = struct.pack("<d", float("nan"))
-        self.bag(self.sound + [info[:4] + (bytes(other),)] * 100_000)
-        self.ends("100,000 camera_infos that differ", "inspect", folder, codes=(0, 1, 3))
+        doubles = (info[4][at : at + 8] for at in range(4, len(info[4]) - 8))
+        focal = next(d for d in doubles if abs(struct.unpack("<d", d)[0] - 288.6) < 0.1)
+        floods = {"are nan": [float("nan")] * 100_000, "differ": [288.6 + 1e-6 * i for i in range(100_000)]}
+        for name, values in floods.items():
+            self.bag(self.sound + [info[:4] + (info[4].replace(focal, struct.pack("<d", v), 1),) for v in values])
+            self.ends(f"100,000 camera_infos that {name}", "inspect", folder, codes=(0, 1, 3))
         string = ("std_msgs/msg/String", b"string data")
         flood = [(f"/t{i}", *string, info[3] + i, b"\0\1\0\0\2\0\0\0a\0\0\0") for i in range(20_000)]
         self.bag(self.sound + flood)
@@ -184,6 +188,9 @@ class Costly:
         folder.mkdir(parents=True)
         (folder / "t.urdf").write_text(content)
         self.ends(f"check: {name}", "check", folder, codes=codes)
+        out = self.work / "costly_diagnosis"
+        shutil.rmtree(out, ignore_errors=True)
+        self.ends(f"diagnose: {name}", "diagnose", folder / "t.urdf", self.log, "--out", out, codes=(0, 1, 3))
 
     def files(self):
         shape = '<visual><geometry><mesh filename="z.obj"/></geometry></visual>'

@@ -30,6 +30,10 @@ def message(of_channel, sequence, nanos, data):
     return record(5, struct.pack("<HIQQ", of_channel, sequence, nanos, nanos) + data)
 
 
+def chunk(records):
+    return record(6, bytes(16) + struct.pack("<Q", len(records)) + bytes(4) + text("") + struct.pack("<Q", len(records)) + records)
+
+
 def end():
     return record(15, struct.pack("<I", 0)) + record(2, struct.pack("<QQI", 0, 0, 0)) + MAGIC
 
