@@ -48,11 +48,13 @@ impl JointEstimate {
         self.evidence.covariance = kept * before * kept.transpose() + gain * noise * gain.transpose();
         for k in 0..self.positions.len() {
             let slopes = self.slopes(k, k == farthest, &parents[k].state1_from_state0);
-            let Ok(back) = slopes.clone().pseudo_inverse(1e-9) else { continue };
+            let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
             let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
             let added = &slopes * gain * noise * gain.transpose() * slopes.transpose();
-            let covariance = &kept * self.covariances[k] * kept.transpose() + added;
-            self.covariances[k] = Matrix6::from_fn(|r, c| covariance[(r, c)]);
+            // What the parent's motion adds is not the axis's to lessen.
+            let parent = parents[k].covariance;
+            let covariance = &kept * (self.covariances[k] - parent) * kept.transpose() + added;
+            self.covariances[k] = parent + Matrix6::from_fn(|r, c| covariance[(r, c)]);
         }
         self.axis = Unit::new_normalize(self.axis.into_inner() + step.fixed_rows::<3>(0));
         self.point += step.fixed_rows::<3>(3);
