@@ -12,7 +12,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use artitwin::io::ros2msg::{CompressedImage, Image, TfMessage, decode, encode};
+use artitwin::io::{
+    Place, ResultKind, RunDir,
+    ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
+};
 use common::{BagWriter, START, TempDir};
 use program::{Ended, Message, drawer, end, reconstruct, rewrite, shipped};
 
