@@ -52,6 +52,13 @@ fn diagnose(folder: &TempDir, out: &Path, options: &[&str]) -> Command {
     command
 }
 
+/// Runs a command that must give a result, degraded or not.
+fn done(command: &mut Command) -> Ended {
+    let ended = end(command);
+    assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+    ended
+}
+
 /// Everything below a folder: the bytes of files, where links lead.
 fn snapshot(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = BTreeMap::new();
@@ -75,7 +82,11 @@ fn copy(from: &Path, to: &Path) {
     for entry in fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
         let place = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() { copy(&entry.path(), &place) } else { drop(fs::copy(entry.path(), place).unwrap()) }
+        if entry.file_type().unwrap().is_dir() {
+            copy(&entry.path(), &place);
+        } else {
+            fs::copy(entry.path(), place).unwrap();
+        }
     }
 }
 
@@ -84,8 +95,7 @@ fn twin(folder: &TempDir) -> PathBuf {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let made = MADE.get_or_init(|| {
         let made = TempDir::new("outputs-twin");
-        let ended = end(&mut reconstruct(&shipped("drawer"), &made.0, &[]));
-        assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+        done(&mut reconstruct(&shipped("drawer"), &made.0, &[]));
         made
     });
     let twin = folder.join("runs/drawer");
@@ -150,8 +160,7 @@ fn notes_and_edits_survive_a_second_reconstruction() {
     refused(&mut reconstruct(&shipped("drawer"), &runs, &[]), &folder.0, &told);
 
     let before = snapshot(&twin);
-    let forced = end(&mut reconstruct(&shipped("drawer"), &runs, &["--force"]));
-    assert!([0, 3].contains(&forced.code), "{}", forced.stderr);
+    let forced = done(&mut reconstruct(&shipped("drawer"), &runs, &["--force"]));
     let moved = format!("what stood at {0} was moved to {0}.bak", twin.display());
     assert!(forced.stderr.lines().any(|l| l == moved), "{}", forced.stderr);
     assert_eq!(names(&runs), ["drawer", "drawer.bak"]);
@@ -159,8 +168,7 @@ fn notes_and_edits_survive_a_second_reconstruction() {
     assert!(before.values().eq(after.values()), "the copy differs");
 
     // What nobody changed is replaced, by force too, without a copy.
-    let again = end(&mut reconstruct(&shipped("drawer"), &runs, &["--force"]));
-    assert!([0, 3].contains(&again.code), "{}", again.stderr);
+    let again = done(&mut reconstruct(&shipped("drawer"), &runs, &["--force"]));
     assert_eq!(names(&runs), ["drawer", "drawer.bak"]);
     assert!(!again.stderr.contains("was moved to"), "{}", again.stderr);
 }
@@ -169,8 +177,8 @@ fn notes_and_edits_survive_a_second_reconstruction() {
 fn the_manifest_names_every_file_with_its_digest() {
     let folder = TempDir::new("outputs-manifest");
     let (twin, object, diagnosis) = (twin(&folder), folder.join("made/object"), folder.join("found"));
-    assert_eq!(end(&mut synth(&folder.join("made"), &["--name", "object"])).code, 0);
-    assert_eq!(end(&mut diagnose(&folder, &diagnosis, &[])).code, 0);
+    done(&mut synth(&folder.join("made"), &["--name", "object"]));
+    done(&mut diagnose(&folder, &diagnosis, &[]));
     for (result, command) in [(&twin, "reconstruct"), (&object, "synth"), (&diagnosis, "diagnose")] {
         let manifest: serde_json::Value = serde_json::from_slice(&fs::read(result.join("manifest.json")).unwrap()).unwrap();
         assert_eq!((&manifest["command"], &manifest["artitwin"]), (&command.into(), &env!("CARGO_PKG_VERSION").into()));
@@ -184,8 +192,8 @@ fn the_manifest_names_every_file_with_its_digest() {
         assert_eq!(String::from_utf8(output.stdout).unwrap(), expected);
     }
     // All three replace what they wrote.
-    assert_eq!(end(&mut synth(&folder.join("made"), &["--name", "object", "--plain"])).code, 0);
-    assert_eq!(end(&mut diagnose(&folder, &diagnosis, &[])).code, 0);
+    done(&mut synth(&folder.join("made"), &["--name", "object", "--plain"]));
+    done(&mut diagnose(&folder, &diagnosis, &[]));
     assert_eq!(names(&folder.join("made")), ["object"]);
 }
 
@@ -193,18 +201,19 @@ fn the_manifest_names_every_file_with_its_digest() {
 fn out_and_name_mean_the_same_for_all_commands() {
     let help = |verb: &str| {
         let text = end(artitwin().args([verb, "--help"])).stdout;
-        let start = text.find("Output:\n").expect("a heading");
-        text[start..].split("\n\n  ").take(4).map(str::to_owned).collect::<Vec<_>>()
+        let (_, text) = text.split_once("\nOutput:\n").expect("a heading");
+        let text = text.split("\nConfiguration").next().unwrap();
+        text.split_whitespace().collect::<Vec<_>>().join(" ")
     };
     let said = help("reconstruct");
-    assert!(said.iter().any(|p| p.contains("--out <DIR>")) && said.iter().any(|p| p.contains("--name <NAME>")), "{said:?}");
-    for verb in ["diagnose", "synth"] {
-        assert_eq!(help(verb)[..3], said[..3], "{verb}");
+    for option in ["--out <DIR> Folder that gets the result", "--name <NAME>", "--force"] {
+        assert!(said.contains(option), "{option} is not in {said}");
     }
+    assert_eq!([help("diagnose"), help("synth")], [said.clone(), said]);
     let folder = TempDir::new("outputs-name");
     let out = folder.join("all");
-    assert_eq!(end(&mut synth(&out, &["--name", "object"])).code, 0);
-    assert_eq!(end(&mut diagnose(&folder, &out, &["--name", "gap"])).code, 0);
+    done(&mut synth(&out, &["--name", "object"]));
+    done(&mut diagnose(&folder, &out, &["--name", "gap"]));
     assert_eq!(names(&out), ["gap", "object"]);
     assert!(out.join("gap/report.json").is_file() && out.join("object/state0/metadata.yaml").is_file());
     let wrong = end(&mut synth(&out, &["--name", "../x"]));
@@ -223,15 +232,18 @@ fn a_result_never_takes_the_place_of_an_input() {
     let config = folder.join("files/drawer/mine.yaml");
     let checkpoint = folder.join(".artitwin-box.checkpoint");
     symlink(&bags, &checkpoint).unwrap();
-    let cases: [(&Path, PathBuf, Vec<&str>); 7] = [
+    let (linked, state) = (folder.join("link/drawer"), bag.join("state0"));
+    let mut cases: Vec<(&Path, PathBuf, Vec<&str>)> = vec![
         (&bag, bags.clone(), vec![]),
         (&bag, folder.join("link"), vec![]),
         (&bag, folder.0.clone(), vec!["--name", "bags"]),
-        (&folder.join("link/drawer"), folder.0.clone(), vec!["--name", "link"]),
+        (&linked, folder.0.clone(), vec!["--name", "link"]),
         (&bag, folder.join("files"), vec!["--config", config.to_str().unwrap()]),
-        (&bag, folder.join("files"), vec!["--matcher", config.to_str().unwrap()]),
-        (&bag.join("state0"), bags.clone(), vec!["--name", "drawer"]),
+        (&state, bags.clone(), vec!["--name", "drawer"]),
     ];
+    if cfg!(feature = "onnx") {
+        cases.push((&bag, folder.join("files"), vec!["--matcher", config.to_str().unwrap()]));
+    }
     for (source, out, options) in cases {
         let options = [&options[..], &["--force"]].concat();
         refused(&mut reconstruct(source, &out, &options), &folder.0, &["is or holds the input"]);
@@ -283,6 +295,30 @@ fn record_overwrites_nothing() {
         command.arg("record").arg(folder.join(name)).env("ROS_DOMAIN_ID", "88");
         refused(&mut command, &folder.0, &["is there already; give another folder or move it away"]);
     }
+}
+
+#[test]
+fn a_diagnosis_by_frames_and_motion_is_one_result() {
+    let folder = TempDir::new("outputs-frames");
+    let (made, out) = (folder.join("made"), folder.join("found"));
+    done(&mut synth(&made, &["--family", "clamshell", "--parts", "2", "--states", "3", "--views", "6"]));
+    let (_, runs) = doors::write(&folder, 2, 4.0);
+    let urdf = made.join("truth/twin.urdf");
+    let text = fs::read_to_string(&urdf).unwrap();
+    let (start, _) = text.match_indices("<joint name=\"").next().unwrap();
+    let name = text[start + 13..].split('"').next().unwrap();
+    fs::write(&urdf, text.replace(&format!("\"{name}\""), "\"left_hinge\"")).unwrap();
+    let mut command = artitwin();
+    command.arg("diagnose").arg(&urdf).args(&runs).arg("--frames").arg(made.join("state2")).arg("--out").arg(&out);
+    done(&mut command);
+    assert_eq!(names(&out), ["manifest.json", "motion", "report.html", "report.json", "twin.urdf"]);
+    assert_eq!(names(&out.join("motion")), ["replay.json", "report.html", "report.json", "twin.urdf", "twin.xml"]);
+    // It replaces what it wrote; not what it reads, the recording of the frames among it.
+    done(&mut command);
+    assert_eq!(names(&folder.0).iter().filter(|n| n.starts_with(['.', 'f'])).count(), 1);
+    let mut command = artitwin();
+    command.arg("diagnose").arg(&urdf).arg("--frames").arg(made.join("state2")).arg("--force");
+    refused(command.arg("--out").arg(made.join("state2")), &folder.0, &["is or holds the input"]);
 }
 
 /// Runs a command with standard output on a device that is full.

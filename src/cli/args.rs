@@ -178,9 +178,6 @@ pub struct DiagnoseArgs {
     /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
     #[arg(long, value_name = "MM", default_value_t = 0.3)]
     pub accuracy: f64,
-    /// Where the result goes.
-    #[command(flatten)]
-    pub output: OutputArgs,
     /// Run that only the proof reads; may be repeated; default: every third, at least the last
     #[arg(long, value_name = "RUN")]
     pub held_out: Vec<PathBuf>,
@@ -204,14 +201,14 @@ pub struct DiagnoseArgs {
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 /// Options of `synth`.
 #[derive(Args, Clone, Debug)]
 pub struct SynthArgs {
-    /// Where the result goes.
-    #[command(flatten)]
-    pub output: OutputArgs,
     /// Seed of every random choice
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().seed)]
     pub seed: u64,
@@ -254,6 +251,9 @@ pub struct SynthArgs {
     /// Height of the images, pixels
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().height)]
     pub height: usize,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 fn topic_of_link(text: &str) -> Result<(String, String), String> {
@@ -281,9 +281,6 @@ pub struct ReconstructArgs {
     /// Every BAG is an object of its own; reconstruct N of them at a time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64), conflicts_with = "name")]
     pub jobs: Option<u8>,
-    /// Where the result goes.
-    #[command(flatten)]
-    pub output: OutputArgs,
     /// Number of rigid parts, the static one included; default: found by evidence
     #[arg(long, value_name = "N")]
     pub parts: Option<usize>,
@@ -324,6 +321,9 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
     /// Layers of configuration.
     #[command(flatten)]
     pub settings: SettingArgs,

@@ -159,6 +159,26 @@ mod tests {
     use approx::assert_relative_eq;
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 
+    #[test]
+    fn everything_that_a_run_reads_is_kept_from_its_result() {
+        let mut config = Config::default();
+        config.matching.onnx = Some("matcher.onnx".into());
+        let request = ReconstructRequest {
+            sources: vec!["state0".into(), "state1".into()],
+            out: "runs".into(),
+            name: None,
+            config,
+            origins: Origins::default(),
+            resume: false,
+            force: true,
+            kept: vec!["mine.yaml".into()],
+        };
+        let (place, rejected) = (request.place("box"), request.rejected_place("box"));
+        assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));
+        assert_eq!((place.target().unwrap(), rejected.target().unwrap()), ("runs/box".into(), "runs/box_rejected".into()));
+        assert!(place.force && rejected.force && rejected.inputs == place.inputs);
+    }
+
     fn link(name: &str) -> model::Link {
         let inertial = model::Inertial {
             mass_kg: 1.0,
