@@ -6,7 +6,7 @@ use crate::config::Config;
 const RECONSTRUCTION: u64 = 2 << 20;
 /// Bytes of a number in a checkpoint, and the numbers that it holds for a parameter: itself and two moments of the optimizer.
 const PARAMETER: u64 = 4 * 3;
-/// Bytes of a diagnosis beside its copies of the twin. Measured: 50 kB for one joint of one run.
+/// Bytes of a diagnosis beside its copy of the twin. Derived: four files at least, in blocks of 4 KiB.
 const DIAGNOSIS: u64 = 16 << 10;
 
 /// Bytes of the result folder and the checkpoint of a run on so many states.
@@ -20,7 +20,7 @@ fn field(config: &Config) -> u64 {
     1u64.checked_shl(config.train.field.log2_table_size as u32).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
 }
 
-/// Bytes of the diagnosis of a twin whose URDF is `text`: it holds that, updated, and the same as MJCF.
+/// Bytes of the diagnosis of a twin whose URDF is `text`, which it holds again, updated.
 pub(super) fn least_diagnosis(text: &str) -> u64 {
     DIAGNOSIS + text.len() as u64
 }
