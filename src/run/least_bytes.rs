@@ -17,7 +17,7 @@ pub(super) fn least_reconstruction(states: usize, config: &Config) -> u64 {
 
 /// Bytes that the checkpoint of one field holds: those of its finest table.
 fn field(config: &Config) -> u64 {
-    1u64.checked_shl(config.train.field.log2_table_size as u32).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
+    1u64.checked_shl(config.train.field.log2_table_size).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
 }
 
 /// Bytes of the diagnosis of a twin whose URDF is `text`, which it holds again, updated.
