@@ -92,10 +92,11 @@ fn copy(from: &Path, to: &Path) {
 
 /// The twin of `bags/drawer`, reconstructed once, in `folder/runs/drawer`.
 fn twin(folder: &TempDir) -> PathBuf {
-    static MADE: OnceLock<TempDir> = OnceLock::new();
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
     let made = MADE.get_or_init(|| {
-        let made = TempDir::new("outputs-twin");
-        done(&mut reconstruct(&shipped("drawer"), &made.0, &[]));
+        let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join("outputs-twin");
+        fs::remove_dir_all(&made).ok();
+        done(&mut reconstruct(&shipped("drawer"), &made, &[]));
         made
     });
     let twin = folder.join("runs/drawer");
