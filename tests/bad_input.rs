@@ -12,7 +12,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use artitwin::io::ros2msg::{CompressedImage, Image, TfMessage, decode, encode};
+use artitwin::io::{
+    Place, ResultKind, RunDir,
+    ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
+};
 use common::{BagWriter, START, TempDir};
 use program::{Ended, Message, drawer, end, reconstruct, rewrite, shipped};
 
@@ -359,15 +362,19 @@ fn what_stands_under_the_final_name_is_never_harmed() {
     std::fs::write(&mine, "mine").unwrap();
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &out, &["--parts", "2"]));
     assert_eq!(ended.code, 1, "{}", ended.stderr);
-    says(&ended, &["runs/drawer exists and is no earlier result", "choose another --out or move it away"]);
+    says(&ended, &["runs/drawer is left as it is: it holds notes.txt, and no manifest.json", "give another --out or --name, or --force"]);
     assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     assert_eq!(std::fs::read_to_string(&mine).unwrap(), "mine");
+    std::fs::remove_dir_all(out.join("drawer")).unwrap();
 
-    // With a report it is an earlier result, which a run that fails leaves as it was.
-    std::fs::write(out.join("drawer/report.json"), "{}").unwrap();
+    // An earlier result may be replaced, but a run that fails leaves it as it was.
+    let run = RunDir::open(&Place::named(&out, "drawer"), ResultKind::Reconstruct).unwrap();
+    run.put("report.json", b"{}").unwrap();
+    run.commit().unwrap();
     let bag = drawer(&folder, |_, m| !m.topic.contains("depth"));
     let ended = end(&mut reconstruct(&[&bag], &out, &["--parts", "2"]));
     assert_eq!(ended.code, 1, "{}", ended.stderr);
+    assert!(ended.stderr.contains(BEGUN), "{}", ended.stderr);
     assert_eq!(std::fs::read_to_string(out.join("drawer/report.json")).unwrap(), "{}");
     let names: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(names, ["drawer"]);

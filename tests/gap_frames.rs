@@ -13,7 +13,7 @@ use std::{
 use artitwin::{
     gap::camera::twin::twist_motion,
     geometry::Pose,
-    io::{write_synth_bag, write_true_twin},
+    io::{Place, write_synth_bag, write_true_twin},
     synth::{Family, Object, PartJointKind, SynthConfig, SynthState, film, further_states, generate},
 };
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -67,7 +67,7 @@ fn diagnose(hidden: Hidden, seed: u64) -> (String, Value, Vec<(&'static str, f64
     let family = if hidden == Hidden::Screw { Some(Family::CappedBox) } else { None };
     let config = SynthConfig { seed, parts: Some(2), family, width: 320, height: 240, views: 12, ..SynthConfig::default() };
     let (object, config) = usable(&config, hidden);
-    write_true_twin(&temp.0.join("twin"), &object).unwrap();
+    write_true_twin(&Place::at(temp.0.join("twin")), &object).unwrap();
     let urdf = temp.0.join("twin/truth/twin.urdf");
     hide_in_twin(hidden, &object, &urdf);
     let (summary, report) = film_and_diagnose(&temp.0, &urdf, hidden, &object, &config);

@@ -80,6 +80,23 @@ pub struct SettingArgs {
     pub set: Vec<String>,
 }
 
+/// Where a command puts its result.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+pub struct OutputArgs {
+    /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote there is replaced if
+    /// nobody changed it since; anything else is refused
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct` takes the
+    /// recording's, `diagnose` and `synth` put the result into DIR itself
+    #[arg(long, value_name = "NAME", value_parser = name)]
+    pub name: Option<String>,
+    /// Move what must not be replaced to NAME.bak instead of refusing; an input is never moved
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
 pub struct InspectArgs {
@@ -161,9 +178,6 @@ pub struct DiagnoseArgs {
     /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
     #[arg(long, value_name = "MM", default_value_t = 0.3)]
     pub accuracy: f64,
-    /// Folder of the result
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
     /// Run that only the proof reads; may be repeated; default: every third, at least the last
     #[arg(long, value_name = "RUN")]
     pub held_out: Vec<PathBuf>,
@@ -187,14 +201,14 @@ pub struct DiagnoseArgs {
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 /// Options of `synth`.
 #[derive(Args, Clone, Debug)]
 pub struct SynthArgs {
-    /// Folder of the result; it must not exist, or be empty
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
     /// Seed of every random choice
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().seed)]
     pub seed: u64,
@@ -237,6 +251,9 @@ pub struct SynthArgs {
     /// Height of the images, pixels
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().height)]
     pub height: usize,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 fn topic_of_link(text: &str) -> Result<(String, String), String> {
@@ -264,12 +281,6 @@ pub struct ReconstructArgs {
     /// Every BAG is an object of its own; reconstruct N of them at a time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64), conflicts_with = "name")]
     pub jobs: Option<u8>,
-    /// Folder that gets the run folder
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Name of the twin and of its folder; a letter, then letters, digits and _
-    #[arg(long, value_parser = name)]
-    pub name: Option<String>,
     /// Number of rigid parts, the static one included; default: found by evidence
     #[arg(long, value_name = "N")]
     pub parts: Option<usize>,
@@ -310,6 +321,9 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
     /// Layers of configuration.
     #[command(flatten)]
     pub settings: SettingArgs,

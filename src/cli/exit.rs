@@ -76,8 +76,11 @@ pub enum CliError {
     #[error(transparent)]
     Node(#[from] crate::node::NodeError),
     /// Standard output could not be written.
-    #[error("cannot write the result")]
+    #[error("cannot write to standard output; files that the command wrote are in their place")]
     Output(#[source] std::io::Error),
+    /// Events could not be written to standard output, which stopped the run.
+    #[error("cannot write events to standard output; the run was stopped, unless it was done")]
+    Events(#[source] std::io::Error),
 }
 
 impl CliError {

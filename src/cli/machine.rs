@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path, thread};
 
+use crate::io::free_bytes;
+
 /// What a run needs to know of the machine; `None`: the system does not tell.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Machine {
@@ -31,7 +33,7 @@ impl Machine {
             threads: thread::available_parallelism().ok().map(Into::into),
             memory_total: kibibytes(&memory, "MemTotal"),
             memory_available: kibibytes(&memory, "MemAvailable"),
-            disk_free: disk_free(Path::new(".")),
+            disk_free: free_bytes(Path::new(".")),
         }
     }
 }
@@ -59,19 +61,6 @@ fn vector_instructions() -> Vec<&'static str> {
 #[cfg(not(target_arch = "x86_64"))]
 fn vector_instructions() -> Vec<&'static str> {
     if cfg!(target_arch = "aarch64") { vec!["neon"] } else { Vec::new() }
-}
-
-#[cfg(unix)]
-fn disk_free(folder: &Path) -> Option<u64> {
-    let disk = nix::sys::statvfs::statvfs(folder).ok()?;
-    // The types of the two factors differ between systems.
-    #[allow(clippy::useless_conversion, clippy::unnecessary_cast, reason = "the types of the factors differ between systems")]
-    Some((disk.blocks_available() as u64).saturating_mul(disk.fragment_size() as u64))
-}
-
-#[cfg(not(unix))]
-fn disk_free(_: &Path) -> Option<u64> {
-    None
 }
 
 #[cfg(test)]

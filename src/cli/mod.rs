@@ -35,19 +35,24 @@ pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            // Help and version are results; only a broken pipe can stop them.
-            error.print().ok();
-            return if error.use_stderr() { Exit::Usage } else { Exit::Done }.into();
+            if error.use_stderr() {
+                error.print().ok();
+                return Exit::Usage.into();
+            }
+            // Help and version are results.
+            return ended(written(error.print()).map(|()| Exit::Done));
         }
     };
-    match run(cli.command) {
-        Ok(exit) => exit.into(),
-        Err(error) => {
-            let exit = error.exit();
-            tell(&format!("error: {}", error.chain()));
-            exit.into()
-        }
-    }
+    ended(run(cli.command))
+}
+
+/// The exit code; an error is told.
+fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
+    let exit = outcome.unwrap_or_else(|error| {
+        tell(&format!("error: {}", error.chain()));
+        error.exit()
+    });
+    exit.into()
 }
 
 fn run(command: Command) -> Result<Exit, CliError> {
@@ -69,7 +74,12 @@ fn run(command: Command) -> Result<Exit, CliError> {
 
 /// Writes a result. A reader that went away is not an error.
 fn print(text: &str) -> Result<(), CliError> {
-    match io::stdout().write_all(text.as_bytes()) {
+    written(io::stdout().write_all(text.as_bytes()))
+}
+
+/// What became of writing to standard output, all the way: what is left in the buffer is written too.
+fn written(outcome: io::Result<()>) -> Result<(), CliError> {
+    match outcome.and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
         _ => Ok(()),
     }

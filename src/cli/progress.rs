@@ -24,32 +24,40 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 /// A thread that shows events until [`Self::finish`].
 pub struct Progress {
     done: Arc<AtomicBool>,
-    thread: JoinHandle<()>,
+    thread: JoinHandle<io::Result<()>>,
 }
 
 impl Progress {
-    /// Starts listening: `json` to stdout, else bars or lines to stderr.
-    pub fn start(json: bool) -> (Self, Sender<Event>) {
+    /// Starts listening: `json` to stdout, else bars or lines to stderr. JSON that cannot be written sets `stop`: events are what
+    /// such a run is for, and it ends at its next step.
+    pub fn start(json: bool, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&done);
         let thread = thread::spawn(move || {
             if json {
-                listen(&receiver, &ended, &mut JsonLines(io::stdout()));
-            } else if io::stderr().is_terminal() {
+                let mut lines = JsonLines { out: io::stdout(), outcome: Ok(()), stop };
+                listen(&receiver, &ended, &mut lines);
+                return lines.outcome;
+            }
+            if io::stderr().is_terminal() {
                 listen(&receiver, &ended, &mut Bars::default());
             } else {
                 listen(&receiver, &ended, &mut Lines::new(io::stderr()));
             }
+            Ok(())
         });
         (Self { done, thread }, sender)
     }
 
     /// Shows what was sent so far and ends, though senders may be left.
-    pub fn finish(self) {
+    ///
+    /// # Errors
+    /// If JSON could not be written, for another reason than that its reader went away.
+    pub fn finish(self) -> io::Result<()> {
         self.done.store(true, Ordering::Release);
         // A panic of the listener was printed by itself and must not hide the run's own outcome.
-        self.thread.join().ok();
+        self.thread.join().unwrap_or(Ok(()))
     }
 }
 
@@ -73,13 +81,24 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
 }
 
 /// One JSON object a line.
-struct JsonLines<W>(W);
+struct JsonLines<W> {
+    out: W,
+    /// The first line that could not be written.
+    outcome: io::Result<()>,
+    stop: Arc<AtomicBool>,
+}
 
 impl<W: Write> Listener for JsonLines<W> {
     fn tell(&mut self, event: &Event, _: Duration) {
+        if self.outcome.is_err() {
+            return;
+        }
+        let written = serde_json::to_string(event).map_err(io::Error::from);
+        let written = written.and_then(|line| writeln!(self.out, "{line}").and_then(|()| self.out.flush()));
         // Once the reader went away nobody is left to tell; the run goes on.
-        if let Ok(line) = serde_json::to_string(event) {
-            writeln!(self.0, "{line}").and_then(|()| self.0.flush()).ok();
+        if let Err(error) = written.or_else(|e| if e.kind() == io::ErrorKind::BrokenPipe { Ok(()) } else { Err(e) }) {
+            self.stop.store(true, Ordering::Relaxed);
+            self.outcome = Err(error);
         }
     }
 }
@@ -273,11 +292,38 @@ mod tests {
         assert_eq!(String::from_utf8(lines.out).unwrap(), expected);
     }
 
+    fn json<W>(out: W) -> JsonLines<W> {
+        JsonLines { out, outcome: Ok(()), stop: Arc::default() }
+    }
+
+    /// Takes nothing.
+    struct Refuses(io::ErrorKind);
+
+    impl Write for Refuses {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(self.0.into())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn json_that_cannot_be_written_stops_the_run_but_for_a_reader_that_went_away() {
+        for (kind, stops) in [(io::ErrorKind::StorageFull, true), (io::ErrorKind::BrokenPipe, false)] {
+            let mut json = json(Refuses(kind));
+            shown(&mut json);
+            assert_eq!((json.outcome.is_err(), json.stop.load(Ordering::Relaxed)), (stops, stops), "{kind}");
+        }
+    }
+
     #[test]
     fn json_is_one_object_a_line_with_a_tag() {
-        let mut json = JsonLines(Vec::new());
+        let mut json = json(Vec::new());
         shown(&mut json);
-        let text = String::from_utf8(json.0).unwrap();
+        assert!(json.outcome.is_ok() && !json.stop.load(Ordering::Relaxed));
+        let text = String::from_utf8(json.out).unwrap();
         let parsed: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
         assert_eq!(parsed.len(), events().len());
         assert_eq!(parsed[0], serde_json::json!({"event": "stage_started", "stage": "field/state0", "steps": 100}));
@@ -296,8 +342,8 @@ mod tests {
 
     #[test]
     fn the_listener_ends_though_a_sender_is_left() {
-        let (progress, sender) = Progress::start(false);
-        progress.finish();
+        let (progress, sender) = Progress::start(false, Arc::default());
+        progress.finish().unwrap();
         sender.send(Event::Note { message: String::new() }).ok();
     }
 

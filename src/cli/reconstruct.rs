@@ -20,14 +20,16 @@ use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
 /// # Errors
-/// If the configuration is wrong, or a run fails or is stopped. Of several objects those that succeeded are there.
+/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops it too. Of several
+/// objects those that succeeded are there.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
-    let (progress, events) = Progress::start(args.json);
-    let outcomes = reconstruct(args, &events);
+    let stop = Arc::new(AtomicBool::new(false));
+    let (progress, events) = Progress::start(args.json, Arc::clone(&stop));
+    let outcomes = reconstruct(args, &events, &stop);
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
     }
-    progress.finish();
+    progress.finish().map_err(CliError::Events)?;
     let outcomes = outcomes?;
     let total = outcomes.len();
     let (done, failed): (Vec<_>, Vec<_>) = outcomes.into_iter().partition(Result::is_ok);
@@ -49,17 +51,21 @@ pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
 }
 
 /// The outcome of every object.
-fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
+fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>, stop: &Arc<AtomicBool>) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
     let resolved = args.resolve()?;
     let request = |sources: Vec<PathBuf>| ReconstructRequest {
         sources,
-        out: args.out.clone(),
-        name: args.name.clone(),
+        out: args.output.out.clone(),
+        name: args.output.name.clone(),
         config: resolved.config.clone(),
         origins: resolved.origins.clone(),
         resume: args.resume,
+        force: args.output.force,
+        // Of other objects too.
+        kept: args.bags.iter().chain(&args.settings.config).cloned().collect(),
     };
-    let monitor = Monitor::new(events.clone(), stop_on_request(events.clone())?);
+    stop_on_request(events.clone(), Arc::clone(stop))?;
+    let monitor = Monitor::new(events.clone(), Arc::clone(stop));
     let Some(jobs) = args.jobs else {
         if args.bags.len() > 1 && (!args.split.is_empty() || args.marker_topic.is_some()) {
             return Err(CliError::Usage(
@@ -72,15 +78,13 @@ fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>) -> Result<Vec<Res
     Ok(run::reconstruct_all(&requests, usize::from(jobs), &monitor)?)
 }
 
-/// A flag that the first Ctrl-C (or SIGTERM) sets; the second ends the process.
-fn stop_on_request(events: Sender<Event>) -> Result<Arc<AtomicBool>, CliError> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = Arc::clone(&stop);
+/// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
+fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
     ctrlc::set_handler(move || {
-        if asked.swap(true, Ordering::Relaxed) {
+        if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(Exit::Cancelled as i32);
         }
         events.send(Event::Note { message: "stopping after this step; ask again to stop at once".to_owned() }).ok();
     })?;
-    Ok(stop)
+    Ok(())
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    args::SynthArgs,
+    args::{OutputArgs, SynthArgs},
     exit::{CliError, Exit},
 };
 use crate::{
@@ -31,8 +31,10 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         width: args.width,
         height: args.height,
     };
-    let (folder, object) = io::write_synth(&args.out, &config)?;
-    let mut text = format!("{}: {} of {} parts\n", folder.display(), object.family, object.parts.len());
+    let OutputArgs { out, name, force } = args.output.clone();
+    let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;
+    committed.note().into_iter().for_each(|note| super::tell(&note));
+    let mut text = format!("{}: {} of {} parts\n", committed.folder.display(), object.family, object.parts.len());
     for part in &object.parts {
         // Writing to a String cannot fail.
         match &part.joint {

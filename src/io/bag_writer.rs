@@ -80,14 +80,17 @@ impl BagWriter {
     /// # Errors
     /// If the folder is there already or cannot be made.
     pub fn create(folder: &Path) -> Result<Self, BagWriteError> {
-        if folder.exists() {
-            return Err(BagWriteError::Exists(folder.to_owned()));
-        }
         let io = |path: &Path| {
             let path = path.to_owned();
             move |source| BagWriteError::Io { path, source }
         };
-        fs::create_dir_all(folder).map_err(io(folder))?;
+        if let Some(above) = folder.parent() {
+            fs::create_dir_all(above).map_err(io(above))?;
+        }
+        fs::create_dir(folder).map_err(|source| match source.kind() {
+            std::io::ErrorKind::AlreadyExists => BagWriteError::Exists(folder.to_owned()),
+            _ => BagWriteError::Io { path: folder.to_owned(), source },
+        })?;
         let name = format!("{}_0.mcap", folder.file_name().unwrap_or_default().to_string_lossy());
         let file = folder.join(&name);
         let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
@@ -157,6 +160,7 @@ impl BagWriter {
         let inner = BTreeMap::from([("serialized_metadata".to_owned(), self.facts.body(0))]);
         self.writer.write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner }).map_err(mcap)?;
         self.writer.finish().map_err(mcap)?;
+        self.writer.into_inner().flush().map_err(|source| BagWriteError::Io { path: self.file.clone(), source })?;
         let path = self.folder.join("metadata.yaml");
         let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
         let temporary = self.folder.join(".metadata.yaml.part");

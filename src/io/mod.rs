@@ -1,28 +1,36 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 
+mod disk;
 mod frame_run;
 mod gap_report;
 mod joint_log;
+mod manifest;
 mod mesh_files;
 mod model_folder;
 mod npy;
+mod place;
 mod ply;
 mod run_dir;
 mod run_summary;
 mod seen_twin;
+#[cfg(test)]
+mod temp;
 mod twin_file;
 mod urdf;
 
+pub use disk::free_bytes;
 pub use frame_run::read_frame_run;
 pub use gap_report::read_gap_report;
 pub use joint_log::read_joint_log;
+pub use manifest::ResultKind;
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyArray, NpyError, read_npy};
-pub use run_dir::{RunDir, RunDirError};
+pub use place::Place;
+pub use run_dir::{Committed, RunDir, RunDirError};
 pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
 pub use seen_twin::read_seen_twin;
-pub use twin_file::{read_twin, twin_of};
+pub use twin_file::{read_twin, twin_files, twin_of};
 pub use urdf::{UrdfError, read_urdf};
 pub mod image_codec;
 pub mod ros2msg;

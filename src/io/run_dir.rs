@@ -1,27 +1,50 @@
-//! A run's output folder that appears under its name only when it is whole.
+//! A result folder that appears under its name only when it is whole.
 
 use std::{
+    ffi::{OsStr, OsString},
     fs, io,
     path::{Component, Path, PathBuf},
 };
 
-use crate::model::is_plain_name;
+use super::{
+    Place,
+    manifest::{Manifest, ResultKind},
+    place::{Standing, taken},
+};
 
 /// Longest relative path, bytes.
 const MAX_PATH: usize = 240;
+/// Names that are tried for a folder beside the result, at most.
+const MAX_TRIES: usize = 1000;
 
-/// Why a run folder could not be written.
+/// Why a result folder could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The name cannot be a folder's name.
     #[error("'{0}' cannot name an output folder: use letters, digits and _, beginning with a letter")]
     Name(String),
+    /// The path does not end in a name.
+    #[error("'{}' cannot be the result's folder: give a path that ends in a name, or add --name", .0.display())]
+    NoName(PathBuf),
     /// A path leads out of the folder or cannot be a file name.
     #[error("'{0}' is no path inside the output folder")]
     Path(String),
-    /// A folder of that name holds something else.
-    #[error("{0} exists and is no earlier result (it has no report.json): choose another --out or move it away")]
-    NotARun(PathBuf),
+    /// Something stands there that the command did not write, or that was changed since.
+    #[error("{} is left as it is: {why}; give another --out or --name, or --force, which moves it to {}", path.display(), backup(path, 0).display())]
+    Taken {
+        /// Where the result should go.
+        path: PathBuf,
+        /// What stands there.
+        why: String,
+    },
+    /// The result would take the place of what the command reads.
+    #[error("the result cannot go to {}, which is or holds the input {}; give another --out or --name", folder.display(), input.display())]
+    HoldsInput {
+        /// Where the result should go.
+        folder: PathBuf,
+        /// An input, as it was given.
+        input: PathBuf,
+    },
     /// Nothing can be written there.
     #[error("cannot write into {}; choose another --out or make it writable", folder.display())]
     Unwritable {
@@ -29,6 +52,16 @@ pub enum RunDirError {
         folder: PathBuf,
         /// What the system said.
         source: io::Error,
+    },
+    /// The disk is too full.
+    #[error("the disk of {} has {free} bytes free, and {least_bytes} at least are needed; make room or give another --out", folder.display())]
+    Full {
+        /// The folder, or the nearest one above it that is there.
+        folder: PathBuf,
+        /// What the command writes at least.
+        least_bytes: u64,
+        /// What is free.
+        free: u64,
     },
     /// The disk refused.
     #[error("cannot {what} {path}: {source}")]
@@ -45,58 +78,48 @@ pub enum RunDirError {
 /// A folder being written beside its final place. Dropped before [`RunDir::commit`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct RunDir {
+    place: Place,
+    kind: ResultKind,
     partial: PathBuf,
     target: PathBuf,
+    /// Folders that were made for it, the deepest first.
+    made: Vec<PathBuf>,
     committed: bool,
 }
 
+/// A result in its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Committed {
+    /// The result's folder.
+    pub folder: PathBuf,
+    /// Where what stood there before was moved, if it was forced away.
+    pub moved_to: Option<PathBuf>,
+}
+
+impl Committed {
+    /// What is to be told of what stood there before.
+    #[must_use]
+    pub fn note(&self) -> Option<String> {
+        let to = self.moved_to.as_ref()?;
+        Some(format!("what stood at {} was moved to {}", self.folder.display(), to.display()))
+    }
+}
+
 impl RunDir {
-    /// Refuses early what [`Self::create`] would refuse at the end of a run. Leaves nothing behind.
+    /// Starts the folder of a result; the folders above it are made where they are missing. Nothing appears under the final
+    /// name yet.
     ///
     /// # Errors
-    /// Those of [`Self::create`]; [`RunDirError::Unwritable`] where `out`, or the folder that it would be made in, cannot be
-    /// written.
-    pub fn check(out: &Path, name: &str) -> Result<(), RunDirError> {
-        if !is_plain_name(name) {
-            return Err(RunDirError::Name(name.to_owned()));
-        }
-        check_replaceable(&out.join(name))?;
-        let there = out.ancestors().find(|p| p.exists()).unwrap_or(Path::new("."));
-        let unwritable = |source| RunDirError::Unwritable { folder: there.to_owned(), source };
-        let probe = free_sibling(there, name, "probe").map_err(|error| match error {
-            RunDirError::Disk { source, .. } => unwritable(source),
-            other => other,
-        })?;
-        fs::remove_dir(&probe).map_err(unwritable)
-    }
-
-    /// Starts the folder `out/name`; `out` is made where it is missing. Nothing appears under the final name yet.
-    ///
-    /// # Errors
-    /// A name other than `[A-Za-z][A-Za-z0-9_]*`; a file or a foreign folder of that name; a disk that refuses.
-    pub fn create(out: &Path, name: &str) -> Result<Self, RunDirError> {
-        if !is_plain_name(name) {
-            return Err(RunDirError::Name(name.to_owned()));
-        }
-        let target = out.join(name);
-        check_replaceable(&target)?;
+    /// A name that is none; an input where the result should go; anything there that may not be replaced ([`Place`]); a disk
+    /// that refuses.
+    pub fn open(place: &Place, kind: ResultKind) -> Result<Self, RunDirError> {
+        let target = place.target()?;
+        place.refuse(&target, kind)?;
+        let out = parent(&target);
+        let made: Vec<PathBuf> = out.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_owned).collect();
         fs::create_dir_all(out).map_err(disk("make", out))?;
-        let partial = free_sibling(out, name, "partial")?;
-        Ok(Self { partial, target, committed: false })
-    }
-
-    /// Starts the folder `target`, whatever its name, under the same conditions.
-    ///
-    /// # Errors
-    /// A path without a last part; a file or a foreign folder there; a disk that refuses.
-    pub fn replace(target: &Path) -> Result<Self, RunDirError> {
-        let name = target.file_name().map(|n| n.to_string_lossy().into_owned());
-        let name = name.ok_or_else(|| RunDirError::Name(target.display().to_string()))?;
-        let out = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        check_replaceable(target)?;
-        fs::create_dir_all(out).map_err(disk("make", out))?;
-        let partial = free_sibling(out, &name, "partial")?;
-        Ok(Self { partial, target: target.to_owned(), committed: false })
+        let partial = free_sibling(out, target.file_name().unwrap_or_default(), "partial")?;
+        Ok(Self { place: place.clone(), kind, partial, target, made, committed: false })
     }
 
     /// Where the folder will be.
@@ -123,35 +146,52 @@ impl RunDir {
         fs::write(&file, bytes).map_err(disk("write", &file))
     }
 
-    /// Puts the folder in its place and returns it. An earlier result of that name is moved away first, put back if the
-    /// new one cannot take its place, and deleted at the end.
+    /// Writes the manifest and puts the folder in its place. What stands there is looked at again: an unchanged result of the
+    /// same command is moved away first, put back if the new one cannot take its place, and deleted at the end; anything else
+    /// is refused, or with force moved to `NAME.bak`.
     ///
     /// # Errors
-    /// A disk that refuses; the earlier result is then still there.
-    pub fn commit(mut self) -> Result<PathBuf, RunDirError> {
-        check_replaceable(&self.target)?;
-        let old = match self.target.exists() {
-            false => None,
-            true => {
-                let (out, name) = (self.target.parent().unwrap_or(Path::new(".")), self.target.file_name().unwrap_or_default());
-                let away = free_sibling(out, &name.to_string_lossy(), "old")?;
-                // Renaming onto an empty folder replaces it.
-                fs::rename(&self.target, &away).map_err(disk("move away", &self.target))?;
-                Some(away)
-            }
-        };
+    /// Something that may not be replaced; a disk that refuses. What stood there is then still there.
+    pub fn commit(mut self) -> Result<Committed, RunDirError> {
+        Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;
+        self.place.spare_inputs(&self.target)?;
+        let old = self.move_away()?;
         if let Err(source) = fs::rename(&self.partial, &self.target) {
-            if let Some(away) = &old {
-                fs::rename(away, &self.target).map_err(disk("put back", &self.target))?;
+            if let Some(old) = &old {
+                fs::rename(old.path(), &self.target).map_err(disk("put back", &self.target))?;
             }
             return Err(RunDirError::Disk { what: "name", path: self.target.clone(), source });
         }
         self.committed = true;
-        if let Some(away) = old {
+        let mut moved_to = None;
+        match old {
             // The new result is in its place: a rest of the old one is no reason to fail.
-            fs::remove_dir_all(&away).ok();
+            Some(Old::Ours(path)) => fs::remove_dir_all(path).unwrap_or_default(),
+            Some(Old::Kept(path)) => moved_to = Some(path),
+            None => {}
         }
-        Ok(self.target.clone())
+        Ok(Committed { folder: self.target.clone(), moved_to })
+    }
+
+    /// Moves what stands in the result's place to another name beside it.
+    fn move_away(&self) -> Result<Option<Old>, RunDirError> {
+        match Standing::at(&self.target, self.kind) {
+            Standing::Nothing => return Ok(None),
+            Standing::Replaceable => {}
+            Standing::Other(why) if !self.place.force => return Err(taken(&self.target, why)),
+            Standing::Other(_) => return Ok(Some(Old::Kept(keep(&self.target)?))),
+        }
+        let away = free_sibling(parent(&self.target), self.target.file_name().unwrap_or_default(), "old")?;
+        // Renaming onto an empty folder replaces it.
+        fs::rename(&self.target, &away).map_err(disk("move away", &self.target))?;
+        // Once more, where nobody finds it: somebody may have edited it since.
+        match Standing::at(&away, self.kind) {
+            Standing::Other(why) => {
+                fs::rename(&away, &self.target).map_err(disk("put back", &self.target))?;
+                Err(taken(&self.target, why))
+            }
+            _ => Ok(Some(Old::Ours(away))),
+        }
     }
 }
 
@@ -159,31 +199,74 @@ impl Drop for RunDir {
     fn drop(&mut self) {
         if !self.committed {
             fs::remove_dir_all(&self.partial).ok();
+            // A folder that holds something else stays.
+            self.made.iter().for_each(|folder| fs::remove_dir(folder).unwrap_or_default());
         }
     }
 }
 
-/// Refuses to replace what is not an earlier result: a file, a link, or a folder with other contents.
-fn check_replaceable(target: &Path) -> Result<(), RunDirError> {
-    let Ok(meta) = fs::symlink_metadata(target) else { return Ok(()) };
-    let empty = || fs::read_dir(target).is_ok_and(|mut entries| entries.next().is_none());
-    if meta.is_dir() && (target.join("report.json").is_file() || empty()) {
-        return Ok(());
+/// What stood in a result's place, under another name.
+enum Old {
+    /// An unchanged result of the same command.
+    Ours(PathBuf),
+    /// Anything else.
+    Kept(PathBuf),
+}
+
+impl Old {
+    fn path(&self) -> &Path {
+        let (Self::Ours(path) | Self::Kept(path)) = self;
+        path
     }
-    Err(RunDirError::NotARun(target.to_owned()))
+}
+
+/// Moves a file or folder to the first free one of `NAME.bak`, `NAME.bak1`, ...; where it is then.
+fn keep(target: &Path) -> Result<PathBuf, RunDirError> {
+    let is_folder = fs::symlink_metadata(target).is_ok_and(|m| m.is_dir());
+    // Reserved first, so that nothing of that name can be overwritten: a folder replaces an empty one, a file a file.
+    let reserve = |path: &Path| if is_folder { fs::create_dir(path) } else { fs::File::create_new(path).map(drop) };
+    let to = first_free(|k| backup(target, k), reserve)?;
+    fs::rename(target, &to).map_err(|source| {
+        if is_folder { fs::remove_dir(&to) } else { fs::remove_file(&to) }.unwrap_or_default();
+        RunDirError::Disk { what: "move away", path: target.to_owned(), source }
+    })?;
+    Ok(to)
+}
+
+/// `NAME.bak`, `NAME.bak1`, ...
+fn backup(target: &Path, k: usize) -> PathBuf {
+    let mut name = target.file_name().unwrap_or_default().to_owned();
+    name.push(if k == 0 { ".bak".to_owned() } else { format!(".bak{k}") });
+    target.with_file_name(name)
 }
 
 /// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
-fn free_sibling(out: &Path, name: &str, suffix: &str) -> Result<PathBuf, RunDirError> {
-    for k in 0.. {
-        let path = out.join(format!(".{name}.{suffix}-{}-{k}", std::process::id()));
-        match fs::create_dir(&path) {
+pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
+    let path = |k| {
+        let mut hidden = OsString::from(".");
+        hidden.push(name);
+        hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
+        out.join(hidden)
+    };
+    first_free(path, |path| fs::create_dir(path))
+}
+
+/// The first path that `make` makes; one that is there already is passed over.
+fn first_free(path: impl Fn(usize) -> PathBuf, make: impl Fn(&Path) -> io::Result<()>) -> Result<PathBuf, RunDirError> {
+    let mut k = 0;
+    loop {
+        let path = path(k);
+        match make(&path) {
             Ok(()) => return Ok(path),
-            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < 1000 => {}
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < MAX_TRIES => k += 1,
             Err(source) => return Err(RunDirError::Disk { what: "make", path, source }),
         }
     }
-    unreachable!("the loop returns")
+}
+
+/// The folder that holds a path.
+fn parent(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 fn safe_path(path: &str) -> Result<&Path, RunDirError> {
@@ -204,91 +287,205 @@ fn disk(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> RunDirErro
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::temp::Temp;
 
-    struct Temp(PathBuf);
+    const KIND: ResultKind = ResultKind::Reconstruct;
 
-    impl Temp {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("artitwin-run-dir-{name}-{}", std::process::id()));
-            fs::remove_dir_all(&path).ok();
-            Self(path)
-        }
-
-        fn names(&self) -> Vec<String> {
-            let entries = fs::read_dir(&self.0).into_iter().flatten().flatten();
-            let mut names: Vec<_> = entries.map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-            names.sort();
-            names
-        }
+    fn open(place: &Place) -> RunDir {
+        RunDir::open(place, KIND).unwrap()
     }
 
-    impl Drop for Temp {
-        fn drop(&mut self) {
-            fs::remove_dir_all(&self.0).ok();
-        }
+    /// A finished result of one file.
+    fn finished(place: &Place, file: &str, text: &str) -> Committed {
+        let run = open(place);
+        run.put(file, text.as_bytes()).unwrap();
+        run.commit().unwrap()
+    }
+
+    fn refused(place: &Place, kind: ResultKind) -> String {
+        let early = place.check(kind, 0).unwrap_err().to_string();
+        assert_eq!(RunDir::open(place, kind).unwrap_err().to_string(), early);
+        early
     }
 
     #[test]
     fn nothing_is_there_before_the_commit_and_all_after_it() {
         let out = Temp::new("commit");
-        let run = RunDir::create(&out.0, "box").unwrap();
+        let run = open(&Place::named(&out.0, "box"));
         run.put("report.json", b"{}").unwrap();
         run.put("meshes/visual/lid.obj", b"v 0 0 0").unwrap();
         assert!(!out.0.join("box").exists() && out.names().len() == 1);
-        assert_eq!(run.commit().unwrap(), out.0.join("box"));
+        assert_eq!(run.commit().unwrap(), Committed { folder: out.0.join("box"), moved_to: None });
         assert_eq!(out.names(), ["box"]);
         assert_eq!(fs::read(out.0.join("box/meshes/visual/lid.obj")).unwrap(), b"v 0 0 0");
     }
 
     #[test]
-    fn a_dropped_run_leaves_the_earlier_one() {
+    fn a_dropped_run_leaves_the_earlier_one_and_no_folder() {
         let out = Temp::new("drop");
-        let first = RunDir::create(&out.0, "box").unwrap();
-        first.put("report.json", b"first").unwrap();
-        first.commit().unwrap();
-        let second = RunDir::create(&out.0, "box").unwrap();
+        let place = Place::named(&out.0, "box");
+        finished(&place, "report.json", "first");
+        let second = open(&place);
         second.put("report.json", b"second").unwrap();
         drop(second);
         assert_eq!(out.names(), ["box"]);
         assert_eq!(fs::read(out.0.join("box/report.json")).unwrap(), b"first");
+        drop(open(&Place::named(out.0.join("new/runs"), "box")));
+        assert_eq!(out.names(), ["box"]);
     }
 
     #[test]
-    fn an_earlier_run_is_replaced_as_a_whole() {
+    fn an_unchanged_result_of_the_same_command_is_replaced_as_a_whole() {
         let out = Temp::new("replace");
-        for (file, text) in [("a.txt", "first"), ("b.txt", "second")] {
-            let run = RunDir::create(&out.0, "box").unwrap();
-            run.put("report.json", text.as_bytes()).unwrap();
-            run.put(file, b"").unwrap();
-            run.commit().unwrap();
-        }
+        let place = Place::named(&out.0, "box");
+        finished(&place, "a.txt", "first");
+        assert_eq!(finished(&place, "b.txt", "second").moved_to, None);
         assert_eq!(out.names(), ["box"]);
         assert!(!out.0.join("box/a.txt").exists() && out.0.join("box/b.txt").exists());
+        // With force too: nothing is lost that the command did not write.
+        let forced = finished(&Place { force: true, ..place }, "c.txt", "third");
+        assert_eq!((forced.moved_to, out.names()), (None, vec!["box".to_owned()]));
     }
 
     #[test]
-    fn a_foreign_folder_is_not_replaced() {
-        let out = Temp::new("foreign");
-        fs::create_dir_all(out.0.join("src")).unwrap();
-        fs::write(out.0.join("src/main.rs"), "fn main() {}").unwrap();
-        let error = RunDir::create(&out.0, "src").unwrap_err().to_string();
-        assert!(error.contains("no earlier result"), "{error}");
-        fs::create_dir_all(out.0.join("empty")).unwrap();
-        let run = RunDir::create(&out.0, "empty").unwrap();
-        run.put("report.json", b"{}").unwrap();
-        run.commit().unwrap();
-        assert_eq!(out.names(), ["empty", "src"]);
+    fn anything_else_is_refused_with_what_it_is_and_a_remedy() {
+        let out = Temp::new("refuse");
+        let place = |name: &str| Place::named(&out.0, name);
+        for name in ["edited", "added", "kind", "older"] {
+            finished(&place(name), "report.json", "{}");
+        }
+        fs::write(out.0.join("edited/report.json"), "mine").unwrap();
+        (0..6).for_each(|k| fs::write(out.0.join(format!("added/note{k}.txt")), "mine").unwrap());
+        fs::remove_file(out.0.join("older/manifest.json")).unwrap();
+        fs::write(out.0.join("file"), "mine").unwrap();
+        for (name, kind, why) in [
+            ("edited", KIND, "since reconstruct wrote it, report.json was edited"),
+            (
+                "added",
+                KIND,
+                "since reconstruct wrote it, note0.txt was added, note1.txt was added, note2.txt was added, note3.txt was added and 2 more",
+            ),
+            ("kind", ResultKind::Synth, "it is a result of reconstruct, not of synth"),
+            ("older", KIND, "it holds report.json, and no manifest.json that tells which command wrote it"),
+            ("file", KIND, "it is no folder"),
+        ] {
+            let path = out.0.join(name).display().to_string();
+            let expected =
+                format!("{path} is left as it is: {why}; give another --out or --name, or --force, which moves it to {path}.bak");
+            assert_eq!(refused(&place(name), kind), expected);
+        }
+        fs::create_dir(out.0.join("empty")).unwrap();
+        finished(&place("empty"), "report.json", "{}");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_refused_however_it_is_written() {
+        let out = Temp::new("link");
+        fs::create_dir(out.0.join("there")).unwrap();
+        std::os::unix::fs::symlink(out.0.join("there"), out.0.join("link")).unwrap();
+        std::os::unix::fs::symlink(out.0.join("nowhere"), out.0.join("dangling")).unwrap();
+        for path in ["link", "link/", "link/.", "dangling", "dangling/"] {
+            let told = refused(&Place::at(out.0.join(path)), KIND);
+            assert!(told.contains("it is a link"), "{told}");
+        }
+        let forced = finished(&Place { force: true, ..Place::at(out.0.join("link/")) }, "a.txt", "");
+        assert_eq!((forced.moved_to, forced.folder), (Some(out.0.join("link.bak")), out.0.join("link")));
+        assert!(out.0.join("link.bak").is_symlink() && out.0.join("there").read_dir().unwrap().next().is_none());
+        // A link to the folder around the result is followed.
+        finished(&Place::named(out.0.join("link.bak"), "box"), "a.txt", "");
+        assert!(out.0.join("there/box/a.txt").is_file());
+    }
+
+    #[test]
+    fn force_moves_away_and_overwrites_no_earlier_copy() {
+        let out = Temp::new("force");
+        let place = Place { force: true, ..Place::named(&out.0, "box") };
+        for k in 0..3 {
+            fs::create_dir_all(out.0.join("box")).unwrap();
+            fs::write(out.0.join("box/notes.txt"), format!("{k}")).unwrap();
+            let done = finished(&place, "report.json", "{}");
+            assert_eq!(
+                done.note().unwrap(),
+                format!("what stood at {0}/box was moved to {0}/box.bak{1}", out.0.display(), ["", "1", "2"][k])
+            );
+        }
+        assert_eq!(out.names(), ["box", "box.bak", "box.bak1", "box.bak2"]);
+        for (name, text) in [("box.bak", "0"), ("box.bak1", "1"), ("box.bak2", "2")] {
+            assert_eq!(fs::read_to_string(out.0.join(name).join("notes.txt")).unwrap(), text);
+        }
+        fs::remove_dir_all(out.0.join("box")).unwrap();
+        fs::write(out.0.join("box"), "a file").unwrap();
+        assert_eq!(finished(&place, "report.json", "{}").moved_to, Some(out.0.join("box.bak3")));
+        assert_eq!(fs::read_to_string(out.0.join("box.bak3")).unwrap(), "a file");
+    }
+
+    #[test]
+    fn what_was_edited_during_the_work_stays() {
+        let out = Temp::new("meanwhile");
+        let place = Place::named(&out.0, "box");
+        finished(&place, "report.json", "{}");
+        let run = open(&place);
+        run.put("report.json", b"[]").unwrap();
+        fs::write(out.0.join("box/notes.txt"), "mine").unwrap();
+        let told = run.commit().unwrap_err().to_string();
+        assert!(told.contains("notes.txt was added"), "{told}");
+        assert_eq!(out.names(), ["box"]);
+        assert_eq!(fs::read_to_string(out.0.join("box/report.json")).unwrap(), "{}");
+    }
+
+    #[test]
+    fn an_input_is_never_in_the_results_place() {
+        let out = Temp::new("inputs");
+        let (bag, link, deep) = (out.0.join("bags/one"), out.0.join("way"), out.0.join("data"));
+        [&bag, &deep].iter().for_each(|f| fs::create_dir_all(f).unwrap());
+        fs::write(deep.join("one.mcap"), "").unwrap();
+        let mut cases = vec![
+            (bag.clone(), bag.clone()),
+            (out.0.join("bags"), bag.clone()),
+            (out.0.join("bags"), out.0.join("data/../bags/one")),
+            (out.0.join("data/../bags"), bag.clone()),
+        ];
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(out.0.join("bags"), &link).unwrap();
+            std::os::unix::fs::symlink(deep.join("one.mcap"), bag.join("one.mcap")).unwrap();
+            cases.extend([
+                (out.0.join("bags"), link.join("one")),
+                (link.clone(), link.join("one")),
+                (link.join("one"), bag.clone()),
+                (deep, bag.clone()),
+            ]);
+        }
+        for (target, input) in cases {
+            let place = Place { force: true, inputs: vec![input.clone()], ..Place::at(&target) };
+            let told = refused(&place, KIND);
+            assert!(told.contains("is or holds the input"), "{} {}: {told}", target.display(), input.display());
+        }
+        let beside = Place { inputs: vec![bag.clone()], ..Place::at(bag.join("runs")) };
+        finished(&beside, "a.txt", "");
+    }
+
+    #[test]
+    fn a_disk_that_is_too_full_is_refused_before_the_work() {
+        let out = Temp::new("full");
+        let told = Place::named(&out.0, "box").check(KIND, u64::MAX).unwrap_err().to_string();
+        assert!(told.contains(" bytes free, and 18446744073709551615 at least are needed; make room"), "{told}");
+        assert_eq!(out.names(), [""; 0]);
     }
 
     #[test]
     fn paths_out_of_the_folder_are_refused() {
         let out = Temp::new("paths");
-        let run = RunDir::create(&out.0, "box").unwrap();
+        let run = open(&Place::named(&out.0, "box"));
         for path in ["", "/etc/passwd", "../x", "a/../../x", "a//b", "./a", "a/", "a\\..\\b", "C:x", "a\0b", &"a".repeat(300)] {
             assert!(matches!(run.put(path, b""), Err(RunDirError::Path(_))), "{path}");
         }
         for name in ["", "..", "a/b", "1box", ".box", "a b"] {
-            assert!(matches!(RunDir::create(&out.0, name), Err(RunDirError::Name(_))), "{name}");
+            assert!(matches!(RunDir::open(&Place::named(&out.0, name), KIND), Err(RunDirError::Name(_))), "{name}");
+        }
+        for path in [".", "..", "/", "box/.."] {
+            assert!(matches!(RunDir::open(&Place::at(path), KIND), Err(RunDirError::NoName(_))), "{path}");
         }
     }
 }

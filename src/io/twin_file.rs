@@ -1,6 +1,10 @@
 //! The dynamics of a twin from a URDF: masses, axes, damping, friction, limits. Meshes are not read.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
@@ -27,6 +31,24 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
     let text = fs::read_to_string(path).map_err(disk)?;
     let tree = twin_of(&text, gravity).map_err(format)?;
     Ok((tree, text))
+}
+
+/// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and what it names.
+#[must_use]
+pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let value = |rest: &str| {
+        let rest = rest.trim_start().strip_prefix('=')?.trim_start();
+        let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
+        rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
+    };
+    // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment does no harm.
+    let named = text.split("filename").skip(1).filter_map(value).map(|name| match name.split_once("://") {
+        Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
+        Some((_, rest)) => PathBuf::from(rest),
+        None => folder.join(name),
+    });
+    [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")].into_iter().chain(named).collect()
 }
 
 /// The twin of a URDF's text.
@@ -116,4 +138,19 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
 fn pose(origin: &urdf_rs::Pose) -> Pose {
     let [roll, pitch, yaw] = *origin.rpy;
     Pose::from_parts(Translation3::from(Vector3::from(*origin.xyz)), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_files_of_a_twin_are_those_beside_it_and_those_it_names() {
+        let text =
+            "<mesh filename=\"meshes/a.obj\"/><mesh filename = 'package://x/m/b.obj'/><mesh filename=\"file:///c.obj\"/><mesh filename=d";
+        let files = twin_files(Path::new("runs/box/box.urdf"), text);
+        let expected = ["box.urdf", "model.sdf", "box.usda", "meshes/a.obj", "m/b.obj"].map(|f| Path::new("runs/box").join(f));
+        assert_eq!(files[..5], expected);
+        assert_eq!(files[5..], [PathBuf::from("/c.obj")]);
+    }
 }

@@ -156,7 +156,11 @@ fn pose(origin: &urdf_rs::Pose) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::urdf_package, io::RunDir, model::example::cabinet};
+    use crate::{
+        export::urdf_package,
+        io::{Place, ResultKind, RunDir},
+        model::example::cabinet,
+    };
 
     struct Temp(PathBuf);
 
@@ -177,11 +181,11 @@ mod tests {
     #[test]
     fn a_written_model_reads_back_in_every_pose() {
         let (model, temp) = (cabinet(), Temp::new("written"));
-        let run = RunDir::create(&temp.0, &model.name).unwrap();
+        let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
         for file in urdf_package(&model) {
             run.put(&file.path, &file.bytes).unwrap();
         }
-        let tree = read_urdf(&run.commit().unwrap().join("cabinet.urdf")).unwrap();
+        let tree = read_urdf(&run.commit().unwrap().folder.join("cabinet.urdf")).unwrap();
         for state in &model.states {
             let positions = model.joints.iter().map(|j| j.name.clone()).zip(state.iter().copied()).collect();
             for (i, link) in model.links.iter().enumerate() {

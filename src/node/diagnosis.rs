@@ -86,6 +86,8 @@ impl Diagnoser {
             runs: paths(&goal.runs),
             held_out: paths(&goal.held_out),
             out: free_folder(&self.shared.snapshot().session, "gap"),
+            name: None,
+            force: false,
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,

@@ -1,6 +1,8 @@
 //! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
 
 use std::{
+    fs,
+    io::Write as _,
     path::Path,
     sync::{
         Arc,
@@ -109,8 +111,17 @@ impl Reconstructor {
         }
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
-        write_settings(&out.join("settings.yaml"), &config)?;
-        Ok(ReconstructRequest { sources: recordings.into(), out, name: Some(name), config, origins: self.origins.clone(), resume: false })
+        write_settings(&out, &config)?;
+        Ok(ReconstructRequest {
+            sources: recordings.into(),
+            out,
+            name: Some(name),
+            config,
+            origins: self.origins.clone(),
+            resume: false,
+            force: false,
+            kept: Vec::new(),
+        })
     }
 
     fn finish(&self, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
@@ -142,8 +153,42 @@ impl Reconstructor {
     }
 }
 
-/// Keeps the settings beside the recordings, so that `artitwin reconstruct --config` repeats the run.
-fn write_settings(path: &Path, config: &Config) -> Result<(), String> {
+/// Keeps the settings beside the recordings, so that `artitwin reconstruct --config` repeats the run. Others that are there
+/// stay, as `settings_replaced<K>.yaml`.
+fn write_settings(session: &Path, config: &Config) -> Result<(), String> {
     let text = serde_norway::to_string(config).map_err(|e| e.to_string())?;
-    std::fs::write(path, text).map_err(|e| format!("cannot write `{}`: {e}", path.display()))
+    let path = session.join("settings.yaml");
+    if fs::read_to_string(&path).is_ok_and(|old| old == text) {
+        return Ok(());
+    }
+    let is_there = |path: &Path| fs::symlink_metadata(path).is_ok();
+    let spare = (1..).map(|k| session.join(format!("settings_replaced{k}.yaml"))).find(|p| !is_there(p));
+    let moved = spare.filter(|_| is_there(&path)).map_or(Ok(()), |spare| fs::rename(&path, spare));
+    let written = moved.and_then(|()| fs::File::create_new(&path)?.write_all(text.as_bytes()));
+    written.map_err(|e| format!("cannot write `{}`: {e}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_are_there_stay() {
+        let session = std::env::temp_dir().join(format!("artitwin-settings-{}", std::process::id()));
+        fs::remove_dir_all(&session).ok();
+        fs::create_dir_all(&session).unwrap();
+        let read = |name: &str| fs::read_to_string(session.join(name)).unwrap();
+        fs::write(session.join("settings.yaml"), "# mine").unwrap();
+        let config = Config::default();
+        for _ in 0..2 {
+            write_settings(&session, &config).unwrap();
+            assert_eq!(read("settings_replaced1.yaml"), "# mine");
+        }
+        let own = read("settings.yaml");
+        let mut other = Config::default();
+        other.run.parts = Some(3);
+        write_settings(&session, &other).unwrap();
+        assert!(read("settings_replaced2.yaml") == own && read("settings.yaml") != own);
+        fs::remove_dir_all(&session).unwrap();
+    }
 }

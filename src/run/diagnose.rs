@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Event, Monitor, RunError, stage_rng};
+use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE, stage_rng};
 use crate::{
     gap::{
         assess::{Runs, assess},
@@ -28,7 +28,7 @@ use crate::{
         update, usd,
         verdict::Verdict,
     },
-    io::{self, RunDir},
+    io::{self, Place, ResultKind, RunDir},
 };
 
 /// What is asked of a diagnosis.
@@ -40,8 +40,12 @@ pub struct DiagnoseRequest {
     pub runs: Vec<PathBuf>,
     /// Bags, among the runs or beside them, that only the proof reads.
     pub held_out: Vec<PathBuf>,
-    /// Folder of the result.
+    /// Folder that gets the result's folder.
     pub out: PathBuf,
+    /// Name of the result's folder; without it the result is in `out` itself.
+    pub name: Option<String>,
+    /// Whether what may not be replaced is moved to `NAME.bak`.
+    pub force: bool,
     /// Gravity in the root's frame, m/s^2.
     pub gravity: [f64; 3],
     /// How the effort runs between samples.
@@ -64,6 +68,36 @@ pub struct DiagnoseOutcome {
     /// Summary for the terminal.
     pub summary: String,
     /// What was odd.
+    pub warnings: Vec<String>,
+}
+
+impl DiagnoseRequest {
+    /// Where the result goes. `text` is that of the twin; `more` is read beside what the request names.
+    pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
+        let named = [&self.runs[..], &self.held_out, more].concat();
+        let inputs = named.into_iter().chain(io::twin_files(&self.twin, text)).collect();
+        Place { out: self.out.clone(), name: self.name.clone(), force: self.force, inputs }
+    }
+}
+
+/// Puts the files of a diagnosis in their place; adds to `warnings` what was moved away for them.
+pub(super) fn put_files(place: &Place, files: &[(String, String)], warnings: &mut Vec<String>) -> Result<PathBuf, RunError> {
+    let failed = |e| RunError::stage(OUTPUT_STAGE, e);
+    let run_dir = RunDir::open(place, ResultKind::Diagnose).map_err(failed)?;
+    files.iter().try_for_each(|(path, content)| run_dir.put(path, content.as_bytes())).map_err(failed)?;
+    let committed = run_dir.commit().map_err(failed)?;
+    warnings.extend(committed.note());
+    Ok(committed.folder)
+}
+
+/// What a diagnosis finds before it is written.
+pub(super) struct Found {
+    /// Path and content of every file.
+    pub files: Vec<(String, String)>,
+    /// The content of `report.json`, which is one of them.
+    pub report: String,
+    pub verdict: Verdict,
+    pub summary: String,
     pub warnings: Vec<String>,
 }
 
@@ -114,12 +148,22 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 /// Diagnoses a twin.
 ///
 /// # Errors
-/// [`RunError`] where the twin or a run cannot be read, nothing can be said about any joint, or the disk refuses.
+/// [`RunError`] where the result cannot be put in its place, which is told before the work, the twin or a run cannot be read,
+/// nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
+    let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| RunError::stage("twin", e))?;
+    let place = request.place(&text, &[]);
+    place.check(ResultKind::Diagnose, least_diagnosis(&text)).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    let Found { files, verdict, summary, mut warnings, .. } = find(request, &tree, &text, monitor)?;
+    let folder = put_files(&place, &files, &mut warnings)?;
+    warnings.iter().for_each(|warning| monitor.warn(warning.clone()));
+    Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
+}
+
+/// Diagnoses a twin, whose URDF is `text`, by motion; writes nothing.
+pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monitor: &Monitor) -> Result<Found, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
-    let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
-    let Recorded { recordings, off_axis, mut warnings } = read_runs(request, &tree, monitor)?;
+    let Recorded { recordings, off_axis, mut warnings } = read_runs(request, tree, monitor)?;
     let moving: Vec<usize> =
         (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
@@ -132,8 +176,8 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         let name = tree.joints[j].name.clone();
         let stage = format!("diagnose/{name}");
         monitor.tell(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = Plant::of(&tree, j).map_err(|e| e.to_string());
-        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, &tree, j, request.hold, &names, &mut warnings)?)));
+        let ready = Plant::of(tree, j).map_err(|e| e.to_string());
+        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, tree, j, request.hold, &names, &mut warnings)?)));
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
@@ -154,29 +198,23 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         return Err(RunError::stage("diagnose", why));
     }
     warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf");
-    let (mjcf, notes) = mjcf::mjcf(&tree, &joints, &effects, "twin.xml");
+    let (urdf, mut exports) = update::urdf(text, tree, &joints, "twin.urdf");
+    let (mjcf, notes) = mjcf::mjcf(tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
-    let (mut more, notes) = beside(&request.twin, &tree, &joints, &effects);
+    let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
-    let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))?;
+    let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
     let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
     more.extend([
         ("twin.urdf", urdf),
         ("twin.xml", mjcf),
-        ("report.json", json + "\n"),
+        ("report.json", json.clone()),
         ("replay.json", replay + "\n"),
         ("report.html", report::html(&joints)),
     ]);
-    for (path, content) in more {
-        run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
-    }
-    let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
-    for warning in &warnings {
-        monitor.warn(warning.clone());
-    }
-    Ok(DiagnoseOutcome { folder, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
+    let files = more.into_iter().map(|(path, content)| (path.to_owned(), content)).collect();
+    Ok(Found { files, report: json, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
 }
 
 /// Largest SDF or USD that is read, bytes.

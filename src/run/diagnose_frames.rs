@@ -2,7 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{DiagnoseOutcome, DiagnoseRequest, Monitor, RunError, diagnose};
+use super::{
+    DiagnoseOutcome, DiagnoseRequest, Monitor, RunError,
+    diagnose::{find, put_files},
+    least_bytes::least_diagnosis,
+    outcome::OUTPUT_STAGE,
+};
 use crate::{
     capture::{CaptureConfig, RgbdFrame},
     export::{Picture, PictureKind, escape},
@@ -18,7 +23,7 @@ use crate::{
         },
         verdict::Verdict,
     },
-    io::{self, RunDir, SummaryJoint},
+    io::{self, ResultKind, SummaryJoint},
 };
 
 /// Pictures are made of so many frames of every run.
@@ -32,7 +37,7 @@ const FULL_M: f64 = 0.015;
 /// are in the folder `motion`.
 ///
 /// # Errors
-/// [`RunError`] where the twin or a recording cannot be read, the frames do not show the twin, or the disk refuses.
+/// [`RunError`] where the result cannot be put in its place, which is told before the work, the twin or a recording cannot be read, the frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
     recordings: &[PathBuf],
@@ -47,7 +52,8 @@ pub fn diagnose_frames(
     if let Some(own) = own_errors(&request.twin, &twin) {
         twin.own = own;
     }
-    let run_dir = RunDir::replace(&request.out).map_err(|e| failed("output", &e))?;
+    let place = request.place(&text, recordings);
+    place.check(ResultKind::Diagnose, least_diagnosis(&text)).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     let mut warnings = Vec::new();
     let mut runs: Vec<FrameRun> = Vec::new();
     for path in recordings {
@@ -63,24 +69,24 @@ pub fn diagnose_frames(
     let mut json = report::report(&twin, &diagnosis, &exports);
     let mut summary = report::summary(&twin, &diagnosis);
     let mut verdict = diagnosis.verdict;
+    let mut files: Vec<(String, String)> = Vec::new();
     if !request.runs.is_empty() {
-        let motion = DiagnoseRequest { out: run_dir.working().join("motion"), ..request.clone() };
-        let outcome = diagnose(&motion, monitor)?;
-        let path = outcome.folder.join("report.json");
-        let read = std::fs::read_to_string(&path).map_err(|e| failed("report", &e))?;
-        json = report::merged(serde_json::from_str(&read).map_err(|e| failed("report", &e))?, &json);
+        let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
+        let motion = find(request, &tree, &text, monitor)?;
+        files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
+        json = report::merged(serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?, &json);
         if verdict == Verdict::None {
-            verdict = outcome.verdict;
+            verdict = motion.verdict;
         }
-        summary = format!("by frames, {summary}by motion, {}", outcome.summary);
-        warnings.extend(outcome.warnings);
+        summary = format!("by frames, {summary}by motion, {}", motion.summary);
+        warnings.extend(motion.warnings);
     }
     let page = page(&summary, &twin, &runs, &diagnosis)?;
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;
-    for (path, content) in [("twin.urdf", urdf), ("report.json", json + "\n"), ("report.html", page)] {
-        run_dir.put(path, content.as_bytes()).map_err(|e| failed("output", &e))?;
-    }
-    let folder = run_dir.commit().map_err(|e| failed("output", &e))?;
+    files.extend(
+        [("twin.urdf", urdf), ("report.json", json + "\n"), ("report.html", page)].map(|(path, content)| (path.to_owned(), content)),
+    );
+    let folder = put_files(&place, &files, &mut warnings)?;
     warnings.iter().for_each(|w| monitor.warn(w.clone()));
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }

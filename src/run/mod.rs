@@ -10,6 +10,7 @@ mod diagnose_frames;
 mod fields;
 mod fingerprint;
 mod found;
+mod least_bytes;
 mod matching;
 mod monitor;
 mod outcome;

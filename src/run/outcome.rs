@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::{Cancelled, CheckpointError};
 use crate::{
     config::{Config, ConfigError, Origins},
+    io::Place,
     model::{ArticulatedModel, JointKind},
 };
 
@@ -26,6 +27,24 @@ pub struct ReconstructRequest {
     pub origins: Origins,
     /// Whether an interrupted run is continued.
     pub resume: bool,
+    /// Whether what may not be replaced is moved to `NAME.bak`.
+    pub force: bool,
+    /// Files and folders beside the sources that the result must not take the place of.
+    pub kept: Vec<PathBuf>,
+}
+
+impl ReconstructRequest {
+    /// Where the result goes.
+    pub(super) fn place(&self, name: &str) -> Place {
+        let matcher = self.config.matching.onnx.iter();
+        let inputs = self.sources.iter().chain(&self.kept).chain(matcher).cloned().collect();
+        Place { force: self.force, inputs, ..Place::named(&self.out, name) }
+    }
+
+    /// Where the result goes that a simulator would not load as it is meant.
+    pub(super) fn rejected_place(&self, name: &str) -> Place {
+        Place { out: self.out.join(format!("{name}_rejected")), name: None, ..self.place(name) }
+    }
 }
 
 /// What a finished run gives back.
@@ -139,6 +158,26 @@ mod tests {
     use crate::{geometry::Pose, model};
     use approx::assert_relative_eq;
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
+
+    #[test]
+    fn everything_that_a_run_reads_is_kept_from_its_result() {
+        let mut config = Config::default();
+        config.matching.onnx = Some("matcher.onnx".into());
+        let request = ReconstructRequest {
+            sources: vec!["state0".into(), "state1".into()],
+            out: "runs".into(),
+            name: None,
+            config,
+            origins: Origins::default(),
+            resume: false,
+            force: true,
+            kept: vec!["mine.yaml".into()],
+        };
+        let (place, rejected) = (request.place("box"), request.rejected_place("box"));
+        assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));
+        assert_eq!((place.target().unwrap(), rejected.target().unwrap()), ("runs/box".into(), "runs/box_rejected".into()));
+        assert!(place.force && rejected.force && rejected.inputs == place.inputs);
+    }
 
     fn link(name: &str) -> model::Link {
         let inertial = model::Inertial {

@@ -10,6 +10,7 @@ use super::{
     articulation::Search,
     fields::train_field,
     found::{Found, found_in_all, found_in_pair, more_views, stage_of},
+    least_bytes::least_reconstruction,
     matching::{pairs, pixel_matches},
     outcome::OUTPUT_STAGE,
     pictures::pictures,
@@ -26,7 +27,7 @@ use crate::{
     },
     field::{InstructionSet, ObjectField, Occupancy, TrainInput},
     geometry::{Pose, SceneBox},
-    io,
+    io::{self, ResultKind},
     model::{ArticulatedModel, validate},
     surface::SurfaceSource,
 };
@@ -93,8 +94,17 @@ fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
         return Err(RunError::stage("articulate", message));
     }
     let name = request.name.clone().unwrap_or(found);
-    io::RunDir::check(&request.out, &name).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    check_places(request, &name, states).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     Ok(name)
+}
+
+/// Refuses what could not be written at the end: the result, under either of its names, and the checkpoint.
+fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
+    let least_bytes = least_reconstruction(states, &request.config);
+    for place in [request.place(name), request.rejected_place(name)] {
+        place.check(ResultKind::Reconstruct, least_bytes)?;
+    }
+    request.place(name).check_beside(&Checkpoint::folder(&request.out, name))
 }
 
 /// The user's matching model, if there is one.
@@ -130,7 +140,7 @@ fn reconstruct_files(
     let found = stages
         .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
     let report = Report::new(&twin.model, facts(request, &capture, &twin, &images, &stages));
-    let folder = write(&twin.model, &files, &found, &report, &images, request)?;
+    let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
     Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
 }
@@ -383,11 +393,12 @@ fn write(
     report: &Report,
     images: &ReportPictures,
     request: &ReconstructRequest,
+    monitor: &Monitor,
 ) -> Result<PathBuf, RunError> {
     let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
     let errors: Vec<String> = found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
-    let name = if errors.is_empty() { model.name.clone() } else { format!("{}_rejected", model.name) };
-    let dir = io::RunDir::create(&request.out, &name).map_err(|e| failed(e.into()))?;
+    let place = if errors.is_empty() { request.place(&model.name) } else { request.rejected_place(&model.name) };
+    let dir = io::RunDir::open(&place, ResultKind::Reconstruct).map_err(|e| failed(e.into()))?;
     for file in files {
         dir.put(&file.path, &file.bytes).map_err(|e| failed(e.into()))?;
     }
@@ -399,7 +410,9 @@ fn write(
     let html = report_html(report, images).map_err(|e| failed(e.into()))?;
     dir.put("report.json", report.to_json().as_bytes()).map_err(|e| failed(e.into()))?;
     dir.put("report.html", html.as_bytes()).map_err(|e| failed(e.into()))?;
-    let folder = dir.commit().map_err(|e| failed(e.into()))?;
+    let committed = dir.commit().map_err(|e| failed(e.into()))?;
+    committed.note().into_iter().for_each(|message| monitor.tell(Event::Note { message }));
+    let folder = committed.folder;
     if errors.is_empty() {
         return Ok(folder);
     }

@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use artitwin::{
     geometry::Pose,
-    io::{RunDir, read_mesh},
+    io::{Place, ResultKind, RunDir, read_mesh},
     model::{
         ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ModelConfig, MovingPart,
         build, validate,
@@ -207,7 +207,7 @@ pub fn lamp() -> ArticulatedModel {
 /// Writes a model as a run: URDF, meshes and the states of the report.
 pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
     assert_eq!(validate(model), []);
-    let run = RunDir::create(out, &model.name).expect("an output folder");
+    let run = RunDir::open(&Place::named(out, &model.name), ResultKind::Reconstruct).expect("an output folder");
     for file in artitwin::export::urdf_package(model) {
         run.put(&file.path, &file.bytes).expect("a written file");
     }
@@ -217,7 +217,7 @@ pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
     };
     let report = serde_json::json!({ "states": model.states.iter().map(state).collect::<Vec<_>>() });
     run.put("report.json", report.to_string().as_bytes()).expect("a written file");
-    run.commit().expect("a finished folder")
+    run.commit().expect("a finished folder").folder
 }
 
 /// Writes a model as ground truth, without seen points.

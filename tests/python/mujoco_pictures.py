@@ -3,8 +3,9 @@
     python mujoco_pictures.py DIR NAME [--add]
 
 Prints a JSON list of state, view and PSNR over the object's pixels, the background of the rendering included. `--add` puts the
-pictures into DIR/report.html. Set MUJOCO_GL=egl where there is
-a GPU; the default is osmesa (Debian: libosmesa6). Light is even (the textures hold the light of the recording).
+pictures into DIR/report.html; DIR then counts as edited, and `reconstruct` does not replace it without `--force`. Set
+MUJOCO_GL=egl where there is a GPU; the default is osmesa (Debian: libosmesa6). Light is even (the textures hold the light of
+the recording).
 """
 
 import argparse

@@ -1,0 +1,254 @@
+//! What a command wrote into a result folder, so that a later command knows whether the folder is still that.
+//!
+//! `manifest.json` stands in the folder itself and names every other file. It is the same for the same files.
+
+use std::{
+    collections::BTreeMap,
+    fmt, fs,
+    io::{self, Read as _, Write as _},
+    path::Path,
+};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+/// Name of the file.
+pub(super) const MANIFEST: &str = "manifest.json";
+/// Largest manifest that is read, bytes: more than [`MAX_ENTRIES`] lines.
+const MAX_BYTES: u64 = 64 << 20;
+/// Most files and folders that are looked at; no result has a hundredth of it.
+const MAX_ENTRIES: usize = 100_000;
+/// Piece of a file that is read at a time, bytes.
+const PIECE: usize = 1 << 16;
+
+/// The command that a result folder is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ResultKind {
+    /// A twin.
+    Reconstruct,
+    /// A diagnosis.
+    Diagnose,
+    /// A made object.
+    Synth,
+}
+
+impl fmt::Display for ResultKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Reconstruct => "reconstruct",
+            Self::Diagnose => "diagnose",
+            Self::Synth => "synth",
+        })
+    }
+}
+
+/// Files of a result folder, by relative path with `/`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Manifest {
+    /// Version of the program.
+    artitwin: String,
+    /// The command that wrote the folder.
+    pub command: ResultKind,
+    files: BTreeMap<String, Content>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Content {
+    bytes: u64,
+    sha256: String,
+}
+
+impl Manifest {
+    /// Describes what stands in a folder and writes that into it.
+    ///
+    /// # Errors
+    /// If a file cannot be read, the manifest cannot be written, or the folder holds what is no file.
+    pub fn write(folder: &Path, command: ResultKind) -> io::Result<()> {
+        let mut files = BTreeMap::new();
+        for (path, held) in listed(folder)? {
+            match held {
+                Held::File { bytes } => drop(files.insert(path.clone(), Content { bytes, sha256: sha256(&folder.join(&path))? })),
+                Held::Folder => {}
+                Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
+            }
+        }
+        let manifest = Self { artitwin: env!("CARGO_PKG_VERSION").to_owned(), command, files };
+        fs::File::create_new(folder.join(MANIFEST))?.write_all(&manifest.bytes()?)
+    }
+
+    /// The manifest of a folder; `None` where there is none that can be read.
+    pub fn read(folder: &Path) -> Option<Self> {
+        let path = folder.join(MANIFEST);
+        fs::symlink_metadata(&path).ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
+        serde_json::from_slice(&fs::read(path).ok()?).ok()
+    }
+
+    /// Sentences about what differs in the folder from what was written: every file and folder that was added, removed or
+    /// edited. A link, and whatever else is no file, counts as an edit.
+    ///
+    /// # Errors
+    /// If the folder or a file cannot be read, or the folder holds more than 100,000 files.
+    pub fn differences(&self, folder: &Path) -> io::Result<Vec<String>> {
+        let mut there = listed(folder)?;
+        let mut found = Vec::new();
+        for (path, content) in &self.files {
+            match there.remove(path) {
+                None => found.push(format!("{path} was removed")),
+                Some(Held::File { bytes }) if bytes == content.bytes && sha256(&folder.join(path))? == content.sha256 => {}
+                Some(_) => found.push(format!("{path} was edited")),
+            }
+        }
+        let holds_ours =
+            |path: &String| self.files.range(format!("{path}/")..).next().is_some_and(|(p, _)| p.starts_with(&format!("{path}/")));
+        there.retain(|path, held| *held != Held::Folder || !holds_ours(path));
+        found.extend(there.into_keys().map(|path| format!("{path} was added")));
+        if fs::read(folder.join(MANIFEST))? != self.bytes()? {
+            found.push(format!("{MANIFEST} was edited"));
+        }
+        Ok(found)
+    }
+
+    fn bytes(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = serde_json::to_vec_pretty(self)?;
+        bytes.push(b'\n');
+        Ok(bytes)
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Held {
+    File {
+        bytes: u64,
+    },
+    Folder,
+    /// A link, a pipe, a device.
+    Other,
+}
+
+/// Everything below a folder but its manifest.
+fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![(folder.to_owned(), String::new())];
+    while let Some((path, prefix)) = open.pop() {
+        for entry in fs::read_dir(&path)? {
+            let entry = entry?;
+            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+            // Of the entry itself: a link is not followed.
+            let meta = entry.metadata()?;
+            if name == MANIFEST && meta.is_file() {
+                continue;
+            }
+            let held = match (meta.is_file(), meta.is_dir()) {
+                (true, _) => Held::File { bytes: meta.len() },
+                (_, true) => Held::Folder,
+                _ => Held::Other,
+            };
+            if held == Held::Folder {
+                open.push((entry.path(), format!("{name}/")));
+            }
+            found.insert(name, held);
+            if found.len() > MAX_ENTRIES {
+                return Err(io::Error::other(format!("it holds more than {MAX_ENTRIES} files")));
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn sha256(path: &Path) -> io::Result<String> {
+    let mut file = fs::File::open(path)?;
+    let (mut digest, mut piece) = (Sha256::new(), vec![0; PIECE]);
+    loop {
+        match file.read(&mut piece)? {
+            0 => return Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            n => digest.update(&piece[..n]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::temp::Temp;
+
+    /// A folder as a command leaves it.
+    fn written(name: &str) -> Temp {
+        let temp = Temp::new(name);
+        fs::create_dir_all(temp.0.join("meshes/visual")).unwrap();
+        fs::write(temp.0.join("report.json"), "{}").unwrap();
+        fs::write(temp.0.join("meshes/visual/lid.obj"), "v 0 0 0").unwrap();
+        Manifest::write(&temp.0, ResultKind::Reconstruct).unwrap();
+        temp
+    }
+
+    fn differences(temp: &Temp) -> Vec<String> {
+        Manifest::read(&temp.0).unwrap().differences(&temp.0).unwrap()
+    }
+
+    #[test]
+    fn it_names_program_command_and_every_file() {
+        let temp = written("manifest-names");
+        let text = fs::read_to_string(temp.0.join(MANIFEST)).unwrap();
+        let expected = format!(
+            "{{\n  \"artitwin\": \"{}\",\n  \"command\": \"reconstruct\",\n  \"files\": {{\n    \"meshes/visual/lid.obj\": {{\n      \
+             \"bytes\": 7,\n      \"sha256\": \"7b6f74e68a82e1ba99b66e56054d46975b1869661ffa0c7f17301f69cbb64463\"\n    }},\n    \
+             \"report.json\": {{\n      \"bytes\": 2,\n      \
+             \"sha256\": \"44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a\"\n    }}\n  }}\n}}\n",
+            env!("CARGO_PKG_VERSION")
+        );
+        assert_eq!(text, expected);
+        assert_eq!(differences(&temp), [""; 0]);
+    }
+
+    #[test]
+    fn every_change_is_seen() {
+        let changes: [(&str, fn(&Path), &[&str]); 8] = [
+            ("edited", |f| fs::write(f.join("report.json"), "[]").unwrap(), &["report.json was edited"]),
+            ("longer", |f| fs::write(f.join("report.json"), "{}\n").unwrap(), &["report.json was edited"]),
+            ("added", |f| fs::write(f.join("meshes/notes.txt"), "").unwrap(), &["meshes/notes.txt was added"]),
+            ("hidden", |f| fs::write(f.join(".notes"), "").unwrap(), &[".notes was added"]),
+            ("folder", |f| fs::create_dir(f.join("empty")).unwrap(), &["empty was added"]),
+            ("removed", |f| fs::remove_dir_all(f.join("meshes")).unwrap(), &["meshes/visual/lid.obj was removed"]),
+            ("below", |f| fs::write(f.join("meshes/manifest.json"), "").unwrap(), &["meshes/manifest.json was added"]),
+            (
+                "manifest",
+                |f| {
+                    let text = fs::read_to_string(f.join(MANIFEST)).unwrap();
+                    fs::write(f.join(MANIFEST), format!("{text} ")).unwrap();
+                },
+                &["manifest.json was edited"],
+            ),
+        ];
+        for (name, change, expected) in changes {
+            let temp = written(&format!("manifest-{name}"));
+            change(&temp.0);
+            assert_eq!(differences(&temp), expected, "{name}");
+        }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_a_change_though_it_leads_to_the_same_bytes() {
+        let temp = written("manifest-link");
+        let (file, other) = (temp.0.join("report.json"), Temp::new("manifest-link-other"));
+        fs::rename(&file, other.0.join("report.json")).unwrap();
+        std::os::unix::fs::symlink(other.0.join("report.json"), &file).unwrap();
+        assert_eq!(differences(&temp), ["report.json was edited"]);
+        let manifest = temp.0.join(MANIFEST);
+        fs::rename(&manifest, other.0.join(MANIFEST)).unwrap();
+        std::os::unix::fs::symlink(other.0.join(MANIFEST), &manifest).unwrap();
+        assert_eq!(Manifest::read(&temp.0), None);
+    }
+
+    #[test]
+    fn what_is_no_manifest_is_none() {
+        for text in ["", "{}", "null", "{\"artitwin\": \"1\", \"command\": \"paint\", \"files\": {}}"] {
+            let temp = Temp::new("manifest-none");
+            fs::write(temp.0.join(MANIFEST), text).unwrap();
+            assert_eq!(Manifest::read(&temp.0), None, "{text}");
+        }
+    }
+}
