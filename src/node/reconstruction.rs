@@ -2,10 +2,7 @@
 
 use std::{
     path::Path,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::Arc,
 };
 
 use ros2_client::Message;
@@ -14,6 +11,7 @@ use tokio::sync::watch;
 use super::{
     collection::Shared,
     job::{Finished, Job, Work},
+    last_results::note_twin,
     progress::RunProgress,
 };
 use crate::{
@@ -52,8 +50,6 @@ pub struct Reconstructor {
     pub shared: Arc<Shared>,
     /// Gets the twin of every run that succeeds.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
-    /// Whether a run goes on.
-    pub busy: AtomicBool,
 }
 
 impl Job for Reconstructor {
@@ -64,12 +60,17 @@ impl Job for Reconstructor {
     const TYPE: &'static str = "Reconstruct";
 
     fn begin(self: &Arc<Self>, goal: &ReconstructGoal) -> Result<Work<ReconstructResult, ReconstructFeedback>, String> {
+        let read = self.shared.read_session();
         let request = self.request(goal)?;
-        let busy = Busy::new(self);
+        let this = Arc::clone(self);
         let mut progress = RunProgress::new(request.config.trains_fields());
         Ok(Work::start(
             move |event, elapsed| progress.take(event).then(|| progress.feedback(elapsed)),
-            move |monitor| busy.0.finish(run::reconstruct(&request, monitor)),
+            move |monitor| {
+                let result = run::reconstruct(&request, monitor);
+                drop(read);
+                this.finish(&request.out, result)
+            },
         ))
     }
 
@@ -78,31 +79,10 @@ impl Job for Reconstructor {
     }
 }
 
-/// Says that a run goes on, until it is dropped.
-struct Busy(Arc<Reconstructor>);
-
-impl Busy {
-    fn new(reconstructor: &Arc<Reconstructor>) -> Self {
-        reconstructor.busy.store(true, Ordering::Release);
-        Self(Arc::clone(reconstructor))
-    }
-}
-
-impl Drop for Busy {
-    fn drop(&mut self) {
-        self.0.busy.store(false, Ordering::Release);
-    }
-}
-
 impl Reconstructor {
     fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, String> {
         let snapshot = self.shared.snapshot();
-        let Some(recordings) = snapshot.recordings else {
-            let [zero, one] = snapshot.kept;
-            return Err(format!(
-                "both states must be collected first; state 0 has {zero} views, state 1 has {one}, or one is not finished"
-            ));
-        };
+        let recordings = snapshot.both()?;
         let mut config = self.config.clone();
         if goal.parts > 0 {
             config.run.parts = Some(goal.parts as usize);
@@ -113,7 +93,7 @@ impl Reconstructor {
         Ok(ReconstructRequest { sources: recordings.into(), out, name: Some(name), config, origins: self.origins.clone(), resume: false })
     }
 
-    fn finish(&self, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
+    fn finish(&self, session: &Path, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
         let outcome = match result {
             Ok(outcome) => outcome,
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
@@ -137,7 +117,9 @@ impl Reconstructor {
             motions: summary.joints.iter().map(motion).collect(),
         };
         let world_frame = self.shared.snapshot().world_frame.unwrap_or_else(|| "world".into());
-        self.twins.send_replace(Some(Arc::new(Twin { summary, state: 1, world_frame })));
+        let twin = Twin { summary, state: 1, world_frame };
+        note_twin(session, &twin);
+        self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)
     }
 }

@@ -10,8 +10,8 @@ use bytes::{Bytes, BytesMut};
 
 use crate::{
   network::util::{
-    build_ifindex_to_interface_map, get_local_multicast_ip_addrs_filtered,
-    get_local_multicast_locators, get_local_unicast_locators_filtered,
+    bind_address, build_ifindex_to_interface_map, get_local_multicast_ip_addrs_filtered,
+    get_local_multicast_locators, get_local_unicast_locators_filtered, Admission,
   },
   rtps::transmit::InterfaceSelector,
   serialization::padding_needed_for_alignment_4,
@@ -55,6 +55,8 @@ pub struct UDPListener {
   // Cached OS interface-index -> local interface map, used to resolve the
   // receiving interface reported by IP_PKTINFO. Built once at construction.
   ifindex_map: HashMap<u32, InterfaceSelector>,
+  // artitwin: What is taken, where networks were asked for.
+  admission: Option<Admission>,
 }
 
 impl Drop for UDPListener {
@@ -72,7 +74,7 @@ impl Drop for UDPListener {
 
 impl UDPListener {
   fn new_listening_socket(
-    host: &str,
+    host: IpAddr, // artitwin
     port: u16,
     reuse_addr: bool,
     recv_buffer_size: usize,
@@ -144,7 +146,7 @@ impl UDPListener {
       }
     }
 
-    let address = SocketAddr::new(host.parse().map_err(io::Error::other)?, port);
+    let address = SocketAddr::new(host, port);
 
     if let Err(e) = raw_socket.bind(&SockAddr::from(address)) {
       info!("new_socket - cannot bind socket: {e:?}");
@@ -181,14 +183,16 @@ impl UDPListener {
 
   #[cfg(test)]
   pub fn new_unicast(host: &str, port: u16) -> io::Result<Self> {
-    Self::new_unicast_with_buf_size(host, port, 0)
+    let host = host.parse().map_err(io::Error::other)?;
+    Self::new_unicast_with_buf_size(port, 0, Some(&[host]))
   }
 
   pub fn new_unicast_with_buf_size(
-    host: &str,
     port: u16,
     recv_buffer_size: usize,
+    only_networks: Option<&[IpAddr]>, // artitwin
   ) -> io::Result<Self> {
+    let host = bind_address(only_networks);
     let mio_socket = Self::new_listening_socket(host, port, false, recv_buffer_size)?;
 
     Ok(Self {
@@ -197,16 +201,16 @@ impl UDPListener {
       multicast_group: None,
       has_multicast_join: false,
       ifindex_map: build_ifindex_to_interface_map(),
+      admission: only_networks.map(Admission::new),
     })
   }
 
   #[cfg(test)]
-  pub fn new_multicast(host: &str, port: u16, multicast_group: Ipv4Addr) -> io::Result<Self> {
-    Self::new_multicast_with_buf_size(host, port, multicast_group, 0, None)
+  pub fn new_multicast(_host: &str, port: u16, multicast_group: Ipv4Addr) -> io::Result<Self> {
+    Self::new_multicast_with_buf_size(port, multicast_group, 0, None)
   }
 
   pub fn new_multicast_with_buf_size(
-    host: &str,
     port: u16,
     multicast_group: Ipv4Addr,
     recv_buffer_size: usize,
@@ -216,6 +220,11 @@ impl UDPListener {
       return io::Result::Err(io::Error::other("Not a multicast address"));
     }
 
+    // artitwin: bound to the group, it hears nothing that is sent to another address.
+    let host = match only_networks {
+      Some(_) if cfg!(unix) => IpAddr::V4(multicast_group),
+      _ => IpAddr::V4(Ipv4Addr::UNSPECIFIED),
+    };
     let mio_socket = Self::new_listening_socket(host, port, true, recv_buffer_size)?;
     let mut joined_multicast = false;
 
@@ -262,6 +271,7 @@ impl UDPListener {
       multicast_group: Some(multicast_group),
       has_multicast_join: joined_multicast,
       ifindex_map: build_ifindex_to_interface_map(),
+      admission: only_networks.map(Admission::new),
     })
   }
 
@@ -406,7 +416,7 @@ impl UDPListener {
 
     // Read the datagram and pull out the Copy metadata; the borrow of
     // `receive_buffer` (through `iov`) ends when this block ends.
-    let (nbytes, source, ifindex, spec_dst) = {
+    let (nbytes, source, ifindex, spec_dst) = loop {
       let mut iov = [IoSliceMut::new(
         &mut self.receive_buffer[..MAX_MESSAGE_SIZE],
       )];
@@ -422,6 +432,7 @@ impl UDPListener {
 
       let mut ifindex = 0u32;
       let mut spec_dst: Option<IpAddr> = None;
+      let mut destination = IpAddr::V4(Ipv4Addr::UNSPECIFIED); // artitwin
       for cmsg in msg.cmsgs()? {
         if let ControlMessageOwned::Ipv4PacketInfo(info) = cmsg {
           // libc::in_pktinfo.ipi_ifindex is i32 on older libc (MSRV 1.88) and
@@ -430,13 +441,21 @@ impl UDPListener {
           {
             ifindex = info.ipi_ifindex as u32;
           }
+          destination = Ipv4Addr::from(u32::from_be(info.ipi_addr.s_addr)).into();
           let addr = Ipv4Addr::from(u32::from_be(info.ipi_spec_dst.s_addr));
           if !addr.is_unspecified() {
             spec_dst = Some(IpAddr::V4(addr));
           }
         }
       }
-      (nbytes, source, ifindex, spec_dst)
+      // artitwin: What came another way is dropped.
+      if let Some(admission) = &self.admission {
+        if !admission.admits(ifindex, destination) {
+          debug!("Dropped a datagram from {source:?} to {destination} by interface {ifindex}");
+          continue;
+        }
+      }
+      break (nbytes, source, ifindex, spec_dst);
     };
 
     // Prefer the exact local destination address (matches sender interface

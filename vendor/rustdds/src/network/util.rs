@@ -177,6 +177,45 @@ pub fn localhost_spdp_peer_locators(
     .collect()
 }
 
+/// artitwin: The address that sockets are bound to: that of the only network,
+/// else all.
+pub fn bind_address(only_networks: Option<&[IpAddr]>) -> IpAddr {
+  match only_networks {
+    Some([one @ IpAddr::V4(_)]) => *one,
+    _ => IpAddr::V4(Ipv4Addr::UNSPECIFIED),
+  }
+}
+
+/// artitwin: What a listener takes of the datagrams that reach its socket, as a
+/// socket bound to all addresses or to a multicast group hears every interface.
+#[derive(Debug)]
+pub struct Admission {
+  addresses: Vec<IpAddr>,
+  /// Indices of the interfaces with these addresses.
+  interfaces: Vec<u32>,
+}
+
+impl Admission {
+  pub fn new(only_networks: &[IpAddr]) -> Self {
+    Self::of(&local_interface_table(), only_networks)
+  }
+
+  fn of(ifaces: &[IfAddr], only_networks: &[IpAddr]) -> Self {
+    let theirs = ifaces.iter().filter(|i| only_networks.contains(&i.ip));
+    Self {
+      addresses: only_networks.to_vec(),
+      interfaces: theirs.map(|i| i.index).collect(),
+    }
+  }
+
+  /// Whether a datagram that came by an interface to an address is meant for
+  /// the networks that were asked for.
+  pub fn admits(&self, interface: u32, destination: IpAddr) -> bool {
+    self.interfaces.contains(&interface)
+      && (destination.is_multicast() || self.addresses.contains(&destination))
+  }
+}
+
 pub fn get_local_unicast_locators_filtered(
   port: u16,
   only_networks: Option<&[IpAddr]>,
@@ -554,5 +593,21 @@ mod tests {
     assert!(peers
       .iter()
       .all(|l| SocketAddr::from(*l).ip().is_loopback()));
+  }
+
+  // artitwin: The kernel tells interface and destination; both must be asked for.
+  #[test]
+  fn only_what_came_by_the_networks_asked_for_is_admitted() {
+    let ifaces = [iface(v4(127, 0, 0, 1), 1, true, false), iface(v4(10, 9, 9, 1), 2, false, true)];
+    let loopback = super::Admission::of(&ifaces, &[v4(127, 0, 0, 1)]);
+    assert!(loopback.admits(1, v4(127, 0, 0, 1)));
+    assert!(loopback.admits(1, v4(239, 255, 0, 1)));
+    for (interface, destination) in
+      [(1, v4(10, 9, 9, 1)), (2, v4(127, 0, 0, 1)), (2, v4(239, 255, 0, 1)), (0, v4(127, 0, 0, 1))]
+    {
+      assert!(!loopback.admits(interface, destination), "{interface} {destination}");
+    }
+    assert_eq!(super::bind_address(Some(&[v4(127, 0, 0, 1)])), v4(127, 0, 0, 1));
+    assert_eq!(super::bind_address(None), v4(0, 0, 0, 0));
   }
 }

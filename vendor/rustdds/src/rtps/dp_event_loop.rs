@@ -500,6 +500,7 @@ impl DPEventLoop {
         DpTimerEvent::CacheGc => {
           debug!("Clean DDSCache on timer");
           self.dds_cache.write().unwrap().garbage_collect();
+          self.message_receiver.garbage_collect_fragments(); // artitwin
           self
             .shared_timer
             .borrow_mut()

@@ -1,11 +1,12 @@
 use std::{
   collections::{btree_map::Entry, BTreeMap},
   fmt, iter,
+  sync::atomic::{AtomicUsize, Ordering},
 };
 
 use bit_vec::BitVec;
 use enumflags2::BitFlags;
-use bytes::BytesMut;
+use bytes::Bytes;
 #[allow(unused_imports)]
 use log::{debug, error, info, trace, warn};
 
@@ -22,9 +23,50 @@ use crate::{
   },
 };
 
+// artitwin: Largest sample that is assembled, and most bytes that one Reader holds for
+// one Writer. Derived: the largest image that the node takes (64 MiB), and its header.
+pub(crate) const MAX_FRAGMENTED_SAMPLE_BYTES: usize = (64 << 20) + (64 << 10);
+// artitwin: Most bytes held by all assembly buffers of the process. Derived: color, depth,
+// mask and one more, each of the largest size.
+pub(crate) const MAX_ASSEMBLY_BYTES: usize = 4 * MAX_FRAGMENTED_SAMPLE_BYTES;
+// artitwin: What a buffer takes beside its data: map entries, headers of allocations. Tuned.
+const BUFFER_OVERHEAD_BYTES: usize = 1024;
+
+static ASSEMBLY_BYTES: AtomicUsize = AtomicUsize::new(0);
+
+// artitwin: A share of MAX_ASSEMBLY_BYTES. Given back when it is dropped.
+struct Share(usize);
+
+impl Share {
+  fn take(bytes: usize) -> Option<Self> {
+    let more = |held: usize| held.checked_add(bytes).filter(|sum| *sum <= MAX_ASSEMBLY_BYTES);
+    ASSEMBLY_BYTES
+      .fetch_update(Ordering::AcqRel, Ordering::Acquire, more)
+      .ok()
+      .map(|_| Self(bytes))
+  }
+}
+
+impl Drop for Share {
+  fn drop(&mut self) {
+    ASSEMBLY_BYTES.fetch_sub(self.0, Ordering::AcqRel);
+  }
+}
+
+// artitwin: What assembling a sample may take: its data, a bit a fragment, the overhead.
+// None: it is larger than any sample may be.
+fn assembly_bytes(datafrag: &DataFrag) -> Option<usize> {
+  let data_size = usize::try_from(datafrag.data_size).ok()?;
+  (data_size <= MAX_FRAGMENTED_SAMPLE_BYTES)
+    .then(|| data_size + usize::from(datafrag.total_number_of_fragments()) / 8 + BUFFER_OVERHEAD_BYTES)
+}
+
 // This is for the assembly of a single object
 struct AssemblyBuffer {
-  buffer_bytes: BytesMut,
+  // artitwin: Zeroed by the system, so that memory is taken as fragments come, not as they
+  // are declared.
+  buffer_bytes: Vec<u8>,
+  share: Share,
   fragment_count: usize,
   received_bitmap: BitVec,
 
@@ -45,9 +87,6 @@ impl AssemblyBuffer {
       return None;
     }
 
-    let mut buffer_bytes = BytesMut::with_capacity(data_size);
-    buffer_bytes.resize(data_size, 0);
-
     let fragment_count = usize::from(datafrag.total_number_of_fragments());
     if fragment_count == 0 {
       error!("Cannot create AssemblyBuffer: zero fragment count");
@@ -55,9 +94,12 @@ impl AssemblyBuffer {
     }
 
     let now = Timestamp::now();
+    // artitwin: Nothing is allocated without a share of what may be held.
+    let share = Share::take(assembly_bytes(datafrag)?)?;
 
     Some(Self {
-      buffer_bytes,
+      buffer_bytes: vec![0; data_size],
+      share,
       fragment_count,
       received_bitmap: BitVec::from_elem(fragment_count, false),
       created_time: now,
@@ -159,7 +201,7 @@ impl AssemblyBuffer {
       datafrag.serialized_payload.len()
     );
 
-    self.buffer_bytes.as_mut()[from_byte..to_before_byte]
+    self.buffer_bytes[from_byte..to_before_byte]
       .copy_from_slice(&datafrag.serialized_payload[..payload_size]);
 
     for f in 0..frags_in_submessage {
@@ -213,6 +255,40 @@ impl FragmentAssembler {
     }
   }
 
+  // artitwin: Makes room for a new buffer among those of this Writer, by the rule of
+  // MAX_ASSEMBLY_BUFFERS: a Reliable Reader gives up the newest, else the oldest goes.
+  // False: there is none.
+  fn make_room(&mut self, datafrag: &DataFrag) -> bool {
+    let Some(bytes) = assembly_bytes(datafrag) else {
+      warn!(
+        "DATAFRAG declares {} bytes, {MAX_FRAGMENTED_SAMPLE_BYTES} are the limit: it is left out",
+        datafrag.data_size
+      );
+      return false;
+    };
+    loop {
+      let held: usize = self.assembly_buffers.values().map(|b| b.share.0).sum();
+      // A sample of the largest size stands alone, whatever its bits and overhead.
+      let fits = held == 0 || held + bytes <= MAX_FRAGMENTED_SAMPLE_BYTES;
+      if fits && ASSEMBLY_BYTES.load(Ordering::Acquire) + bytes <= MAX_ASSEMBLY_BYTES {
+        return true;
+      }
+      let evicted = match self.reliable {
+        true if self.assembly_buffers.keys().next_back() < Some(&datafrag.writer_sn) => None,
+        true => self.assembly_buffers.pop_last(),
+        false => self.assembly_buffers.pop_first(),
+      };
+      if evicted.is_none() {
+        return false;
+      }
+    }
+  }
+
+  // artitwin: Whether nothing is being assembled.
+  pub fn is_empty(&self) -> bool {
+    self.assembly_buffers.is_empty()
+  }
+
   // Returns completed DDSData, when complete, and disposes the assembly buffer.
   pub fn new_datafrag(
     &mut self,
@@ -223,10 +299,13 @@ impl FragmentAssembler {
     let frag_size = self.fragment_size;
 
     let sn = datafrag.writer_sn;
+    if !self.assembly_buffers.contains_key(&sn) && !self.make_room(datafrag) {
+      return None; // artitwin
+    }
     match self.assembly_buffers.entry(sn) {
       Entry::Vacant(v) => {
         let Some(buf) = AssemblyBuffer::new(datafrag) else {
-          error!("new_datafrag: failed to create AssemblyBuffer for {sn:?}");
+          debug!("new_datafrag: failed to create AssemblyBuffer for {sn:?}");
           return None;
         };
         v.insert(buf);
@@ -249,7 +328,7 @@ impl FragmentAssembler {
       if let Some(assembly_buffer) = self.assembly_buffers.remove(&writer_sn) {
         // Return what we have assembled.
         let serialized_data_or_key =
-          SerializedPayload::from_bytes(&assembly_buffer.buffer_bytes.freeze()).map_or_else(
+          SerializedPayload::from_bytes(&Bytes::from(assembly_buffer.buffer_bytes)).map_or_else(
             |e| {
               error!("Deserializing SerializedPayload from DATAFRAG: {:?}", e);
               None
@@ -340,7 +419,7 @@ impl FragmentAssembler {
 mod tests {
   use bytes::Bytes;
 
-  use super::AssemblyBuffer;
+  use super::{AssemblyBuffer, MAX_FRAGMENTED_SAMPLE_BYTES};
   use crate::{
     messages::submessages::submessages::DataFrag, structure::sequence_number::FragmentNumber,
   };
@@ -425,5 +504,51 @@ mod tests {
     assert!(fa
       .new_datafrag(&bad, BitFlags::<DATAFRAG_Flags>::empty())
       .is_none());
+  }
+
+  // artitwin
+  fn first_of(data_size: u32, sn: i64) -> DataFrag {
+    DataFrag {
+      writer_sn: sn.into(),
+      ..datafrag(1, 1, 1024, data_size, vec![0; 1024])
+    }
+  }
+
+  // artitwin: A declared size above the limit allocates nothing.
+  #[test]
+  fn a_sample_larger_than_any_is_left_out() {
+    use enumflags2::BitFlags;
+
+    use super::FragmentAssembler;
+
+    let mut fa = FragmentAssembler::new(1024, true);
+    for size in [MAX_FRAGMENTED_SAMPLE_BYTES as u32 + 1, 1 << 30, 0xffff_fff0] {
+      assert!(fa.new_datafrag(&first_of(size, 1), BitFlags::empty()).is_none());
+      assert!(fa.is_empty());
+    }
+    fa.new_datafrag(
+      &first_of(MAX_FRAGMENTED_SAMPLE_BYTES as u32, 1),
+      BitFlags::empty(),
+    );
+    assert!(!fa.is_empty());
+  }
+
+  // artitwin: Whatever one Writer begins, what is held for it stays within one largest
+  // sample; a Reliable Reader keeps the oldest, else the newest stay.
+  #[test]
+  fn begun_samples_of_a_writer_are_bounded() {
+    use enumflags2::BitFlags;
+
+    use super::FragmentAssembler;
+
+    for (reliable, kept) in [(true, 1), (false, 100)] {
+      let mut fa = FragmentAssembler::new(1024, reliable);
+      for sn in 1..=100 {
+        fa.new_datafrag(&first_of(10 << 20, sn), BitFlags::empty());
+      }
+      let held: usize = fa.assembly_buffers.values().map(|b| b.share.0).sum();
+      assert!((50 << 20..=MAX_FRAGMENTED_SAMPLE_BYTES).contains(&held), "{held}");
+      assert!(fa.is_partially_received(kept.into()));
+    }
   }
 }

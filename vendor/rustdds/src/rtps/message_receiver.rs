@@ -1091,6 +1091,13 @@ impl MessageReceiver {
     }
   }
 
+  // artitwin: drops samples that were begun and not finished in time
+  pub fn garbage_collect_fragments(&mut self) {
+    for reader in self.available_readers.values_mut() {
+      reader.garbage_collect_fragments();
+    }
+  }
+
   // use for test and debugging only
   #[cfg(test)]
   fn get_reader_and_history_cache_change(

@@ -466,6 +466,7 @@ impl Reader {
   }
 
   pub fn remove_writer_proxy(&mut self, writer_guid: GUID) {
+    self.fragment_assemblers.remove(&writer_guid); // artitwin
     if self.matched_writers.contains_key(&writer_guid) {
       self.matched_writers.remove(&writer_guid);
       self
@@ -633,11 +634,27 @@ impl Reader {
       write_options_b = write_options_b.related_sample_identity(related_sample_identity);
     }
 
+    // artitwin: Data of a Writer that is not matched would be dropped when it is complete.
+    if !self.like_stateless
+      && writer_guid.entity_id.entity_kind.is_user_defined()
+      && !self.matched_writers.contains_key(&writer_guid)
+    {
+      return;
+    }
+
     // Feed to fragment assembler ...
     let writer_seq_num = datafrag.writer_sn; // for borrow checker
     let completed_dds_data = self
       .fragment_assembler_mutable(writer_guid, datafrag.fragment_size)
       .new_datafrag(datafrag, datafrag_flags);
+    // artitwin: An assembler that holds nothing is not kept: Writers may be made up.
+    if self
+      .fragment_assemblers
+      .get(&writer_guid)
+      .is_some_and(FragmentAssembler::is_empty)
+    {
+      self.fragment_assemblers.remove(&writer_guid);
+    }
 
     // ... and continue processing, if data was completed.
     if let Some(dds_data) = completed_dds_data {
@@ -667,7 +684,8 @@ impl Reader {
       .or_insert_with(|| FragmentAssembler::new(frag_size, reliable))
   }
 
-  fn garbage_collect_fragments(&mut self) {
+  // artitwin: Also called by a timer, as nothing may follow the last fragment.
+  pub fn garbage_collect_fragments(&mut self) {
     // If GC time/packet limit has been exceeded, iterate through
     // fragment assemblers and discard those assembly buffers whose
     // creation / modification timestamps look like it is no longer receiving
@@ -678,13 +696,11 @@ impl Reader {
 
       let expire_before = now - FRAGMENT_ASSEMBLY_TIMEOUT;
 
-      self
-        .fragment_assemblers
-        .iter_mut()
-        .for_each(|(writer, fa)| {
-          debug!("AssemblyBuffer GC writer {writer:?}");
-          fa.garbage_collect_before(expire_before);
-        });
+      self.fragment_assemblers.retain(|writer, fa| {
+        debug!("AssemblyBuffer GC writer {writer:?}");
+        fa.garbage_collect_before(expire_before);
+        !fa.is_empty() // artitwin
+      });
     } else {
       trace!("Not yet AssemblyBuffer GC time.");
     }
@@ -1020,7 +1036,11 @@ impl Reader {
             let mut missing_frags = this.missing_frags_for(writer_guid, sn);
             let first_missing = missing_frags.next();
             if let Some(first) = first_missing {
-              let missing_frags_set = iter::once(first).chain(missing_frags).collect(); // "undo" the .next() above
+              // artitwin: No more than a NACKFRAG can name.
+              let end = FragmentNumber::new(u32::from(first).saturating_add(256));
+              let missing_frags_set = iter::once(first)
+                .chain(missing_frags.take_while(|f| *f < end))
+                .collect(); // "undo" the .next() above
               let nf = NackFrag {
                 reader_id,
                 writer_id: writer_proxy.remote_writer_guid.entity_id,

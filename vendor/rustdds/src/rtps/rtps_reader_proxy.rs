@@ -551,13 +551,23 @@ impl RtpsReaderProxy {
 
   // Fragment handling
 
-  pub fn mark_frags_requested(&mut self, seq_num: SequenceNumber, frag_nums: &FragmentNumberSet) {
+  pub fn mark_frags_requested(
+    &mut self,
+    seq_num: SequenceNumber,
+    frag_nums: &FragmentNumberSet,
+    fragment_count: u32, // artitwin
+  ) {
+    // artitwin: fragments that the sample does not have are not sent
+    let there = |f: &FragmentNumber| (1..=fragment_count).contains(&u32::from(*f));
+    if !frag_nums.iter().any(|f| there(&f)) {
+      return;
+    }
     let req_set = self
       .frags_requested
       .entry(seq_num)
       .or_insert_with(|| BitVec::with_capacity(64)); // default capacity out of hat
 
-    for f in frag_nums.iter() {
+    for f in frag_nums.iter().filter(there) {
       // -1 because FragmentNumbers start at 1
       let idx = usize::from(f) - 1;
       // The bit vector must be long enough to address `idx`. Grow it (filling

@@ -176,6 +176,13 @@ impl RtpsWriterProxy {
 
     // Iterate over all SequenceNumbers (indices) in the advertised range.
     for s in relevant_interval {
+      // artitwin: No more than an ACKNACK can name: the range is what the Writer claims.
+      if missing_seqnums
+        .first()
+        .is_some_and(|first| s >= *first + SequenceNumber::new(256))
+      {
+        break;
+      }
       match known_head {
         None => missing_seqnums.push(s), // no known changes left => s is missing
         Some(known_sn) => {
@@ -281,7 +288,9 @@ impl RtpsWriterProxy {
         self.ack_base, remove_from, remove_until_before, self.remote_writer_guid
       );
     } else {
-      // TODO: This potentially generates a very large BTreeMap
+      // artitwin: Of a range longer than what is tracked only the end would stay.
+      let tracked = SequenceNumber::new(MAX_TRACKED_CHANGES_PER_WRITER as i64);
+      let remove_from = max(remove_from, remove_until_before - tracked);
       for na in
         SequenceNumber::range_inclusive(remove_from, remove_until_before - SequenceNumber::new(1))
       {
