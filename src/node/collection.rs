@@ -88,9 +88,7 @@ impl Snapshot {
         match &self.recordings {
             [Some(state0), Some(state1)] => Ok([state0.clone(), state1.clone()]),
             [None, None] => Err("states 0 and 1 have no views; collect them with start_state and finish_state".into()),
-            [state0, _] => {
-                Err(format!("state {} has no views; collect it with start_state and finish_state", u8::from(state0.is_some())))
-            }
+            [state0, _] => Err(format!("state {} has no views; collect it with start_state and finish_state", u8::from(state0.is_some()))),
         }
     }
 }

@@ -134,7 +134,10 @@ fn a_state_that_ends_without_views_does_not_count() {
     collector.start(0).unwrap();
     assert!(names().contains(&"state0_replaced1".to_owned()));
     assert!(collector.finish(0).is_err());
-    assert_eq!((collector.recordings(), collector.kept(), names()), ([Some(folder.0.join("state0")), None], [16, 0], vec!["state0".to_owned()]));
+    assert_eq!(
+        (collector.recordings(), collector.kept(), names()),
+        ([Some(folder.0.join("state0")), None], [16, 0], vec!["state0".to_owned()])
+    );
     assert_eq!(std::fs::read(&recording).unwrap(), before);
     // A reset forgets a state without views likewise.
     collector.start(1).unwrap();

@@ -90,12 +90,7 @@ impl Outputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(
-        self,
-        News { twin: mut twins, mut report }: News,
-        shared: Arc<Shared>,
-        mut diagnostics: Diagnostics,
-    ) {
+    pub async fn run(self, News { twin: mut twins, mut report }: News, shared: Arc<Shared>, mut diagnostics: Diagnostics) {
         let mut fast = tokio::time::interval(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
         let mut slow = tokio::time::interval(Duration::from_secs(1));
         let mut last_report = Instant::now();

@@ -1,9 +1,6 @@
 //! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
 
-use std::{
-    path::Path,
-    sync::Arc,
-};
+use std::{path::Path, sync::Arc};
 
 use ros2_client::Message;
 use tokio::sync::watch;
