@@ -104,7 +104,7 @@ def claims(args):
     cost("heartbeat", [heartbeat(ours, 1, 1 << 40, 1_000_000)])
     cost("gap", [gap(ours, 1 << 30, 1 << 40)])
     cost("nack", [nack_fragments(reader.reader.guid.bytes, theirs, 1 + k, base, 1000 + 2 * k) for k in range(4) for base in (0, 0xFFFFFF00)])
-    # A reader of best effort forgets the oldest sample for the newest; what is begun is held for 10 s.
+    # What was begun above is held for 10 s, and stands in the way of more.
     time.sleep(15)
     filled = [fragment(ours, (1 << 41) + k, 20 * MIB, number, 60000, 59996) for number in range(1, 300) for k in range(5)]
     for k, data in enumerate(filled):

@@ -21,10 +21,10 @@ def run(*command):
 
 
 def second_machine():
-    """A process in the second namespace."""
+    """A process in the second namespace, which ends with this one, and what stands before commands that are run there."""
     run("ip", "link", "set", "lo", "up")
     run("ip", "link", "add", "here", "type", "veth", "peer", "name", "there")
-    holder = subprocess.Popen(["unshare", "--net", "sleep", "600"])
+    holder = subprocess.Popen(["unshare", "--net", "cat"], stdin=subprocess.PIPE)
     for _ in range(100):
         if os.readlink(f"/proc/{holder.pid}/ns/net") != os.readlink("/proc/self/ns/net"):
             break
