@@ -1,6 +1,7 @@
 """Who reaches a node: `unshare --net outside.py PROGRAM FOLDER`. The node stands in one network namespace, with a neighbour on
 its machine; another machine is a second namespace, joined to the first by a pair of interfaces. Prints JSON; exit code 3: namespaces
 cannot be made here."""
+import glob
 import json
 import os
 import socket
@@ -115,8 +116,8 @@ def reached(program, folder, there, opened):
             done = subprocess.run([*where, sys.executable, __file__, command], env=settings, stdout=subprocess.PIPE, text=True)
             return done.stdout.strip()
 
-        outside = {"datagrams": told("raw", THERE), "service": told("ask", THERE)}
-        begun = sum(os.path.exists(os.path.join(out, session, "state0")) for session in os.listdir(out))
+        outside = {"datagrams": told("raw", THERE), "service": told("ask", THERE), "own_address": told("ask", HERE)}
+        begun = len(glob.glob(os.path.join(out, "*", "state0")))
         inside = told("ask", "127.0.0.1") if not opened else None
     finally:
         node.terminate()
