@@ -37,6 +37,8 @@ fn who_is_not_on_this_machine_gets_nothing() {
     let closed = &told["closed"];
     assert_eq!(closed["bound"], serde_json::json!(["127.0.0.1", "239.255.0.1"]), "{told}");
     assert_eq!((&closed["outside"]["datagrams"], &closed["outside"]["service"]), (&"0".into(), &"nothing".into()), "{told}");
+    // Nor does a neighbour on this machine that speaks for an address of the network.
+    assert_eq!(closed["outside"]["own_address"], "nothing", "{told}");
     assert_eq!((&closed["begun_from_outside"], &closed["inside"]), (&0.into(), &"True".into()), "{told}");
     // Opened, the same neighbour is served, and the node says so.
     let open = &told["open"];
