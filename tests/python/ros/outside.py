@@ -101,7 +101,7 @@ def reached(program, folder, there, opened):
     """What a node tells of itself, and who reaches it."""
     from datagrams import sockets
 
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "CYCLONEDDS"))}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "CYCLONEDDS", "DDS_PEER"))}
     environment |= {"ROS_DOMAIN_ID": str(DOMAIN), "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
     opening = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"} if opened else {}
     out = os.path.join(folder, "open" if opened else "closed")
