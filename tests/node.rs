@@ -60,6 +60,7 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
     let told = scenario(&python, domain, &arguments);
     let log = node.end();
     assert!(!log.contains("panicked"), "{log}");
+    taken_up(&python, domain, &folder, &small_run(&folder, raw), &told);
 
     let cli = folder.join("cli");
     let ended = end(&mut reconstruct(&[bag], &cli, &["--parts", "2", "--name", "drawer"]));
@@ -82,6 +83,45 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
     let read = |path: &Path| std::fs::read(path.join("drawer.urdf")).unwrap();
     assert_eq!(read(&twin), read(&again.join("drawer")));
+}
+
+/// A node on the session of an earlier one publishes the twin made there; a damaged twin is a warning.
+fn taken_up(python: &Path, domain: u16, folder: &TempDir, parameters: &[String], told: &serde_json::Value) {
+    let texts = |key: &str| -> Vec<String> {
+        told[key].as_array().unwrap().iter().map(|v| v.as_str().map_or_else(|| v.to_string(), str::to_owned)).collect()
+    };
+    let arguments = [vec!["taken_up".to_owned(), "--joints".to_owned()], texts("joints"), vec!["--motions".to_owned()], texts("motions")];
+    let node = Node::start(domain, parameters);
+    let again = scenario(python, domain, &arguments.iter().flatten().map(String::as_str).collect::<Vec<_>>());
+    node.end();
+    assert_eq!(again["description"], told["description"]);
+
+    let report = folder.join("node/session/drawer/report.json");
+    let text = std::fs::read(&report).unwrap();
+    std::fs::write(&report, &text[..text.len() / 2]).unwrap();
+    let node = Node::start(domain, parameters);
+    scenario(python, domain, &["discovery"]);
+    let log = node.end();
+    assert!(log.contains("the last twin is not published again") && log.contains("report.json"), "{log}");
+    std::fs::write(&report, text).unwrap();
+}
+
+#[test]
+fn a_session_has_one_node() {
+    let folder = TempDir::new("node-two");
+    let parameters = [format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()];
+    let first = Node::start(63, &parameters);
+    ros::wait_for(&folder.join("out/session/.node.lock"));
+    let mut second = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    let arguments = ["node", "--ros-args", "-p", &parameters[0], "-p", &parameters[1]];
+    let refused = end(second.args(arguments).env("ROS_DOMAIN_ID", "63"));
+    assert_eq!(refused.code, 1, "{}", refused.stderr);
+    assert!(refused.stderr.contains("another node works on the session"), "{}", refused.stderr);
+    // A crash gives the session back.
+    first.kill();
+    let after = Node::start(63, &parameters);
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    assert!(after.end().contains("session"));
 }
 
 #[test]
@@ -290,6 +330,11 @@ fn a_diagnosis_is_asked_for_canceled_and_published() {
     assert_eq!(ended.code, 0, "{}", ended.stderr);
     let by_node = Path::new(told["folder"].as_str().unwrap());
     assert_eq!(by_node, folder.join("out/session/gap"));
+    let node = Node::start(59, &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()]);
+    let again = scenario(&python, 59, &["reported"]);
+    node.end();
+    assert_eq!((&again["verdict"], &again["folder"], &again["summary"]), (&told["verdict"], &told["folder"], &told["summary"]));
+    assert_eq!(again["twin"], twin.display().to_string());
     for file in ["report.json", "twin.urdf"] {
         assert_eq!(std::fs::read(by_node.join(file)).unwrap(), std::fs::read(cli.join(file)).unwrap(), "{file}");
     }

@@ -2,7 +2,7 @@
 //! its own, as decoding and writing take time.
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -16,7 +16,9 @@ use super::{
     motion_watch::{MotionWatch, Turn},
     preview_cloud::PreviewCloud,
     sample::Sample,
+    session_lock::SessionLock,
 };
+use crate::run::chain;
 
 /// Images that wait for the core.
 pub const IMAGE_QUEUE: usize = 16;
@@ -52,8 +54,8 @@ pub struct Snapshot {
     pub moving: bool,
     /// Views kept of each state.
     pub kept: [usize; 2],
-    /// Finished recordings.
-    pub recordings: Option<[PathBuf; 2]>,
+    /// Finished recordings of the states.
+    pub recordings: [Option<PathBuf>; 2],
     /// Sets of images that belong together.
     pub matched: u64,
     /// Color, depth and mask images given up.
@@ -74,10 +76,29 @@ pub struct Snapshot {
     pub cloud_version: u64,
 }
 
+impl Snapshot {
+    /// The recordings of both states.
+    ///
+    /// # Errors
+    /// A sentence about the states that lack views.
+    pub fn both(&self) -> Result<[PathBuf; 2], String> {
+        if let Some(state) = self.collecting {
+            return Err(format!("state {state} is being collected; finish it first"));
+        }
+        match &self.recordings {
+            [Some(state0), Some(state1)] => Ok([state0.clone(), state1.clone()]),
+            [None, None] => Err("states 0 and 1 have no views; collect them with start_state and finish_state".into()),
+            [state0, _] => Err(format!("state {} has no views; collect it with start_state and finish_state", u8::from(state0.is_some()))),
+        }
+    }
+}
+
 /// What the core shares.
 #[derive(Debug, Default)]
 pub struct Shared {
     snapshot: Mutex<Snapshot>,
+    /// Whether a run reads the session. Held while a state begins, so that no run begins to read it then.
+    read: Mutex<bool>,
     cloud: Mutex<Vec<([f32; 3], [u8; 3])>>,
 }
 
@@ -88,10 +109,32 @@ impl Shared {
         guard(&self.snapshot).clone()
     }
 
+    /// Says that a run reads the session, until what is given is dropped; until then no state begins and none is left.
+    pub fn read_session(self: &Arc<Self>) -> ReadSession {
+        *guard(&self.read) = true;
+        ReadSession(Arc::clone(self))
+    }
+
+    /// Whether a run reads the session.
+    #[must_use]
+    pub fn is_read(&self) -> bool {
+        *guard(&self.read)
+    }
+
     /// The cloud now.
     #[must_use]
     pub fn cloud(&self) -> Vec<([f32; 3], [u8; 3])> {
         guard(&self.cloud).clone()
+    }
+}
+
+/// A run reads the session.
+#[derive(Debug)]
+pub struct ReadSession(Arc<Shared>);
+
+impl Drop for ReadSession {
+    fn drop(&mut self) {
+        *guard(&self.0.read) = false;
     }
 }
 
@@ -102,6 +145,7 @@ fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The collector with its queues.
 pub struct Core {
     collector: Collector,
+    lock: SessionLock,
     watch: Option<MotionWatch>,
     cloud: PreviewCloud,
     cloud_points: usize,
@@ -123,11 +167,17 @@ pub struct Inbox {
 }
 
 impl Core {
-    /// A core about a collector; with a watch the states begin and end by themselves.
+    /// A core about a collector and the right to its session; with a watch the states begin and end by themselves.
     #[must_use]
-    pub fn new(collector: Collector, watch: Option<MotionWatch>, cloud_points: usize, clock: Arc<NodeClock>, shared: Arc<Shared>) -> Self {
+    pub fn new(
+        (collector, lock): (Collector, SessionLock),
+        watch: Option<MotionWatch>,
+        cloud_points: usize,
+        clock: Arc<NodeClock>,
+        shared: Arc<Shared>,
+    ) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
-        Self { collector, watch, cloud, cloud_points, cloud_version: 0, clock, shared, last_state: 0, flushed: Instant::now() }
+        Self { collector, lock, watch, cloud, cloud_points, cloud_version: 0, clock, shared, last_state: 0, flushed: Instant::now() }
     }
 
     /// Works until it is stopped or everybody is gone.
@@ -163,7 +213,7 @@ impl Core {
     fn obey(&mut self, command: Command) {
         match command {
             Command::Start(state, answer) => {
-                let started = self.start(state);
+                let started = self.unless_read(|core| core.start(state));
                 answer.send(started).ok();
             }
             Command::Finish(state, answer) => {
@@ -171,9 +221,7 @@ impl Core {
                 answer.send(finished).ok();
             }
             Command::Reset(session, answer) => {
-                let reset = self.collector.reset(&session).map_err(|e| e.to_string());
-                self.watch = self.watch.take().map(MotionWatch::renewed);
-                self.cloud = PreviewCloud::new(self.cloud_points);
+                let reset = self.unless_read(|core| core.reset(&session));
                 answer.send(reset).ok();
             }
             Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(|e| e.to_string())),
@@ -184,6 +232,27 @@ impl Core {
             }
             Command::Stop(_) => {}
         }
+    }
+
+    /// Changes the session, unless a run reads it.
+    fn unless_read(&mut self, change: impl FnOnce(&mut Self) -> Result<(), String>) -> Result<(), String> {
+        let shared = Arc::clone(&self.shared);
+        let read = guard(&shared.read);
+        if *read {
+            return Err("a reconstruction reads the session; wait for its end, or cancel it".into());
+        }
+        let changed = change(self);
+        self.publish();
+        changed
+    }
+
+    fn reset(&mut self, session: &Path) -> Result<(), String> {
+        let lock = SessionLock::take(session).map_err(|e| chain(&e))?;
+        self.watch = self.watch.take().map(MotionWatch::renewed);
+        self.cloud = PreviewCloud::new(self.cloud_points);
+        let reset = self.collector.reset(session).map_err(|e| e.to_string());
+        self.lock = lock;
+        reset
     }
 
     fn start(&mut self, state: usize) -> Result<(), String> {
@@ -208,11 +277,12 @@ impl Core {
             self.cloud_version += 1;
             *guard(&self.shared.cloud) = self.cloud.points();
         }
-        let Some(watch) = &mut self.watch else { return };
+        // While a run reads the session no state may begin, so the object is not watched.
+        let Some(watch) = self.watch.as_mut().filter(|_| !self.shared.is_read()) else { return };
         let turn = watch.see(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept());
         match turn {
             Turn::None => {}
-            Turn::Start(state) => match self.start(state) {
+            Turn::Start(state) => match self.unless_read(|core| core.start(state)) {
                 Ok(()) => log::info!("state {state} begins: the object is still"),
                 Err(error) => log::error!("state {state} cannot begin: {error}"),
             },

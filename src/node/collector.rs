@@ -93,6 +93,8 @@ pub struct Collector {
     held: VecDeque<Held>,
     keyframes: [Keyframes; 2],
     finished: [Option<PathBuf>; 2],
+    /// Recording and views of the state being collected, as they were before.
+    before: (Option<PathBuf>, Keyframes),
     newest_nanos: i64,
     /// Frame of the poses, once it is known.
     pub world_frame: Option<String>,
@@ -119,6 +121,7 @@ impl Collector {
             held: VecDeque::new(),
             keyframes: Default::default(),
             finished: [0, 1].map(|s| finished_state(session, s)),
+            before: Default::default(),
             newest_nanos: i64::MIN,
             world_frame: settings.world_frame.clone(),
             counts: Counts::default(),
@@ -146,11 +149,10 @@ impl Collector {
         [0, 1].map(|s| self.keyframes[s].len())
     }
 
-    /// The finished recordings; `None` while one is missing.
+    /// The finished recordings of the states.
     #[must_use]
-    pub fn recordings(&self) -> Option<[PathBuf; 2]> {
-        let [Some(state0), Some(state1)] = &self.finished else { return None };
-        Some([state0.clone(), state1.clone()])
+    pub fn recordings(&self) -> [Option<PathBuf>; 2] {
+        self.finished.clone()
     }
 
     /// Images that wait for partners, sets that wait for poses.
@@ -177,8 +179,7 @@ impl Collector {
             return Err(format!("state {other} is being collected; finish it first"));
         }
         let bag = StateBag::create(&self.session, state, self.settings.topics.clone()).map_err(|e| e.to_string())?;
-        self.finished[state] = None;
-        self.keyframes[state] = Keyframes::default();
+        self.before = (self.finished[state].take(), std::mem::take(&mut self.keyframes[state]));
         self.waiting.clear();
         self.held.clear();
         self.bag = Some(bag);
@@ -186,7 +187,7 @@ impl Collector {
         Ok(())
     }
 
-    /// Ends the state being collected; the number of views kept.
+    /// Ends the state being collected; the number of views kept. Without views it is as if the state had not begun.
     ///
     /// # Errors
     /// A sentence: that state is not being collected, nothing was kept, or the disk refuses.
@@ -199,13 +200,26 @@ impl Collector {
         }
         let kept = self.keyframes[state].len();
         if kept == 0 {
-            return Err(format!("no view of state {state} was kept; {}", self.why_nothing()));
+            let why = self.why_nothing();
+            self.abandon(state)?;
+            return Err(format!("no view of state {state} was kept, so it does not count; {why}"));
         }
         self.write_held(0).map_err(|e| e.to_string())?;
         let Some(bag) = self.bag.take() else { return Err("no recording is open".into()) };
         self.phase = Phase::Idle;
         self.finished[state] = Some(bag.finish().map_err(|e| e.to_string())?);
         Ok(kept)
+    }
+
+    /// Takes back that a state was begun.
+    fn abandon(&mut self, state: usize) -> Result<(), String> {
+        self.phase = Phase::Idle;
+        let (finished, keyframes) = std::mem::take(&mut self.before);
+        if let Some(bag) = self.bag.take() {
+            bag.abandon().map_err(|e| e.to_string())?;
+        }
+        (self.finished[state], self.keyframes[state]) = (finished, keyframes);
+        Ok(())
     }
 
     /// Drops the views that are held back: they may show the object in motion.
@@ -243,11 +257,16 @@ impl Collector {
     /// # Errors
     /// If the recording that is open cannot be closed.
     pub fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
+        let kept_something = matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
         let tf = std::mem::take(&mut self.tf);
         let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
         *self = Self { tf, infos, counts: counts.after_reset(), ..Self::new(self.settings.clone(), session) };
-        bag.map_or(Ok(()), |b| b.finish().map(|_| ()))
+        match bag {
+            Some(bag) if kept_something => bag.finish().map(|_| ()),
+            Some(bag) => bag.abandon(),
+            None => Ok(()),
+        }
     }
 
     /// Puts what was written on the disk.

@@ -93,14 +93,13 @@ fn what_is_collected_has_the_frames_of_the_recording() {
     for state in 0..2 {
         collector.start(state).unwrap();
         assert!(collector.start(state).unwrap_err().contains("finish it first"));
-        assert!(collector.finish(state).unwrap_err().contains("no view"));
         feed(&mut collector, state);
         assert_eq!(collector.finish(state), Ok(16));
     }
     assert_eq!((collector.kept(), collector.matches()), ([16, 16], (32, [0; 3])));
     assert_eq!(collector.world_frame.as_deref(), Some("world"));
     let config = CaptureConfig::default();
-    let own = io::open(&collector.recordings().unwrap(), &config, 0).unwrap();
+    let own = io::open(&collector.recordings().map(Option::unwrap), &config, 0).unwrap();
     let given = io::open(&[shipped(0), shipped(1)], &config, 0).unwrap();
     for (own, given) in own.states.iter().flatten().zip(given.states.iter().flatten()) {
         assert_eq!(own.stamp_nanos, given.stamp_nanos);
@@ -110,6 +109,40 @@ fn what_is_collected_has_the_frames_of_the_recording() {
     assert_eq!(own.states.iter().map(Vec::len).collect::<Vec<_>>(), [16, 16]);
     let session = Collector::new(settings(), &folder.0);
     assert_eq!(session.recordings(), collector.recordings(), "an earlier session is taken up");
+}
+
+#[test]
+fn a_state_that_ends_without_views_does_not_count() {
+    let folder = Folder::new("collector-empty");
+    let names = || {
+        let mut names: Vec<_> = std::fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    let mut collector = Collector::new(settings(), &folder.0);
+    // As if never started.
+    collector.start(0).unwrap();
+    assert!(collector.finish(0).unwrap_err().contains("no view of state 0 was kept"));
+    assert_eq!((collector.phase(), collector.recordings(), names()), (Phase::Idle, [None, None], vec![]));
+    assert!(collector.finish(0).unwrap_err().contains("not being collected"));
+    // What was there before counts again.
+    collector.start(0).unwrap();
+    feed(&mut collector, 0);
+    collector.finish(0).unwrap();
+    let recording = folder.0.join("state0/state0_0.mcap");
+    let before = std::fs::read(&recording).unwrap();
+    collector.start(0).unwrap();
+    assert!(names().contains(&"state0_replaced1".to_owned()));
+    assert!(collector.finish(0).is_err());
+    assert_eq!(
+        (collector.recordings(), collector.kept(), names()),
+        ([Some(folder.0.join("state0")), None], [16, 0], vec!["state0".to_owned()])
+    );
+    assert_eq!(std::fs::read(&recording).unwrap(), before);
+    // A reset forgets a state without views likewise.
+    collector.start(1).unwrap();
+    collector.reset(&folder.0.join("next")).unwrap();
+    assert_eq!(names(), ["state0"]);
 }
 
 #[test]

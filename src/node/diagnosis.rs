@@ -12,6 +12,7 @@ use tokio::sync::watch;
 use super::{
     collection::Shared,
     job::{Finished, Job, Work},
+    last_results::note_report,
     reconstruction::Twin,
     session::free_folder,
 };
@@ -106,6 +107,7 @@ impl Diagnoser {
             Ok(report) => {
                 log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
                 let (message, folder, verdict) = (report.summary.clone(), report.folder.clone(), report.verdict.clone());
+                note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));
                 Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
             }

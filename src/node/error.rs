@@ -1,6 +1,6 @@
 //! Why the node does not start, or ends.
 
-use super::{environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError};
+use super::{environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError, session_lock::SessionLockError};
 use crate::{config::ConfigError, io::BagWriteError};
 
 /// Why the node does not start, or ends.
@@ -40,6 +40,14 @@ pub enum NodeError {
     /// A recording could not be written.
     #[error(transparent)]
     Bag(#[from] BagWriteError),
+    /// The session cannot be worked on.
+    #[error(transparent)]
+    Session(#[from] SessionLockError),
+    /// The middleware listens to more than this machine.
+    #[error(
+        "only this machine is to be talked to, but {0} listens to all networks: this program was built without its own RustDDS;          build it from its repository, or open the node with ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"
+    )]
+    Open(std::net::SocketAddr),
     /// The system refuses.
     #[error("{what}: {source}")]
     System {
@@ -54,7 +62,7 @@ impl NodeError {
     /// Whether arguments, parameters or the environment are wrong.
     #[must_use]
     pub fn is_usage(&self) -> bool {
-        !matches!(self, Self::Network { .. } | Self::Bag(_) | Self::System { .. })
+        !matches!(self, Self::Network { .. } | Self::Bag(_) | Self::Session(_) | Self::Open(_) | Self::System { .. })
     }
 
     /// The middleware refused something.

@@ -1,7 +1,7 @@
 //! What the node publishes: the twin, its state, the collection, diagnostics. Large things are small or best effort.
 
 use std::{
-    sync::{Arc, atomic::Ordering},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -15,7 +15,7 @@ use super::{
     error::NodeError,
     parameters::Parameters,
     participant::{Participant, latched, reliable, sensor_data},
-    reconstruction::{Reconstructor, Twin},
+    reconstruction::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
 use crate::io::ros2msg::{
@@ -90,13 +90,7 @@ impl Outputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(
-        self,
-        News { twin: mut twins, mut report }: News,
-        shared: Arc<Shared>,
-        reconstructor: Arc<Reconstructor>,
-        mut diagnostics: Diagnostics,
-    ) {
+    pub async fn run(self, News { twin: mut twins, mut report }: News, shared: Arc<Shared>, mut diagnostics: Diagnostics) {
         let mut fast = tokio::time::interval(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
         let mut slow = tokio::time::interval(Duration::from_secs(1));
         let mut last_report = Instant::now();
@@ -134,7 +128,7 @@ impl Outputs {
                     last_report = Instant::now();
                     tell(self.diagnostics.async_publish(report).await, "/diagnostics");
                     let done = twins.borrow().is_some();
-                    tell(self.status.async_publish(self.status_of(&snapshot, reconstructor.busy.load(Ordering::Acquire), done)).await, "status");
+                    tell(self.status.async_publish(self.status_of(&snapshot, shared.is_read(), done)).await, "status");
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
                         let header = Header { stamp: self.clock.stamp(), frame_id: snapshot.world_frame.unwrap_or_default() };
@@ -173,7 +167,7 @@ impl Outputs {
             () if s.collecting.is_some() => phase::COLLECTING,
             () if s.moving => phase::MOVING,
             () if done => phase::DONE,
-            () if s.recordings.is_some() => phase::READY,
+            () if s.recordings.iter().all(Option::is_some) => phase::READY,
             () => phase::IDLE,
         };
         CollectionStatus {

@@ -1,14 +1,6 @@
 //! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
 
-use std::{
-    fs,
-    io::Write as _,
-    path::Path,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-};
+use std::{fs, io::Write as _, path::Path, sync::Arc};
 
 use ros2_client::Message;
 use tokio::sync::watch;
@@ -16,6 +8,7 @@ use tokio::sync::watch;
 use super::{
     collection::Shared,
     job::{Finished, Job, Work},
+    last_results::note_twin,
     progress::RunProgress,
 };
 use crate::{
@@ -54,8 +47,6 @@ pub struct Reconstructor {
     pub shared: Arc<Shared>,
     /// Gets the twin of every run that succeeds.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
-    /// Whether a run goes on.
-    pub busy: AtomicBool,
 }
 
 impl Job for Reconstructor {
@@ -66,12 +57,17 @@ impl Job for Reconstructor {
     const TYPE: &'static str = "Reconstruct";
 
     fn begin(self: &Arc<Self>, goal: &ReconstructGoal) -> Result<Work<ReconstructResult, ReconstructFeedback>, String> {
+        let read = self.shared.read_session();
         let request = self.request(goal)?;
-        let busy = Busy::new(self);
+        let this = Arc::clone(self);
         let mut progress = RunProgress::new(request.config.trains_fields());
         Ok(Work::start(
             move |event, elapsed| progress.take(event).then(|| progress.feedback(elapsed)),
-            move |monitor| busy.0.finish(run::reconstruct(&request, monitor)),
+            move |monitor| {
+                let result = run::reconstruct(&request, monitor);
+                drop(read);
+                this.finish(&request.out, result)
+            },
         ))
     }
 
@@ -80,31 +76,10 @@ impl Job for Reconstructor {
     }
 }
 
-/// Says that a run goes on, until it is dropped.
-struct Busy(Arc<Reconstructor>);
-
-impl Busy {
-    fn new(reconstructor: &Arc<Reconstructor>) -> Self {
-        reconstructor.busy.store(true, Ordering::Release);
-        Self(Arc::clone(reconstructor))
-    }
-}
-
-impl Drop for Busy {
-    fn drop(&mut self) {
-        self.0.busy.store(false, Ordering::Release);
-    }
-}
-
 impl Reconstructor {
     fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, String> {
         let snapshot = self.shared.snapshot();
-        let Some(recordings) = snapshot.recordings else {
-            let [zero, one] = snapshot.kept;
-            return Err(format!(
-                "both states must be collected first; state 0 has {zero} views, state 1 has {one}, or one is not finished"
-            ));
-        };
+        let recordings = snapshot.both()?;
         let mut config = self.config.clone();
         if goal.parts > 0 {
             config.run.parts = Some(goal.parts as usize);
@@ -124,7 +99,7 @@ impl Reconstructor {
         })
     }
 
-    fn finish(&self, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
+    fn finish(&self, session: &Path, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
         let outcome = match result {
             Ok(outcome) => outcome,
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
@@ -148,7 +123,9 @@ impl Reconstructor {
             motions: summary.joints.iter().map(motion).collect(),
         };
         let world_frame = self.shared.snapshot().world_frame.unwrap_or_else(|| "world".into());
-        self.twins.send_replace(Some(Arc::new(Twin { summary, state: 1, world_frame })));
+        let twin = Twin { summary, state: 1, world_frame };
+        note_twin(session, &twin);
+        self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, atomic::AtomicBool},
+    sync::Arc,
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
@@ -18,15 +18,18 @@ use super::{
     environment::Environment,
     error::NodeError,
     inputs::{self, Outbox},
+    last_results::{last_report, last_twin},
     logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
     parameters::Parameters,
     participant::{Participant, small_buffer_warning},
+    reach,
     reconstruction::Reconstructor,
     ros_args::RosArgs,
     ros_names::NodeIdentity,
     services::{self, ServiceContext},
+    session_lock::SessionLock,
     settings,
 };
 
@@ -77,9 +80,11 @@ impl Start {
         Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
     }
 
-    /// Joins the domain.
+    /// Joins the domain, and says from where the node can be reached.
     pub fn join(&self) -> Result<Participant, NodeError> {
-        Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)
+        let participant = Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
+        reach::check(&self.environment)?;
+        Ok(participant)
     }
 }
 
@@ -100,17 +105,18 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let topics = inputs::topics(&start.arguments, identity, p);
     // What cannot work is refused before anybody sees the node.
     let resolved = settings::run_settings(p, &topics)?;
-    let mut participant = start.join()?;
-    let clock = Arc::new(NodeClock::new(p.use_sim_time));
-    let shared = Arc::new(Shared::default());
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
         let (out, name) = (PathBuf::from(&p.out_folder), p.session.clone());
         Arc::new(move || free_folder(&out, &name))
     };
     let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
+    let lock = SessionLock::take(&first)?;
+    let mut participant = start.join()?;
+    let clock = Arc::new(NodeClock::new(p.use_sim_time));
+    let shared = Arc::new(Shared::default());
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
-    let core = Core::new(collector, watch, usize::try_from(p.cloud_points).unwrap_or(0), Arc::clone(&clock), Arc::clone(&shared));
+    let core = Core::new((collector, lock), watch, usize::try_from(p.cloud_points).unwrap_or(0), Arc::clone(&clock), Arc::clone(&shared));
     let (outbox, inbox) = queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
     let handle = tokio::runtime::Handle::current();
@@ -123,7 +129,6 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         name: p.twin_name.clone(),
         shared: Arc::clone(&shared),
         twins,
-        busy: AtomicBool::new(false),
     });
     let mapping = environment.service_mapping(&p.service_mapping);
     let (reports, report) = watch::channel(None);
@@ -132,11 +137,17 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
-    action::offer(&mut participant, mapping, diagnoser)?;
+    action::offer(&mut participant, mapping, Arc::clone(&diagnoser))?;
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
-    tokio::spawn(outputs.run(News { twin, report }, shared, reconstructor, diagnostics));
+    if let Some(twin) = last_twin(&first) {
+        reconstructor.twins.send_replace(Some(Arc::new(twin)));
+    }
+    if let Some(report) = last_report(&first) {
+        diagnoser.reports.send_replace(Some(Arc::new(report)));
+    }
+    tokio::spawn(outputs.run(News { twin, report }, shared, diagnostics));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;

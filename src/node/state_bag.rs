@@ -35,6 +35,8 @@ pub struct StateBag {
     bag: BagWriter,
     topics: Topics,
     fixed: Vec<TransformStamped>,
+    /// Where what was there before is kept.
+    replaced: Option<PathBuf>,
 }
 
 impl StateBag {
@@ -44,13 +46,23 @@ impl StateBag {
     /// If the disk refuses.
     pub fn create(session: &Path, state: usize, topics: Topics) -> Result<Self, BagWriteError> {
         let folder = session.join(format!("state{state}"));
-        if folder.exists() {
-            let spare = (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
-            if let Some(spare) = spare {
-                std::fs::rename(&folder, &spare).map_err(|source| BagWriteError::Io { path: spare, source })?;
-            }
+        let spare = || (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
+        let replaced = folder.exists().then(spare).flatten();
+        if let Some(spare) = &replaced {
+            rename(&folder, spare)?;
         }
-        Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new() })
+        Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new(), replaced })
+    }
+
+    /// Removes the recording and puts back what was there before.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn abandon(self) -> Result<(), BagWriteError> {
+        let folder = self.bag.folder().to_owned();
+        drop(self.bag);
+        std::fs::remove_dir_all(&folder).map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
+        self.replaced.map_or(Ok(()), |spare| rename(&spare, &folder))
     }
 
     /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth, `fixed` transforms,
@@ -130,6 +142,10 @@ impl StateBag {
         let folder = self.bag.folder().to_owned();
         self.bag.finish().map(|_| folder)
     }
+}
+
+fn rename(from: &Path, to: &Path) -> Result<(), BagWriteError> {
+    std::fs::rename(from, to).map_err(|source| BagWriteError::Io { path: to.to_owned(), source })
 }
 
 fn unwritable(bag: &BagWriter, why: &str) -> BagWriteError {

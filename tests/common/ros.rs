@@ -90,6 +90,15 @@ impl Drop for Node {
     }
 }
 
+/// Waits until a file is there.
+pub fn wait_for(path: &Path) {
+    let start = Instant::now();
+    while !path.exists() {
+        assert!(start.elapsed() < Duration::from_secs(20), "{} does not appear", path.display());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// Runs a scenario of `tests/python/ros/scenario.py` in a domain; what it prints.
 pub fn scenario(python: &Path, domain: u16, arguments: &[&str]) -> serde_json::Value {
     lossy_scenario(python, domain, 0, arguments)

@@ -174,4 +174,4 @@ def diagnose(args):
     expect(json.loads(found.report)["verdict"] == found.verdict, found.report[:200])
     findings = [[f.joint, f.effect, [[p.name, p.value, p.lower, p.upper] for p in f.parameters]] for f in found.findings]
     print(json.dumps({"verdict": found.verdict, "findings": findings, "gap": [found.gap_before, found.gap_after], "unit": found.unit,
-                      "folder": found.folder, "stages": [f.stage for f in feedback], "fractions": [f.fraction for f in feedback]}))
+                      "folder": found.folder, "summary": found.summary, "stages": [f.stage for f in feedback], "fractions": [f.fraction for f in feedback]}))

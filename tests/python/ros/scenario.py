@@ -6,8 +6,34 @@ import time
 
 import numpy
 from peer import ActionClient, Peer, matched, service
+from datagrams import claims, large
 from faults import NODE, diagnose, jumps, resets, restart
 from replay import Replay, as_poses, expect, report, settled, values
+
+
+def published(joints, motions):
+    """What whoever joins now gets of a twin: its description, and the status."""
+    late = Peer()
+    description = late.receive(
+        late.subscriber(f"{NODE}/robot_description", "std_msgs/msg/String", latched=True, depth=1), "std_msgs/msg/String", 15)
+    expect(description.data.startswith("<?xml") and "file://" in description.data, description.data[:200])
+    markers = late.receive(
+        late.subscriber(f"{NODE}/joint_markers", "visualization_msgs/msg/MarkerArray", latched=True, depth=1),
+        "visualization_msgs/msg/MarkerArray", 15)
+    expect(markers.markers[0].action == 3 and len(markers.markers) == 1 + 4 * len(joints), len(markers.markers))
+    states = late.receive(late.subscriber("/joint_states", "sensor_msgs/msg/JointState"), "sensor_msgs/msg/JointState", 15)
+    expect(list(states.name) == list(joints) and numpy.allclose(states.position, motions), states)
+    links = late.receive(
+        late.subscriber("/tf", "tf2_msgs/msg/TFMessage"), "tf2_msgs/msg/TFMessage", 15,
+        lambda m: any(t.child_frame_id.startswith("part") for t in m.transforms))
+    root = late.receive(
+        late.subscriber("/tf_static", "tf2_msgs/msg/TFMessage", latched=True, depth=100), "tf2_msgs/msg/TFMessage", 15,
+        lambda m: any(t.child_frame_id == links.transforms[0].header.frame_id for t in m.transforms))
+    expect(root.transforms[0].header.frame_id == "world", root)
+    status = late.receive(
+        late.subscriber(f"{NODE}/status", "artitwin_msgs/msg/CollectionStatus", latched=True, depth=1),
+        "artitwin_msgs/msg/CollectionStatus", 15, lambda m: m.phase == 5)
+    return description, status
 
 
 def session(args):
@@ -19,16 +45,24 @@ def session(args):
     start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
     finish = service(peer, f"{NODE}/finish_state", "artitwin_msgs", "SetState")
     save = service(peer, f"{NODE}/save", "std_srvs", "Trigger")
+    reset = service(peer, f"{NODE}/reset", "std_srvs", "Trigger")
     action = ActionClient(peer, f"{NODE}/reconstruct", "Reconstruct")
-    matched(start, finish, save, action)
+    matched(start, finish, save, reset, action)
     replay.wait([color, "/tf", "/tf_static"])
     expect(not finish.call(0).success, "a state that was not begun cannot end")
     goal, accepted = action.start(2, "")
     expect(accepted, "goals are taken")
     early = action.results.call(goal)
-    expect(early.status == 6 and "both states" in early.message, early)
+    expect(early.status == 6 and "states 0 and 1 have no views" in early.message, early)
     kept = []
     for state in range(2):
+        # Ended without views, a state does not count.
+        expect(start.call(state).success, "a state begins")
+        empty = finish.call(state)
+        expect(not empty.success and "no view" in empty.message and empty.keyframes == 0, empty)
+        goal, _ = action.start(2, "")
+        lacking = action.results.call(goal)
+        expect(lacking.status == 6 and ("state 1 has no views" if state else "states 0 and 1") in lacking.message, lacking)
         begun = start.call(state)
         expect(begun.success, begun.message)
         replay.play(state)
@@ -55,35 +89,31 @@ def session(args):
     expect(accepted)
     other, accepted = action.start(2, "")
     expect(not accepted, "a second goal is rejected while one runs")
+    # What the run reads stays where it is.
+    for refused in (start.call(0), reset.call(0)):
+        expect(not refused.success and "a reconstruction reads the session" in refused.message, refused)
     feedback, result = action.follow(goal)
     expect(result.status == 4 and result.success, result)
     fractions = [f.fraction for f in feedback]
     expect(len(feedback) >= 5 and fractions == sorted(fractions) and fractions[-1] > 0.9, fractions)
     expect({"capture", "register", "export"} <= {f.stage for f in feedback}, {f.stage for f in feedback})
-    # Whoever joins now still gets what is latched.
-    late = Peer()
-    description = late.receive(
-        late.subscriber(f"{NODE}/robot_description", "std_msgs/msg/String", latched=True, depth=1), "std_msgs/msg/String", 15)
-    expect(description.data.startswith("<?xml") and "file://" in description.data, description.data[:200])
-    markers = late.receive(
-        late.subscriber(f"{NODE}/joint_markers", "visualization_msgs/msg/MarkerArray", latched=True, depth=1),
-        "visualization_msgs/msg/MarkerArray", 15)
-    expect(markers.markers[0].action == 3 and len(markers.markers) == 1 + 4 * len(result.joints), len(markers.markers))
-    states = late.receive(late.subscriber("/joint_states", "sensor_msgs/msg/JointState"), "sensor_msgs/msg/JointState", 15)
-    expect(list(states.name) == list(result.joints) and numpy.allclose(states.position, result.motions), states)
-    links = late.receive(
-        late.subscriber("/tf", "tf2_msgs/msg/TFMessage"), "tf2_msgs/msg/TFMessage", 15,
-        lambda m: any(t.child_frame_id.startswith("part") for t in m.transforms))
-    root = late.receive(
-        late.subscriber("/tf_static", "tf2_msgs/msg/TFMessage", latched=True, depth=100), "tf2_msgs/msg/TFMessage", 15,
-        lambda m: any(t.child_frame_id == links.transforms[0].header.frame_id for t in m.transforms))
-    expect(root.transforms[0].header.frame_id == "world", root)
-    status = late.receive(
-        late.subscriber(f"{NODE}/status", "artitwin_msgs/msg/CollectionStatus", latched=True, depth=1),
-        "artitwin_msgs/msg/CollectionStatus", 15, lambda m: m.phase == 5)
+    description, status = published(result.joints, result.motions)
     expect(list(status.keyframes) == kept, status)
     print(json.dumps({"kept": kept, "joints": list(result.joints), "motions": list(result.motions), "folder": result.folder,
                       "feedback": len(feedback), "description": len(description.data)}))
+
+
+def taken_up(args):
+    """A node that took up a session with a twin publishes it again, and whoever joins gets it."""
+    description, _ = published(args.joints, args.motions)
+    print(json.dumps({"description": len(description.data)}))
+
+
+def reported(args):
+    """A node that took up a session with a diagnosis publishes its report again."""
+    late, kind = Peer(), "artitwin_msgs/msg/GapReport"
+    found = late.receive(late.subscriber(f"{NODE}/gap_report", kind, latched=True, depth=1), kind, 15)
+    print(json.dumps({"verdict": found.verdict, "folder": found.folder, "twin": found.twin, "summary": found.summary}))
 
 
 def collecting(peer):
@@ -263,7 +293,8 @@ def automatic(args):
 def main():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers(required=True)
-    for function in (session, rate, hostile, clock, discovery, automatic, play, restart, jumps, resets, diagnose):
+    for function in (session, rate, hostile, clock, discovery, automatic, play, restart, jumps, resets, diagnose, claims, large,
+                     taken_up, reported):
         command = commands.add_parser(function.__name__)
         command.set_defaults(function=function)
         if function in (session, hostile, automatic, play, restart, jumps, resets):
@@ -271,6 +302,11 @@ def main():
         if function is session:
             command.add_argument("--raw", action="store_true")
             command.add_argument("--cancel", action="store_true")
+        if function is claims:
+            command.add_argument("--pid", type=int, required=True)
+        if function is taken_up:
+            command.add_argument("--joints", nargs="+", required=True)
+            command.add_argument("--motions", nargs="+", type=float, required=True)
         if function is rate:
             command.add_argument("--frames", type=int, default=300)
             command.add_argument("--hz", type=float, default=30.0)

@@ -1,0 +1,106 @@
+//! One node works on a session's folder at a time.
+
+use std::{
+    fs::{self, File, OpenOptions, TryLockError},
+    io,
+    path::{Path, PathBuf},
+};
+
+const LOCK_FILE: &str = ".node.lock";
+
+/// The right to write to a session's folder. It is given back when it is dropped, also by a crash.
+#[derive(Debug)]
+pub struct SessionLock {
+    folder: PathBuf,
+    /// The lock lasts as long as this file is open.
+    _file: File,
+}
+
+/// Why a session cannot be worked on.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionLockError {
+    /// Another node holds it.
+    #[error("another node works on the session {}; end it, or give another session or out_folder", .0.display())]
+    InUse(PathBuf),
+    /// The system refuses.
+    #[error("the session {} cannot be used; give an out_folder that can be written to", folder.display())]
+    Disk {
+        /// Folder of the session.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+impl SessionLock {
+    /// Takes a session's folder, which is made where it is not there.
+    ///
+    /// # Errors
+    /// If another process holds it or the disk refuses.
+    pub fn take(folder: &Path) -> Result<Self, SessionLockError> {
+        let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
+        fs::create_dir_all(folder).map_err(fails)?;
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(false);
+        // A link planted under the lock's name is refused, not followed.
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, nix::fcntl::OFlag::O_NOFOLLOW.bits());
+        let file = options.open(folder.join(LOCK_FILE)).map_err(fails)?;
+        match file.try_lock() {
+            Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
+            Err(TryLockError::WouldBlock) => Err(SessionLockError::InUse(folder.to_owned())),
+            Err(TryLockError::Error(source)) => Err(fails(source)),
+        }
+    }
+}
+
+impl Drop for SessionLock {
+    /// A session in which nothing was kept leaves no folder.
+    fn drop(&mut self) {
+        let names = fs::read_dir(&self.folder).map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());
+        if names.is_ok_and(|names| names == [LOCK_FILE]) {
+            fs::remove_file(self.folder.join(LOCK_FILE)).ok();
+            fs::remove_dir(&self.folder).ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("artitwin-session-{name}-{}", std::process::id()));
+        fs::remove_dir_all(&folder).ok();
+        folder
+    }
+
+    #[test]
+    fn a_session_has_one_node() {
+        let folder = folder("lock");
+        let first = SessionLock::take(&folder).unwrap();
+        let refused = SessionLock::take(&folder).unwrap_err().to_string();
+        assert!(refused.contains("another node") && refused.contains(&folder.display().to_string()), "{refused}");
+        drop(first);
+        assert!(!folder.exists(), "nothing was kept");
+        let again = SessionLock::take(&folder).unwrap();
+        fs::write(folder.join("state0"), "").unwrap();
+        drop(again);
+        assert!(folder.join("state0").exists());
+        SessionLock::take(&folder).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_in_place_of_the_lock_is_refused() {
+        let folder = folder("link");
+        fs::create_dir_all(&folder).unwrap();
+        let precious = folder.join("precious");
+        fs::write(&precious, "text").unwrap();
+        std::os::unix::fs::symlink(&precious, folder.join(LOCK_FILE)).unwrap();
+        assert!(matches!(SessionLock::take(&folder), Err(SessionLockError::Disk { .. })));
+        assert_eq!(fs::read_to_string(&precious).unwrap(), "text");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

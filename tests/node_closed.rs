@@ -1,0 +1,87 @@
+//! The node against neighbours that mean harm: who reaches it, and what a datagram may cost it.
+
+#![cfg(all(feature = "node", target_os = "linux"))]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
+
+mod common;
+#[path = "common/ros.rs"]
+mod ros;
+#[path = "common/venv.rs"]
+mod venv;
+
+use std::{path::Path, process::Command};
+
+use common::TempDir;
+use ros::{Node, scenario, serial, with_fastdds};
+
+#[test]
+fn who_is_not_on_this_machine_gets_nothing() {
+    let Some(python) = venv::ros_python() else { return };
+    if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
+        eprintln!("SKIPPED: network namespaces cannot be made here (unshare --net; root is needed), so who reaches the node is not tested");
+        return;
+    }
+    let _serial = serial();
+    let folder = TempDir::new("node-outside");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/outside.py");
+    let mut command = Command::new("unshare");
+    command.arg("--net").arg(python).arg(script).arg(env!("CARGO_BIN_EXE_artitwin")).arg(folder.join("out"));
+    let output = command.output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    if output.status.code() == Some(3) {
+        eprintln!("SKIPPED: who reaches the node is not tested: {error}");
+        return;
+    }
+    assert!(output.status.success(), "{error}");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let closed = &told["closed"];
+    assert_eq!(closed["bound"], serde_json::json!(["127.0.0.1", "239.255.0.1"]), "{told}");
+    assert_eq!((&closed["outside"]["datagrams"], &closed["outside"]["service"]), (&"0".into(), &"nothing".into()), "{told}");
+    // Nor does a neighbour on this machine that speaks for an address of the network.
+    assert_eq!(closed["outside"]["own_address"], "nothing", "{told}");
+    assert_eq!((&closed["begun_from_outside"], &closed["inside"]), (&0.into(), &"True".into()), "{told}");
+    // Opened, the same neighbour is served, and the node says so.
+    let open = &told["open"];
+    assert_eq!((&open["outside"]["service"], &open["begun_from_outside"]), (&"True".into(), &1.into()), "{told}");
+    assert_ne!(open["outside"]["datagrams"], "0", "{told}");
+    let log = open["log"].as_str().unwrap();
+    assert!(["10.9.9.1", "22910", "22911", "no authentication", "services"].iter().all(|w| log.contains(w)), "{log}");
+    assert!(!closed["log"].as_str().unwrap().contains("open to the network"), "{told}");
+}
+
+#[test]
+fn a_datagram_costs_no_more_than_it_holds() {
+    let Some(python) = venv::ros_python() else { return };
+    if with_fastdds() {
+        eprintln!("skipped: the identities of endpoints are read from Cyclone DDS");
+        return;
+    }
+    let _serial = serial();
+    let folder = TempDir::new("node-claims");
+    let node = Node::start(64, &[format!("out_folder:={}", folder.join("out").display())]);
+    let told = scenario(&python, 64, &["claims", "--pid", &node.id().to_string()]);
+    let log = node.end();
+    assert!(!log.contains("panicked"), "{log}");
+    let costs = told["costs"].as_object().unwrap();
+    assert_eq!(costs.len(), 7, "{told}");
+    assert!(costs.values().all(|mib| mib.as_f64().unwrap() < 32.0), "{told}");
+    // Samples that were begun: at most the largest one is held for a writer, and nothing after the time-out.
+    let (held, released) = (told["held"].as_f64().unwrap(), told["released"].as_f64().unwrap());
+    assert!((20.0..100.0).contains(&held) && released < 32.0, "{told}");
+    assert_eq!(told["answers"], true, "{told}");
+}
+
+#[test]
+fn large_images_arrive() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-large");
+    let node = Node::start(65, &["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())]);
+    let told = scenario(&python, 65, &["large"]);
+    node.end();
+    assert_eq!(
+        (&told["color"]["received"], &told["color"]["lost"], &told["color"]["malformed"]),
+        (&"3".into(), &"0".into(), &"0".into()),
+        "{told}"
+    );
+}
