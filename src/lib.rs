@@ -18,10 +18,12 @@ pub mod cli;
 pub mod config;
 pub mod evaluate;
 pub mod export;
+mod files;
 pub mod field;
 pub mod gap;
 pub mod geometry;
 pub mod io;
+mod limits;
 pub mod model;
 #[cfg(feature = "node")]
 pub mod node;
