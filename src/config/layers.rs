@@ -78,8 +78,7 @@ impl Layers {
     /// # Errors
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
     pub fn text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let layer: Value =
-            parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: name.to_owned(), reason })?;
+        let layer: Value = parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: name.to_owned(), reason })?;
         let lines = key_lines(text);
         self.add(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),

@@ -8,9 +8,8 @@ struct Fields<'a>(&'a [u8]);
 
 impl<'a> Fields<'a> {
     fn bytes(&mut self, count: usize) -> Result<&'a [u8], String> {
-        let (front, rest) = self.0.split_at_checked(count).ok_or_else(|| {
-            format!("a record names a field of {count} bytes and has {}", self.0.len())
-        })?;
+        let (front, rest) =
+            self.0.split_at_checked(count).ok_or_else(|| format!("a record names a field of {count} bytes and has {}", self.0.len()))?;
         self.0 = rest;
         Ok(front)
     }

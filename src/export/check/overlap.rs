@@ -187,7 +187,8 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
         } else {
             found.warn("sweep", &joint.name, message);
         }
-    }    Some(())
+    }
+    Some(())
 }
 
 #[cfg(test)]

@@ -67,13 +67,7 @@ fn read_matches(archive: &[u8], places: &Places, matches: &mut Vec<PixelMatch>, 
     Ok(outside)
 }
 
-fn add_pair(
-    pickle: &Pickle,
-    entry: usize,
-    places: &Places,
-    matches: &mut Vec<PixelMatch>,
-    left: &mut usize,
-) -> Result<usize, String> {
+fn add_pair(pickle: &Pickle, entry: usize, places: &Places, matches: &mut Vec<PixelMatch>, left: &mut usize) -> Result<usize, String> {
     let Node::Dict(items) = &pickle.nodes[entry] else { return Err("an entry that is no dictionary".into()) };
     let [a, b] = items[..] else { return Err(format!("a dictionary with {} entries, not 2", items.len())) };
     let mut side = |(key, value): (usize, usize)| -> Result<_, String> {

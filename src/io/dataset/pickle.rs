@@ -260,7 +260,8 @@ impl Machine<'_> {
             },
             Node::Array { .. } => {
                 let [_, shape, dtype, fortran, data] = state[..] else { return Err("an array with an unknown state".into()) };
-                let shape: Option<Vec<usize>> = self.tuple(shape).filter(|t| t.len() <= MAX_PARTS).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
+                let shape: Option<Vec<usize>> =
+                    self.tuple(shape).filter(|t| t.len() <= MAX_PARTS).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
                 let Node::Dtype(dtype) = self.nodes[dtype].clone() else { return Err("an array without type".into()) };
                 Node::Array { shape: shape.ok_or("an array without shape")?, dtype, data, fortran: self.nodes[fortran] == Node::Int(1) }
             }
@@ -374,7 +375,8 @@ mod tests {
         let long = text(&vec![b'f'; 20 << 20]);
         let dtype = [b"\x80\x03cnumpy\ndtype\n", &long[..], b"\x85R."].concat();
         assert!(Pickle::read(&dtype).unwrap_err().contains("a name of 20971520 characters; 256 are the limit"));
-        let order = [b"\x80\x03cnumpy\ndtype\n", &text(b"i8")[..], b"\x85R(K\x03", &long, b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb."].concat();
+        let order =
+            [b"\x80\x03cnumpy\ndtype\n", &text(b"i8")[..], b"\x85R(K\x03", &long, b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb."].concat();
         assert!(Pickle::read(&order).unwrap_err().contains("a name of"));
         let global = [b"\x80\x04", &long[..], &text(b"x"), b"\x93."].concat();
         assert!(Pickle::read(&global).unwrap_err().contains("a name of"));

@@ -10,9 +10,7 @@ use std::{
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::files::{
-    Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread,
-};
+use super::files::{Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread};
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
     io::{image_codec as codec, pixels::limit_depth},
@@ -40,7 +38,9 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
         let kept = spread(entries, state, config, &mut capture.notes);
         found.push(Part { folder: part, depth_folder, json, k, kept });
     }
-    let Some((part, first)) = found.iter().find_map(|part| Some((part, part.kept.first()?))) else { return refuse(folder, "it has no frame") };
+    let Some((part, first)) = found.iter().find_map(|part| Some((part, part.kept.first()?))) else {
+        return refuse(folder, "it has no frame");
+    };
     let size = image_size(&part.color(first))?;
     config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
     for (state, part) in found.iter().enumerate() {
@@ -87,7 +87,8 @@ impl Part {
 
     fn read_frame(&self, (state, entry): (usize, &Entry), size: (usize, usize), config: &CaptureConfig) -> Result<RgbdFrame, CaptureError> {
         let color_file = self.color(entry);
-        let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
+        let (color, alpha) =
+            codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
         let depth_file = self.depth_folder.join(format!("{}.png", entry.id));
         if optional(depth_file.clone()).is_none() {
             return refuse(&depth_file, format!("frame {} has no depth image", entry.id));
