@@ -74,7 +74,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
 
 /// Writes a result. A reader that went away is not an error.
 fn print(text: &str) -> Result<(), CliError> {
-    written(io::stdout().write_all(text.as_bytes()))
+    written(io::stdout().write_all(lines(text).as_bytes()))
 }
 
 /// What became of writing to standard output, all the way: what is left in the buffer is written too.
@@ -87,5 +87,10 @@ fn written(outcome: io::Result<()>) -> Result<(), CliError> {
 
 /// Writes a diagnostic line; there is nowhere to complain if that fails.
 fn tell(line: &str) {
-    writeln!(io::stderr(), "{line}").ok();
+    writeln!(io::stderr(), "{}", lines(line)).ok();
+}
+
+/// Text without control characters but the ends of lines: names from files would steer the terminal.
+fn lines(text: &str) -> String {
+    text.split('\n').map(crate::io::printable).collect::<Vec<_>>().join("\n")
 }

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
+    fs,
     io::{self, Read as _, Seek as _, SeekFrom},
     path::Path,
 };
@@ -115,7 +115,7 @@ fn list(folder: &Path, prefix: &str, files: &mut Vec<String>) -> io::Result<()> 
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = File::open(path).map_err(named)?;
+    let mut file = crate::files::open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     sum.update(&bytes.to_le_bytes());
     let pieces = if bytes <= WHOLE_BYTES { 1 } else { SAMPLES };
@@ -178,7 +178,7 @@ mod tests {
     fn a_large_file_is_sampled_to_its_end() {
         let path = std::env::temp_dir().join(format!("artitwin-large-{}.bin", std::process::id()));
         let digest = |tail: u8| {
-            let mut file = File::create(&path).unwrap();
+            let mut file = fs::File::create(&path).unwrap();
             file.set_len(3 * WHOLE_BYTES).unwrap();
             file.seek(SeekFrom::End(-1)).unwrap();
             io::Write::write_all(&mut file, &[tail]).unwrap();
