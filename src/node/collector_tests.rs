@@ -169,6 +169,7 @@ fn without_poses_or_partners_the_answer_says_what_is_missing() {
     let mut collector = Collector::new(settings(), &folder.0);
     collector.start(0).unwrap();
     assert!(collector.finish(0).unwrap_err().contains(COLOR));
+    collector.start(0).unwrap();
     let samples = samples(0);
     let without_tf = samples.iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_) | Sample::StaticTransforms(_)));
     without_tf.for_each(|(time, s)| assert!(collector.accept(s.clone(), *time, false).unwrap().is_empty()));
