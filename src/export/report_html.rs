@@ -6,8 +6,8 @@ use super::{
     number::{decimal, significant},
     picture::{Picture, PictureError, part_color},
     report_json::{JointReport, Quantity, RecordedCamera, Report},
-    urdf::escape,
 };
+use crate::model::escape_xml as escape;
 
 const STYLE: &str = include_str!("report.css");
 

@@ -9,7 +9,10 @@ use std::{
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use crate::{geometry::Pose, model::JointKind};
+use crate::{
+    geometry::Pose,
+    model::{JointKind, escape_xml},
+};
 
 /// Largest file that is read, bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -109,7 +112,7 @@ impl RunSummary {
     pub fn urdf_with_uris(&self, package: bool) -> String {
         let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
         let base = if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
-        let base = base.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
+        let base = escape_xml(&base);
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
 }

@@ -3,16 +3,20 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use super::{UrdfError, read_urdf};
-use crate::gap::camera::{tree::JointFacts, twin::SeenTwin};
+use crate::{
+    export::require_sound,
+    gap::camera::{tree::JointFacts, twin::SeenTwin},
+};
 
 /// Reads a twin with its visual meshes, and gives its text too.
 ///
 /// # Errors
-/// [`UrdfError`] as [`read_urdf`], and where no link has a mesh.
+/// [`UrdfError`] as [`read_urdf`], where the text describes no bodies ([`require_sound`]), and where no link has a mesh.
 pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
+    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
     let tree = read_urdf(path)?;
     let text = fs::read_to_string(path).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
+    require_sound(&text).map_err(format)?;
     let facts = facts(&text).map_err(format)?;
     Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(e.to_string()))?, text))
 }

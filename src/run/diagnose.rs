@@ -154,7 +154,7 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
         return Err(RunError::stage("diagnose", why));
     }
     warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf");
+    let (urdf, mut exports) = update::urdf(&text, &tree, &joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let (mjcf, notes) = mjcf::mjcf(&tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
     let (mut more, notes) = beside(&request.twin, &tree, &joints, &effects);
