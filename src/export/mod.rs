@@ -4,6 +4,8 @@ mod camera_poses;
 mod check;
 mod look;
 mod mjcf;
+#[cfg(test)]
+mod names_tests;
 pub mod number;
 mod obj;
 mod package;

@@ -66,6 +66,10 @@ pub struct RawMessage<'a> {
     pub message_encoding: &'a str,
     /// When it was recorded, nanoseconds.
     pub log_time_nanos: u64,
+    /// When it was sent, nanoseconds.
+    pub publish_time_nanos: u64,
+    /// Number that its sender gave it; 0 where it gave none.
+    pub sequence: u32,
     /// Payload with its CDR header.
     pub data: &'a [u8],
 }
@@ -270,6 +274,8 @@ fn read_flat<E>(
                 type_name: channels.type_name(channel),
                 message_encoding: &channel.message_encoding,
                 log_time_nanos: header.log_time,
+                publish_time_nanos: header.publish_time,
+                sequence: header.sequence,
                 data: &data,
             })?;
             Ok(Ok(()))

@@ -139,7 +139,12 @@ const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<box size=\"1 -1 1\"/>"),
     ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<sphere radius=\"0\"/>"),
     ("geometry", "'nan'", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<cylinder radius=\"1\" length=\"nan\"/>"),
-    ("color", "must be 4 finite numbers", "<link name=\"tray\">", "<material name=\"m\"><color rgba=\"0 1\"/></material><link name=\"tray\">"),
+    (
+        "color",
+        "must be 4 finite numbers",
+        "<link name=\"tray\">",
+        "<material name=\"m\"><color rgba=\"0 1\"/></material><link name=\"tray\">",
+    ),
     ("tree", "names the link 'lid', which is not there", "child link=\"tray\"", "child link=\"lid\""),
     ("tree", "in a loop of joints (frame)", "child link=\"tray\"", "child link=\"frame\""),
     ("tree", "in a loop of joints (a, b)", "</robot>", LOOP),
@@ -179,7 +184,10 @@ fn what_no_reader_can_make_sense_of_is_found_and_refused_by_all() {
 fn what_only_importers_refuse_is_sound() {
     for (from, to) in [
         ("<mass value=\"1\"/>", "<mass value=\"0\"/>"),
-        ("ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"", "ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\""),
+        (
+            "ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"",
+            "ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\"",
+        ),
         ("<limit lower=\"0\" upper=\"0.2\" effort=\"10\" velocity=\"1\"/>", "<limit effort=\"1.7976931348623157e308\" velocity=\"0\"/>"),
         ("type=\"prismatic\"", "type=\"fixed\""),
         ("axis xyz=\"1 0 0\"", "axis xyz=\"0 0 -3\""),
