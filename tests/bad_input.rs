@@ -10,6 +10,7 @@ mod program;
 use std::{
     io::Cursor,
     path::{Path, PathBuf},
+    process::Command,
 };
 
 use artitwin::io::{
@@ -21,6 +22,7 @@ use program::{Ended, Message, drawer, end, reconstruct, rewrite, shipped};
 
 const COLOR: &str = "/color/image_raw/compressed";
 const DEPTH: &str = "/aligned_depth_to_color/image_raw/compressedDepth";
+const PROGRAM: &str = env!("CARGO_BIN_EXE_artitwin");
 /// What the first stage says.
 const BEGUN: &str = "capture: started";
 
@@ -316,8 +318,35 @@ fn a_bag_in_sqlite3_storage() {
         std::fs::create_dir_all(&bag).unwrap();
         std::fs::write(bag.join(format!("state{state}_0.db3")), b"SQLite format 3\0").unwrap();
     }
-    for path in [folder.join("old"), folder.join("old/state0"), folder.join("old/state0/state0_0.db3")] {
-        refused(&folder, &[&path], &["--parts", "2"], 1, &["is an sqlite3 (.db3) bag", "rosbags-convert --src"]);
+    // By what it begins with, whatever its name is.
+    std::fs::write(folder.join("renamed.mcap"), b"SQLite format 3\0and its pages").unwrap();
+    std::fs::create_dir_all(folder.join("listed")).unwrap();
+    std::fs::write(folder.join("listed/a.bag"), b"SQLite format 3\0").unwrap();
+    let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: ''\n  relative_file_paths: [a.bag]\n";
+    std::fs::write(folder.join("listed/metadata.yaml"), metadata).unwrap();
+    let twin = folder.join("twin.urdf");
+    let robot = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint></robot>";
+    std::fs::write(&twin, robot).unwrap();
+    let words = [
+        "is an sqlite3 (.db3) bag",
+        "`rosbags-convert --src ",
+        "_mcap --dst-storage mcap`",
+        "`ros2 bag convert -i ",
+        " -o convert.yaml` with this line in convert.yaml: `output_bags: [{uri: ",
+        "storage_id: mcap, all: true}]`",
+    ];
+    for name in ["old", "old/state0", "old/state0/state0_0.db3", "renamed.mcap", "listed"] {
+        let path = folder.join(name);
+        refused(&folder, &[&path], &["--parts", "2"], 1, &words);
+        let ended = end(Command::new(PROGRAM).arg("inspect").arg(&path));
+        assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
+        says(&ended, &words);
+        if name != "old" {
+            let ended =
+                end(Command::new(PROGRAM).arg("diagnose").arg(&twin).args([&path, &path, &path]).arg("--out").arg(folder.join("gap")));
+            assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
+            says(&ended, &words);
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Why a recording cannot be used.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What is wrong, where, and what to do about it.
 #[derive(Debug, thiserror::Error)]
@@ -26,8 +26,10 @@ pub enum CaptureError {
     },
     /// A bag in sqlite3 storage.
     #[error(
-        "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {}_mcap --dst-storage mcap` \
-         (pip install rosbags), or `ros2 bag convert`", path.display(), path.display(), path.display()
+        "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {} --dst-storage mcap` (pip install rosbags), \
+         or `ros2 bag convert -i {} -o convert.yaml` with this line in convert.yaml: \
+         `output_bags: [{{uri: {}, storage_id: mcap, all: true}}]`",
+        path.display(), quoted(path), quoted(&converted(path)), quoted(path), quoted(&converted(path))
     )]
     Sqlite {
         /// The bag.
@@ -325,8 +327,38 @@ pub enum CaptureError {
     },
 }
 
+/// Where a bag in another storage is converted to.
+fn converted(path: &Path) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or(path.as_os_str()).to_owned();
+    name.push("_mcap");
+    path.with_file_name(name)
+}
+
+/// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single quotes. (One with a
+/// single quote in it needs another form in each; it is written for the shell.)
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c)) && !text.starts_with('-') && !text.is_empty();
+    if plain { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
 /// Header stamp in seconds, for messages.
 #[must_use]
 pub fn stamp_secs(stamp_nanos: i64) -> f64 {
     stamp_nanos as f64 * 1e-9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_take_any_path() {
+        let told = |path: &str| CaptureError::Sqlite { path: path.into() }.to_string();
+        assert!(told("a/run_0.db3").contains("`rosbags-convert --src a/run_0.db3 --dst a/run_0_mcap --dst-storage mcap`"));
+        assert!(told("a/run").contains("`ros2 bag convert -i a/run -o convert.yaml`"));
+        assert!(told("a/run").contains("`output_bags: [{uri: a/run_mcap, storage_id: mcap, all: true}]`"));
+        assert!(told("my run; rm x").contains("--src 'my run; rm x' --dst 'my run; rm x_mcap' "));
+        assert!(told("it's").contains("-i 'it'\\''s' "));
+    }
 }

@@ -6,11 +6,11 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{
     number::decimal,
-    urdf::{escape, short, solid_name, solid_path, triple, visual_path},
+    urdf::{short, solid_name, solid_path, triple, visual_path},
 };
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, Link},
+    model::{ArticulatedModel, Joint, Link, escape_xml as escape},
 };
 
 /// Settings that every body shares. Collision geoms carry no mass: the bodies state theirs.
@@ -87,13 +87,13 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 fn push_assets(text: &mut String, link: &Link) {
     let name = escape(&link.name);
     if !link.visual.is_empty() {
-        let file = visual_path(link);
+        let file = escape(&visual_path(link));
         writeln!(text, "    <texture name=\"{name}\" type=\"2d\" file=\"{}\"/>", file.replace(".obj", ".png")).ok();
         writeln!(text, "    <material name=\"{name}\" texture=\"{name}\" specular=\"0.1\"/>").ok();
         writeln!(text, "    <mesh name=\"{name}_visual\" file=\"{file}\"/>").ok();
     }
     for k in 0..link.collision.len() {
-        writeln!(text, "    <mesh name=\"{}\" file=\"{}\"/>", solid_name(link, k), solid_path(link, k)).ok();
+        writeln!(text, "    <mesh name=\"{}\" file=\"{}\"/>", escape(&solid_name(link, k)), escape(&solid_path(link, k))).ok();
     }
 }
 
@@ -113,7 +113,7 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
         writeln!(text, "{pad}  <geom class=\"visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" material=\"{name}\"/>").ok();
     }
     for k in 0..link.collision.len() {
-        let solid = solid_name(link, k);
+        let solid = escape(&solid_name(link, k));
         writeln!(text, "{pad}  <geom class=\"collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
     }
     for below in model.joints.iter().filter(|j| j.parent == index) {

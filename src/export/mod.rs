@@ -4,6 +4,8 @@ mod camera_poses;
 mod check;
 mod look;
 mod mjcf;
+#[cfg(test)]
+mod names_tests;
 pub mod number;
 mod obj;
 mod package;
@@ -20,7 +22,7 @@ mod usda;
 mod viewer;
 
 pub use camera_poses::CameraPosesReport;
-pub use check::{CheckFinding, Folder, Level, check_folder};
+pub use check::{CheckFinding, Folder, Level, check_folder, require_sound};
 pub use look::{Corner, Look, LookConfig, look, looks};
 pub use mjcf::mjcf;
 pub use obj::{mtl, solid_obj, textured_obj};
@@ -34,6 +36,6 @@ pub use report_json::{
 };
 pub use sdf::sdf;
 pub use start::{InitialMotion, compare_starts, nearest_starts};
-pub use urdf::{UrdfScrew, escape, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
+pub use urdf::{UrdfScrew, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
 pub use usda::usda;
 pub use viewer::viewer_html;

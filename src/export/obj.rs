@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::{look::Look, number::decimal};
-use crate::surface::ConvexSolid;
+use crate::{model::identifier, surface::ConvexSolid};
 
 /// Digits after the point of a vertex position: 0.1 micrometre.
 const POSITION_PLACES: usize = 7;
@@ -16,6 +16,7 @@ const UV_PLACES: usize = 6;
 /// material `name` of `name.mtl`.
 #[must_use]
 pub fn textured_obj(look: &Look, name: &str) -> String {
+    let name = identifier(name);
     let mut text = format!("mtllib {name}.mtl\no {name}\n");
     for p in &look.mesh.vertices {
         push(&mut text, "v", &[p.x, p.y, p.z].map(f64::from), POSITION_PLACES);
@@ -38,6 +39,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
 /// The material of a textured mesh: its texture and nothing that tints it.
 #[must_use]
 pub fn mtl(name: &str) -> String {
+    let name = identifier(name);
     format!("newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {name}.png\n")
 }
 
@@ -45,7 +47,7 @@ pub fn mtl(name: &str) -> String {
 #[must_use]
 pub fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
     let mesh = solid.mesh();
-    let mut text = format!("o {name}\n");
+    let mut text = format!("o {}\n", identifier(name));
     for p in &solid.vertices {
         push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }

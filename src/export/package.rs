@@ -13,7 +13,7 @@ use super::{
     usda::usda,
     viewer::viewer_html,
 };
-use crate::model::ArticulatedModel;
+use crate::model::{ArticulatedModel, identifier};
 
 /// Choices among ways to tell a simulator the same.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,7 +37,7 @@ pub struct ExportFile {
 /// ([`crate::model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
-    let name = &model.name;
+    let name = identifier(&model.name);
     let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
     let texts = [
         (format!("{name}.urdf"), urdf(model, config.urdf_screw)),

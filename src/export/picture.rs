@@ -6,7 +6,8 @@ use base64::Engine as _;
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::png::PngEncoder};
 use nalgebra::{Point3, Vector3};
 
-use super::{number::decimal, urdf::escape};
+use super::number::decimal;
+use crate::model::escape_xml as escape;
 use crate::{
     geometry::{Intrinsics, Pose},
     model::{ArticulatedModel, JointKind},

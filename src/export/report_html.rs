@@ -6,8 +6,8 @@ use super::{
     number::{decimal, significant},
     picture::{Picture, PictureError, part_color},
     report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
-    urdf::escape,
 };
+use crate::model::escape_xml as escape;
 
 /// In place of a deviation that no guess would exceed.
 const NOT_DETERMINED: &str = "not determined";

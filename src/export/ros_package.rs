@@ -1,7 +1,6 @@
 //! The files that make the folder a ROS 2 package.
 
-use super::urdf::escape;
-use crate::model::ArticulatedModel;
+use crate::model::{ArticulatedModel, escape_xml as escape, identifier};
 
 /// `package.xml`.
 #[must_use]
@@ -18,7 +17,7 @@ pub fn package_xml(model: &ArticulatedModel) -> String {
 /// `CMakeLists.txt`: installs what the URDF names.
 #[must_use]
 pub fn cmake_lists(model: &ArticulatedModel) -> String {
-    let name = &model.name;
+    let name = identifier(&model.name);
     format!(
         "cmake_minimum_required(VERSION 3.8)\nproject({name})\nfind_package(ament_cmake REQUIRED)\n\
          install(DIRECTORY meshes DESTINATION share/${{PROJECT_NAME}})\n\

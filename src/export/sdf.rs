@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use super::urdf::{escape, origin, short, solid_name, solid_path, triple, visual_path};
+use super::urdf::{origin, short, solid_name, solid_path, triple, visual_path};
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, Link},
+    model::{ArticulatedModel, Joint, Link, escape_xml as escape},
 };
 
 /// SDF text of a model; mesh paths are relative to its folder. Link 0 is fixed to the world.
@@ -50,7 +50,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     }
     text.push_str("        </inertia>\n      </inertial>\n");
     if !link.visual.is_empty() {
-        push_geometry(text, "visual", &format!("{name}_visual"), &visual_path(link));
+        push_geometry(text, "visual", &format!("{}_visual", link.name), &visual_path(link));
     }
     for k in 0..link.collision.len() {
         push_geometry(text, "collision", &solid_name(link, k), &solid_path(link, k));
@@ -59,6 +59,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
 }
 
 fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
+    let (name, path) = (escape(name), escape(path));
     writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>\n            <uri>{path}</uri>\n          </mesh>")
         .ok();
     writeln!(text, "        </geometry>\n      </{tag}>").ok();

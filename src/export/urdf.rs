@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::number::{decimal, significant};
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link},
+    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier},
 };
 
 /// Digits after the point of lengths, angles and axes.
@@ -53,7 +53,7 @@ pub fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
 /// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
 #[must_use]
 pub fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
-    urdf_with_paths(model, &format!("package://{}/", model.name), screws)
+    urdf_with_paths(model, &format!("package://{}/", identifier(&model.name)), screws)
 }
 
 fn urdf_with_paths(model: &ArticulatedModel, prefix: &str, screws: UrdfScrew) -> String {
@@ -78,7 +78,7 @@ fn urdf_with_paths(model: &ArticulatedModel, prefix: &str, screws: UrdfScrew) ->
 /// Path of a link's visual mesh, relative to the URDF's folder.
 #[must_use]
 pub fn visual_path(link: &Link) -> String {
-    format!("meshes/visual/{}.obj", link.name)
+    format!("meshes/visual/{}.obj", identifier(&link.name))
 }
 
 /// Name of a link's collision solid in all formats, and of its file.
@@ -90,7 +90,7 @@ pub fn solid_name(link: &Link, solid: usize) -> String {
 /// Path of a link's collision solid, relative to the URDF's folder.
 #[must_use]
 pub fn solid_path(link: &Link, solid: usize) -> String {
-    format!("meshes/collision/{}.obj", solid_name(link, solid))
+    format!("meshes/collision/{}.obj", identifier(&solid_name(link, solid)))
 }
 
 /// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
@@ -158,9 +158,9 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
 
 /// A screw as a slide that follows the turn it carries, over a link that is a point of little mass.
 fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link]) {
-    let name = escape(&joint.name);
-    let (carrier, advance) = (format!("{name}_carrier"), format!("{name}_advance"));
-    writeln!(text, "  <link name=\"{carrier}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>").ok();
+    let (carrier, advance) = (format!("{}_carrier", joint.name), format!("{}_advance", joint.name));
+    let (name, link) = (escape(&joint.name), escape(&carrier));
+    writeln!(text, "  <link name=\"{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>").ok();
     let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
     writeln!(text, "      <mass value=\"{mass}\"/>").ok();
     writeln!(text, "      <inertia ixx=\"{inertia}\" ixy=\"0\" ixz=\"0\" iyy=\"{inertia}\" iyz=\"0\" izz=\"{inertia}\"/>").ok();
@@ -211,12 +211,6 @@ pub(super) fn triple(v: &[f64; 3]) -> String {
 
 pub(super) fn short(x: f64) -> String {
     significant(x, DIGITS)
-}
-
-/// Text safe inside an XML attribute or element.
-#[must_use]
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;").replace('\'', "&#39;")
 }
 
 #[cfg(test)]

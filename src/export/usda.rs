@@ -14,14 +14,14 @@ use super::{
     urdf::{solid_name, visual_path},
 };
 use crate::{
-    model::{ArticulatedModel, Inertial, Joint, Link},
+    model::{ArticulatedModel, Inertial, Joint, Link, identifier},
     surface::TriangleMesh,
 };
 
 /// USD text of a model; `looks` in the order of its links.
 #[must_use]
 pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
-    let name = &model.name;
+    let name = &*identifier(&model.name);
     let mut text = format!(
         "#usda 1.0\n(\n    defaultPrim = \"{name}\"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1\n    upAxis = \"Z\"\n)\n\n\
          def Xform \"{name}\" (\n    prepend apiSchemas = [\"PhysicsArticulationRootAPI\"]\n    kind = \"component\"\n)\n{{\n"
@@ -39,7 +39,7 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
         writeln!(
             text,
             "\n    def Xform \"{}\" (\n        prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"PhysicsMassAPI\"]\n    )\n    {{",
-            link.name
+            identifier(&link.name)
         )
         .ok();
         writeln!(text, "        double3 xformOp:translate = {}", tuple(&pose.translation.vector)).ok();
@@ -59,7 +59,7 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
         writeln!(
             text,
             "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = </{name}/{}>\n        }}",
-            root.name
+            identifier(&root.name)
         )
         .ok();
     }
@@ -75,7 +75,8 @@ const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            
      float physics:staticFriction = 0.6\n            float physics:dynamicFriction = 0.5\n            float physics:restitution = 0\n        }\n";
 
 fn push_material(text: &mut String, model: &str, link: &Link) {
-    let path = format!("/{model}/Looks/{}", link.name);
+    let name = identifier(&link.name);
+    let path = format!("/{model}/Looks/{name}");
     let file = visual_path(link).replace(".obj", ".png");
     write!(
         text,
@@ -107,8 +108,7 @@ fn push_material(text: &mut String, model: &str, link: &Link) {
                 float2 outputs:result
             }}
         }}
-"#,
-        name = link.name
+"#
     )
     .ok();
 }
@@ -132,7 +132,8 @@ fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
 }
 
 fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
-    open_mesh(text, &format!("{}_visual", link.name), "\"MaterialBindingAPI\"");
+    let name = identifier(&link.name);
+    open_mesh(text, &format!("{name}_visual"), "\"MaterialBindingAPI\"");
     push_points(text, &look.mesh);
     let corner = |i: &u32| &look.corners[*i as usize];
     let all: Vec<_> = look.triangles.iter().flatten().map(corner).collect();
@@ -140,7 +141,7 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
     push_list(text, "normal3f[] normals", normals, " (\n                interpolation = \"faceVarying\"\n            )");
     let uv = all.iter().map(|c| format!("({})", c.uv.map(|x| decimal(x, 6)).join(", ")));
     push_list(text, "texCoord2f[] primvars:st", uv, " (\n                interpolation = \"faceVarying\"\n            )");
-    writeln!(text, "            rel material:binding = </{model}/Looks/{}>\n        }}", link.name).ok();
+    writeln!(text, "            rel material:binding = </{model}/Looks/{name}>\n        }}").ok();
 }
 
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
@@ -158,6 +159,7 @@ fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh
 }
 
 fn open_mesh(text: &mut String, name: &str, schemas: &str) {
+    let name = identifier(name);
     writeln!(text, "        def Mesh \"{name}\" (\n            prepend apiSchemas = [{schemas}]\n        )\n        {{").ok();
     text.push_str("            uniform token subdivisionScheme = \"none\"\n            uniform token orientation = \"rightHanded\"\n");
 }
@@ -177,7 +179,7 @@ fn push_list(text: &mut String, name: &str, items: impl Iterator<Item = String>,
 }
 
 fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
-    let name = &model.name;
+    let name = identifier(&model.name);
     // USD has no screw: the nearest joint, with its pitch beside it.
     let (kind, drive) = if joint.kind.turns() { ("Revolute", "angular") } else { ("Prismatic", "linear") };
     let pitch = joint.kind.pitch_m_per_rad().map(|p| format!("\n            custom double artitwin:pitchPerRadian = {}", short(p)));
@@ -187,7 +189,7 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     let axis = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
     let (l, d) = (&joint.limit, &joint.dynamics);
-    let [body0, body1] = [joint.parent, joint.child].map(|k| &model.links[k].name);
+    let [body0, body1] = [joint.parent, joint.child].map(|k| identifier(&model.links[k].name));
     write!(
         text,
         r#"        def Physics{kind}Joint "{joint}" (
@@ -216,7 +218,7 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
             float newton:armature = {armature}
         }}
 "#,
-        joint = joint.name,
+        joint = identifier(&joint.name),
         place = tuple(&joint.parent_from_joint.translation.vector),
         turn0 = turn(&(joint.parent_from_joint.rotation * axis)),
         turn1 = turn(&axis),

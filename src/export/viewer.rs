@@ -4,8 +4,8 @@ use base64::Engine as _;
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::{look::Look, urdf::escape};
-use crate::model::ArticulatedModel;
+use super::look::Look;
+use crate::model::{ArticulatedModel, escape_xml, script_json};
 
 const PAGE: &str = include_str!("viewer.html");
 
@@ -64,9 +64,12 @@ pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>
         links: looks.iter().zip(textures).map(|(l, png)| LinkData { corners: base64(&corners(l)), texture_png: base64(png) }).collect(),
         joints: model.joints.iter().enumerate().map(joint).collect(),
     };
-    // Text and numbers always serialise; `<` would end the script.
-    let json = serde_json::to_string(&data).unwrap_or_default().replace('<', "\\u003c");
-    PAGE.replace("@TITLE@", &escape(&model.name)).replace("@DATA@", &json)
+    // Text and numbers always serialise.
+    let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
+    // The title is put in on both sides of the data, so that neither is looked for in the other.
+    let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
+    let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
+    format!("{}{json}{}", titled(head), titled(tail))
 }
 
 fn corners(look: &Look) -> Vec<u8> {

@@ -9,6 +9,7 @@ use super::{
     twin_tree::{Motion, TwinJoint, TwinTree},
     update::{exported, note},
 };
+use crate::model::escape_xml;
 
 /// Step of the file, seconds; a delayed effort is read between steps and a stop is met between them, so that both ask for finer ones.
 const TIMESTEP_S: f64 = 5e-4;
@@ -54,7 +55,11 @@ pub fn mjcf(tree: &TwinTree, joints: &[JointReport], catalogue: &Catalogue, file
         "<mujoco model=\"{}\">\n<compiler angle=\"radian\" autolimits=\"false\"/>\n\
          <option timestep=\"{timestep_s}\" gravity=\"{} {} {}\" integrator=\"RK4\"/>\n\
          <worldbody>\n{body}</worldbody>\n<actuator>\n{}</actuator>\n</mujoco>\n",
-        tree.name, g.x, g.y, g.z, writer.actuators
+        escape_xml(&tree.name),
+        g.x,
+        g.y,
+        g.z,
+        writer.actuators
     );
     (text, writer.notes)
 }
@@ -72,7 +77,7 @@ impl Writer<'_> {
                 let a = self.attributes(joint);
                 pose = a.parent_from_joint;
                 let kind = if joint.motion == Motion::Turn { "hinge" } else { "slide" };
-                let (name, axis) = (&joint.name, joint.axis);
+                let (name, axis) = (escape_xml(&joint.name), joint.axis);
                 let damping = if a.drag == 0.0 { format!("{}", a.damping) } else { format!("{} {}", a.damping, a.drag) };
                 let _ = writeln!(
                     inside,
@@ -97,7 +102,14 @@ impl Writer<'_> {
             let _ = write!(
                 text,
                 "<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n{inside}{below}</body>\n",
-                child.name, p.x, p.y, p.z, q.w, q.i, q.j, q.k
+                escape_xml(&child.name),
+                p.x,
+                p.y,
+                p.z,
+                q.w,
+                q.i,
+                q.j,
+                q.k
             );
         }
         text

@@ -8,6 +8,7 @@ mod chain_tests;
 #[cfg(test)]
 mod derivative_tests;
 pub mod drive;
+mod edits;
 pub mod effect;
 pub mod effects;
 pub mod expressed;

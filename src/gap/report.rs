@@ -8,6 +8,7 @@ use super::{
     proof::{Gap, ResidualSeries},
     verdict::{Diagnosis, Verdict},
 };
+use crate::model::{escape_lines, escape_xml};
 
 /// A joint's diagnosis with its proof.
 #[derive(Debug)]
@@ -346,29 +347,25 @@ pub fn html(joints: &[JointReport]) -> String {
         "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{font:14px sans-serif;max-width:60em;margin:2em auto}\
          pre{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}svg{width:100%;height:auto;border:1px solid #ddd}</style><h1>Diagnosis</h1><pre>",
     );
-    page.push_str(&escape(&summary(joints)));
+    page.push_str(&escape_lines(&summary(joints)));
     page.push_str("</pre>");
     for j in joints {
-        page.push_str(&format!("<h2>{}</h2>", escape(&j.joint)));
+        page.push_str(&format!("<h2>{}</h2>", escape_xml(&j.joint)));
         for (series, run) in j.series.iter().zip(j.gap.iter().flat_map(|g| &g.runs)) {
-            page.push_str(&format!("<h3>held-out run {}: residual over time, twin gray, updated twin blue</h3>", escape(&run.run)));
+            page.push_str(&format!("<h3>held-out run {}: residual over time, twin gray, updated twin blue</h3>", escape_xml(&run.run)));
             page.push_str(&scatter(&series.time_s, &[(&series.before, "#999"), (&series.after, "#06c")]));
             page.push_str("<h3>over position</h3>");
             page.push_str(&scatter(&series.position, &[(&series.before, "#999"), (&series.after, "#06c")]));
         }
         for d in j.diagnosis.before.iter().take(4) {
             let name = format!("{} ({}), p {:.3}", d.variable.name(), d.variable.unit(j.turns), d.p);
-            page.push_str(&format!("<h3>residual effort of the twin over {}</h3>", escape(&name)));
+            page.push_str(&format!("<h3>residual effort of the twin over {}</h3>", escape_xml(&name)));
             let x: Vec<f64> = d.bins.iter().map(|b| 0.5 * (b.edges.0 + b.edges.1)).collect();
             let y: Vec<f64> = d.bins.iter().map(|b| b.effort).collect();
             page.push_str(&scatter(&x, &[(&y, "#c30")]));
         }
     }
     page
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// Points over x, each series in its color.

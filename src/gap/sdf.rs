@@ -1,9 +1,10 @@
 //! The named effects in the SDF that stands beside the twin: damping, friction, spring and stops of its joints, and the links of a
 //! joint whose axis was found tilted.
 
-use std::{fmt::Write as _, ops::Range};
+use std::fmt::Write as _;
 
 use super::{
+    edits::{Edit, before_end, edited},
     expressed::Format,
     held::{Held, notes},
     joint_model::Catalogue,
@@ -59,12 +60,7 @@ fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, String> {
         let old = node.children().find(|n| n.has_tag_name("pose"));
         edits.push((old.map_or_else(|| before_end(text, node), |n| n.range()), new));
     }
-    edits.sort_by_key(|(range, _)| range.start);
-    let mut changed = text.to_owned();
-    for (range, new) in edits.into_iter().rev() {
-        changed.replace_range(range, &new);
-    }
-    Ok(Some(changed))
+    Ok(Some(edited(text, edits)))
 }
 
 /// Pose of a link in the frame of the model; `None` where it is given in another frame.
@@ -83,18 +79,13 @@ fn with_joint(text: &str, name: &str, held: &Held) -> Result<Option<String>, Str
     let document = parse_xml(text)?;
     let element = document.descendants().find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(name));
     let Some(axis) = element.and_then(|e| e.children().find(|n| n.has_tag_name("axis"))) else { return Ok(None) };
-    let mut edits: Vec<(Range<usize>, String)> = limit(text, axis, held).into_iter().collect();
+    let mut edits: Vec<Edit> = limit(text, axis, held).into_iter().collect();
     edits.push(dynamics(text, axis, held));
-    edits.sort_by_key(|(range, _)| range.start);
-    let mut changed = text.to_owned();
-    for (range, new) in edits.into_iter().rev() {
-        changed.replace_range(range, &new);
-    }
-    Ok(Some(changed))
+    Ok(Some(edited(text, edits)))
 }
 
 /// The `dynamics` of an axis anew.
-fn dynamics(text: &str, axis: roxmltree::Node, held: &Held) -> (Range<usize>, String) {
+fn dynamics(text: &str, axis: roxmltree::Node, held: &Held) -> Edit {
     let mut new = format!("<dynamics><damping>{}</damping><friction>{}</friction>", held.damping, held.friction);
     let old = axis.children().find(|n| n.has_tag_name("dynamics"));
     let kept = |tag: &str| old.and_then(|d| d.children().find(|n| n.has_tag_name(tag))).and_then(|n| n.text().map(str::to_owned));
@@ -109,7 +100,7 @@ fn dynamics(text: &str, axis: roxmltree::Node, held: &Held) -> (Range<usize>, St
 }
 
 /// The `limit` of an axis with stops, where there are any.
-fn limit(text: &str, axis: roxmltree::Node, held: &Held) -> Option<(Range<usize>, String)> {
+fn limit(text: &str, axis: roxmltree::Node, held: &Held) -> Option<Edit> {
     if held.stops.is_empty() {
         return None;
     }
@@ -127,13 +118,6 @@ fn limit(text: &str, axis: roxmltree::Node, held: &Held) -> Option<(Range<usize>
     let stiffest = held.stops.iter().max_by(|a, b| a.stiffness.total_cmp(&b.stiffness))?;
     write!(new, "<stiffness>{}</stiffness><dissipation>{}</dissipation></limit>", stiffest.stiffness, stiffest.damping).ok();
     Some((old.map_or_else(|| before_end(text, axis), |o| o.range()), new))
-}
-
-/// The empty range before the closing tag of an element.
-fn before_end(text: &str, node: roxmltree::Node) -> Range<usize> {
-    let range = node.range();
-    let at = text[range.clone()].rfind("</").map_or(range.end, |i| range.start + i);
-    at..at
 }
 
 #[cfg(test)]

@@ -1,6 +1,9 @@
 //! The named effects in the twin's URDF: natively where it has a place, in a namespaced element elsewhere.
 
+use roxmltree::{Document, Node};
+
 use super::{
+    edits::{Edit, before_end, edited},
     expressed::{Format, Status, status},
     report::{ExportNote, JointReport},
     twin_tree::TwinTree,
@@ -16,13 +19,17 @@ pub(super) fn exported(joint: &JointReport) -> impl Iterator<Item = &super::verd
 
 /// The URDF with the effects, and what became of each. Damping and friction are changed in place; all other effects
 /// are elements of the joint.
-#[must_use]
-pub fn urdf(text: &str, tree: &TwinTree, joints: &[JointReport], file: &str) -> (String, Vec<ExportNote>) {
-    let mut text = text.to_owned();
-    let mut notes = Vec::new();
+///
+/// # Errors
+/// A text that is no XML.
+pub fn urdf(text: &str, tree: &TwinTree, joints: &[JointReport], file: &str) -> Result<(String, Vec<ExportNote>), String> {
+    let document = Document::parse(text).map_err(|e| e.to_string())?;
+    let (mut edits, mut notes) = (Vec::new(), Vec::new());
+    let mut foreign = text.contains("<gap:");
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
-        let mut dynamics = (spec.damping, spec.friction);
+        let old = (spec.damping, spec.friction);
+        let mut dynamics = old;
         let mut elements = String::new();
         for finding in exported(joint) {
             let Some(term) = joint.diagnosis.model.terms.iter().find(|t| t.effect == finding.index) else { continue };
@@ -38,9 +45,13 @@ pub fn urdf(text: &str, tree: &TwinTree, joints: &[JointReport], file: &str) -> 
             }
             notes.push(note("urdf", file, joint, &finding.effect, status));
         }
-        text = with_joint(&text, &joint.joint, (dynamics.0.max(0.0), dynamics.1), (spec.damping, spec.friction), &elements);
+        dynamics.0 = dynamics.0.max(0.0);
+        foreign |= !elements.is_empty();
+        let changed = (dynamics != old).then_some(dynamics);
+        edits.extend(joint_of(&document, &joint.joint).into_iter().flat_map(|n| joint_edits(text, n, changed, &elements)));
     }
-    (with_namespace(text), notes)
+    edits.extend(namespace_edit(text, &document).filter(|_| foreign));
+    Ok((edited(text, edits), notes))
 }
 
 /// An effect as an element that other readers skip, with further `attributes`.
@@ -51,10 +62,11 @@ pub(super) fn element(finding: &super::verdict::Finding, attributes: &str) -> St
     format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
 }
 
-/// Declares the namespace of such elements where a robot has any.
-pub(super) fn with_namespace(text: String) -> String {
-    let missing = text.contains("<gap:") && !text.contains(NAMESPACE);
-    if missing { text.replacen("<robot ", &format!("<robot {NAMESPACE} "), 1) } else { text }
+/// Declares the namespace of such elements at the root, where it is not.
+pub(super) fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
+    let root = document.root_element();
+    let at = root.range().start + 1 + text[root.range().start + 1..].find(|c: char| c.is_whitespace() || "/>".contains(c))?;
+    (!text.contains(NAMESPACE)).then(|| (at..at, format!(" {NAMESPACE}")))
 }
 
 /// What became of an effect in a file; the RMSE is that of the joint's whole model in the format.
@@ -70,30 +82,58 @@ pub(super) fn note(format: &str, file: &str, joint: &JointReport, effect: &str, 
     }
 }
 
-/// Replaces the dynamics of a joint element and adds elements to it.
-fn with_joint(text: &str, name: &str, dynamics: (f64, f64), old: (f64, f64), elements: &str) -> String {
-    let mut from = 0;
-    while let Some(start) = text[from..].find("<joint").map(|i| from + i) {
-        let Some(open_end) = text[start..].find('>').map(|i| start + i) else { break };
-        let Some(end) = text[start..].find("</joint>").map(|i| start + i) else { break };
-        let tag = &text[start..open_end];
-        let named = [format!("name=\"{name}\""), format!("name='{name}'")].iter().any(|n| tag.contains(n.as_str()));
-        if !named || tag.ends_with('/') {
-            from = open_end;
-            continue;
-        }
-        let mut body = text[open_end + 1..end].to_owned();
-        if dynamics != old {
-            if let Some(at) = body.find("<dynamics")
-                && let Some(close) = body[at..].find('>')
-            {
-                let whole = body[at..].find("</dynamics>").filter(|_| !body[at..at + close].ends_with('/')).map_or(close + 1, |i| i + 11);
-                body.replace_range(at..at + whole, "");
-            }
-            body.push_str(&format!("<dynamics damping=\"{}\" friction=\"{}\"/>", dynamics.0, dynamics.1));
-        }
-        body.push_str(elements);
-        return format!("{}{}{}", &text[..=open_end], body, &text[end..]);
+/// The joint of this name among the children of `<robot>`, where it has content to change.
+fn joint_of<'a>(document: &'a Document<'a>, name: &str) -> Option<Node<'a, 'a>> {
+    let is_it = |n: &Node| n.has_tag_name("joint") && n.attribute("name") == Some(name) && n.has_children();
+    document.root_element().children().find(is_it)
+}
+
+/// Replaces the dynamics of a joint and adds elements to it.
+fn joint_edits(text: &str, joint: Node, dynamics: Option<(f64, f64)>, elements: &str) -> Vec<Edit> {
+    let mut edits = Vec::new();
+    let mut added = String::new();
+    if let Some((damping, friction)) = dynamics {
+        edits.extend(joint.children().find(|n| n.has_tag_name("dynamics")).map(|old| (old.range(), String::new())));
+        added = format!("<dynamics damping=\"{damping}\" friction=\"{friction}\"/>");
     }
-    text.to_owned()
+    added.push_str(elements);
+    if !added.is_empty() {
+        edits.push((before_end(text, joint), added));
+    }
+    edits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::escape_xml;
+
+    #[test]
+    fn the_joint_of_a_name_is_changed_and_no_text_that_looks_like_it() {
+        let name = "j\"/><joint name=\"injected\" type=\"slide";
+        let text = format!(
+            "<!-- <robot > <joint name=\"door\"></joint> --><robot\n name='r'><joint name=\"{}\"><dynamics damping=\"1\"/></joint>\
+             <transmission><joint name=\"door\"><x/></joint></transmission><joint  name='door'><axis/><dynamics damping='2'></dynamics><y/>\
+             </joint><joint name=\"bare\"/></robot><!-- </robot> -->",
+            escape_xml(name)
+        );
+        let document = Document::parse(&text).unwrap();
+        let mut edits = vec![];
+        for (k, name) in [name, "door"].into_iter().enumerate() {
+            let joint = joint_of(&document, name).unwrap();
+            edits.extend(joint_edits(&text, joint, Some((k as f64, 0.5)), &format!("<gap:effect name=\"e{k}\"/>")));
+        }
+        edits.extend(namespace_edit(&text, &document));
+        assert!(joint_of(&document, "bare").is_none() && joint_of(&document, "injected").is_none());
+        let changed = edited(&text, edits);
+        let document = Document::parse(&changed).unwrap();
+        for (k, name) in [name, "door"].into_iter().enumerate() {
+            let joint = joint_of(&document, name).unwrap();
+            let all: Vec<_> = joint.children().filter(|n| n.has_tag_name("dynamics")).map(|n| n.attribute("damping")).collect();
+            assert_eq!(all, [Some(k.to_string().as_str())]);
+            assert!(joint.children().any(|n| n.has_tag_name("effect") && n.attribute("name") == Some(&format!("e{k}"))));
+        }
+        assert_eq!(document.descendants().filter(|n| n.has_tag_name("effect")).count(), 2);
+        assert!(changed.contains("<axis/><y/><dynamics damping=\"1\" friction=\"0.5\"/><gap:effect name=\"e1\"/></joint>"), "{changed}");
+    }
 }

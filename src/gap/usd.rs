@@ -4,6 +4,7 @@
 //! attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are degrees.
 
 use super::{
+    edits::edited,
     expressed::Format,
     held::{Held, notes},
     joint_model::Catalogue,
@@ -11,7 +12,7 @@ use super::{
     tilt::{Tilt, tilt, untold},
     twin_tree::{Motion, TwinTree},
 };
-use crate::geometry::Pose;
+use crate::{geometry::Pose, model::is_plain_name};
 
 /// The USD text with the effects, and what became of each. A joint that the text does not have is told in the notes.
 #[must_use]
@@ -37,10 +38,15 @@ pub fn usd(text: &str, tree: &TwinTree, joints: &[JointReport], catalogue: &Cata
     (text, told)
 }
 
+/// Where a prim begins. A name that USD cannot have is nowhere: it would be found in the middle of something else.
+fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
+    if is_plain_name(name) { text.find(&format!("def {kind} \"{name}\"")) } else { None }
+}
+
 /// The text with a joint's attributes; `None` where it has no such joint.
 fn with_joint(text: &str, name: &str, turns: bool, held: &Held) -> Option<String> {
     let kind = if turns { "PhysicsRevoluteJoint" } else { "PhysicsPrismaticJoint" };
-    let start = text.find(&format!("def {kind} \"{name}\""))?;
+    let start = definition(text, kind, name)?;
     let open = start + text[start..].find("\n        {\n")? + 11;
     let end = open + text[open..].find("\n        }")? + 1;
     let (drive, per_rad) = if turns { ("angular", 1f64.to_radians()) } else { ("linear", 1.0) };
@@ -79,16 +85,11 @@ fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
         edits.push((link.translate, format!("({}, {}, {})", at.x, at.y, at.z)));
         edits.push((link.orient, quaternion_text(&turned.rotation)));
     }
-    let start = text.find(&format!("Joint \"{joint}\""))?;
+    let start = ["PhysicsRevoluteJoint", "PhysicsPrismaticJoint"].iter().find_map(|kind| definition(text, kind, joint))?;
     let own = value_of(text, start, "quatf physics:localRot0 = ")?;
     let given = quaternion_of(&text[own.clone()])?;
     edits.push((own, quaternion_text(&(tilt.turned_from_given.rotation * given))));
-    edits.sort_by_key(|(range, _)| range.start);
-    let mut changed = text.to_owned();
-    for (range, new) in edits.into_iter().rev() {
-        changed.replace_range(range, &new);
-    }
-    Some(changed)
+    Some(edited(text, edits))
 }
 
 /// Where a link stands in the model, and where the text says so.
@@ -99,7 +100,7 @@ struct LinkPose {
 }
 
 fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
-    let start = text.find(&format!("def Xform \"{name}\""))?;
+    let start = definition(text, "Xform", name)?;
     let translate = value_of(text, start, "double3 xformOp:translate = ")?;
     let orient = value_of(text, start, "quatf xformOp:orient = ")?;
     let &[x, y, z] = numbers(&text[translate.clone()])?.as_slice() else { return None };

@@ -56,9 +56,11 @@ impl Bag {
     #[must_use]
     pub fn is_at(path: &Path) -> bool {
         if path.is_dir() {
-            return path.join("metadata.yaml").is_file() || !files_with(path, is_mcap).is_empty() || !files_with(path, is_db3).is_empty();
+            return path.join("metadata.yaml").is_file()
+                || !files_with(path, is_mcap).is_empty()
+                || !files_with(path, named_db3).is_empty();
         }
-        path.is_file() && (is_mcap(path) || is_db3(path) || starts_as_mcap(path))
+        path.is_file() && (is_mcap(path) || is_db3(path) || starts_with(path, mcap::MAGIC))
     }
 
     /// Finds the files of a bag.
@@ -90,10 +92,16 @@ impl Bag {
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
         }
-        match bag.files.is_empty() {
-            false => Ok(bag),
-            true if !files_with(path, is_db3).is_empty() => Err(CaptureError::Sqlite { path: path.to_owned() }),
-            true => Err(CaptureError::NotARecording { path: path.to_owned(), reason: "the folder holds no .mcap file".into() }),
+        if let Some(file) = bag.files.iter().find(|f| is_db3(f)) {
+            return Err(CaptureError::Sqlite { path: file.clone() });
+        }
+        let databases = files_with(path, named_db3);
+        match (bag.files.is_empty(), databases.as_slice()) {
+            (false, _) => Ok(bag),
+            // Without metadata.yaml the file can be converted, the folder cannot.
+            (true, [one]) => Err(CaptureError::Sqlite { path: if yaml.is_file() { path.to_owned() } else { one.clone() } }),
+            (true, [_, ..]) => Err(CaptureError::Sqlite { path: path.to_owned() }),
+            (true, []) => Err(CaptureError::NotARecording { path: path.to_owned(), reason: "the folder holds no .mcap file".into() }),
         }
     }
 
@@ -232,12 +240,17 @@ fn is_mcap(path: &Path) -> bool {
     name.ends_with(".mcap") || name.ends_with(".mcap.zstd")
 }
 
+/// Whether a file is an sqlite3 database, by its name or by what it begins with.
 fn is_db3(path: &Path) -> bool {
+    named_db3(path) || starts_with(path, b"SQLite format 3\0")
+}
+
+fn named_db3(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     name.ends_with(".db3") || name.ends_with(".db3.zstd")
 }
 
-fn starts_as_mcap(path: &Path) -> bool {
-    let mut magic = [0; 8];
-    files::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *mcap::MAGIC
+fn starts_with(path: &Path, magic: &[u8]) -> bool {
+    let mut start = Vec::new();
+    files::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start)).is_ok() && start == magic
 }

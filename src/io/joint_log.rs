@@ -83,7 +83,15 @@ pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, Captu
 impl Reader<'_> {
     fn message(&mut self, message: &RawMessage) {
         let topic = message.topic;
-        self.topics.entry(topic.to_owned()).or_insert_with(|| message.type_name.to_owned());
+        let is_cdr = message.message_encoding == "cdr";
+        self.topics.entry(topic.to_owned()).or_insert_with(|| {
+            let foreign = if is_cdr { String::new() } else { format!(", encoded as `{}`, not cdr", message.message_encoding) };
+            format!("{}{foreign}", message.type_name)
+        });
+        if !is_cdr {
+            self.broken += usize::from([JOINT_STATE, WRENCH, POSE, TF].contains(&message.type_name));
+            return;
+        }
         let named = |list: &[(String, String)]| list.iter().find(|(t, _)| t == topic).map(|(_, link)| link.clone());
         let log_nanos = message.log_time_nanos as i64;
         match message.type_name {

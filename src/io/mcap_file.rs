@@ -73,6 +73,10 @@ pub struct RawMessage<'a> {
     pub message_encoding: &'a str,
     /// When it was recorded, nanoseconds.
     pub log_time_nanos: u64,
+    /// When it was sent, nanoseconds.
+    pub publish_time_nanos: u64,
+    /// Number that its sender gave it; 0 where it gave none.
+    pub sequence: u32,
     /// Payload with its CDR header.
     pub data: &'a [u8],
 }
@@ -284,6 +288,8 @@ fn read_flat<E>(
                 type_name: channels.type_name(channel),
                 message_encoding: &channel.message_encoding,
                 log_time_nanos: message.log_time,
+                publish_time_nanos: message.publish_time,
+                sequence: message.sequence,
                 data: message.data,
             })?;
             Ok(Ok(()))

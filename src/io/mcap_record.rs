@@ -94,8 +94,12 @@ impl ChannelRecord {
 pub struct MessageRecord<'a> {
     /// Its channel.
     pub channel_id: u16,
+    /// Number that its sender gave it; 0 where it gave none.
+    pub sequence: u32,
     /// When it was recorded, nanoseconds.
     pub log_time: u64,
+    /// When it was sent, nanoseconds.
+    pub publish_time: u64,
     /// Payload.
     pub data: &'a [u8],
 }
@@ -108,10 +112,9 @@ impl<'a> MessageRecord<'a> {
     pub fn read(body: &'a [u8]) -> Result<Self, String> {
         let mut fields = Fields(body);
         let channel_id = fields.id()?;
-        fields.number(4)?;
-        let log_time = fields.number(8)?;
-        fields.number(8)?;
-        Ok(Self { channel_id, log_time, data: fields.0 })
+        let sequence = fields.number(4)? as u32;
+        let (log_time, publish_time) = (fields.number(8)?, fields.number(8)?);
+        Ok(Self { channel_id, sequence, log_time, publish_time, data: fields.0 })
     }
 }
 

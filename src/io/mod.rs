@@ -41,6 +41,8 @@ mod bag_index;
 mod bag_metadata;
 mod bag_writer;
 mod camera;
+#[cfg(test)]
+mod conformance_tests;
 mod dataset;
 mod expansion;
 mod inspect;

@@ -14,7 +14,7 @@ use crate::{
     files,
     geometry::Pose,
     limits::{FileLimit, REPORT, URDF},
-    model::JointKind,
+    model::{JointKind, escape_xml},
 };
 
 /// Why a run folder could not be read.
@@ -112,7 +112,7 @@ impl RunSummary {
     pub fn urdf_with_uris(&self, package: bool) -> String {
         let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
         let base = if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
-        let base = base.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
+        let base = escape_xml(&base);
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
 }

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use super::{UrdfError, read_urdf};
 use crate::{
+    export::require_sound,
     files,
     gap::camera::{tree::JointFacts, twin::SeenTwin},
     limits::{URDF, parse_xml},
@@ -12,11 +13,12 @@ use crate::{
 /// Reads a twin with its visual meshes, and gives its text too.
 ///
 /// # Errors
-/// [`UrdfError`] as [`read_urdf`], and where no link has a mesh.
+/// [`UrdfError`] as [`read_urdf`], where the text describes no bodies ([`require_sound`]), and where no link has a mesh.
 pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
+    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
     let tree = read_urdf(path)?;
     let text = files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
+    require_sound(&text).map_err(format)?;
     let facts = facts(&text).map_err(format)?;
     Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(e.to_string()))?, text))
 }

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::{RunDir, RunDirError};
 use crate::{
     geometry::Pose,
+    model::escape_xml,
     synth::{Object, PartJointKind},
 };
 
@@ -14,7 +15,8 @@ use crate::{
 /// # Errors
 /// A disk that refuses.
 pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirError> {
-    let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n", object.family);
+    let mut text =
+        format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n", escape_xml(&object.family));
     // Writing to a String cannot fail.
     for (k, part) in object.parts.iter().enumerate() {
         // The frame of a part is that of its joint, so that the joint turns about its origin.
@@ -29,7 +31,7 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
             "  <link name=\"{}\"><inertial><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><mass value=\"1\"/><inertia ixx=\"0.01\" ixy=\"0\" \
              ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"/></inertial><visual><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><geometry>\
              <mesh filename=\"meshes/part_{k}.obj\"/></geometry></visual></link>",
-            part.name
+            escape_xml(&part.name)
         )
         .unwrap_or_default();
     }
@@ -51,12 +53,12 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
             text,
             "  <joint name=\"{}_joint\" type=\"{kind}\"><origin xyz=\"{} {} {}\" rpy=\"{r} {p} {y}\"/><parent link=\"{}\"/><child link=\"{}\"/>\
              <axis xyz=\"{} {} {}\"/><limit lower=\"{}\" upper=\"{}\" effort=\"100\" velocity=\"1\"/>{thread}</joint>",
-            part.name,
+            escape_xml(&part.name),
             t.x,
             t.y,
             t.z,
-            object.parts[joint.parent].name,
-            part.name,
+            escape_xml(&object.parts[joint.parent].name),
+            escape_xml(&part.name),
             joint.axis.x,
             joint.axis.y,
             joint.axis.z,

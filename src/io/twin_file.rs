@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::{UrdfError, urdf::robot_of};
 use crate::{
+    export::require_sound,
     files,
     gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
     geometry::Pose,
@@ -18,7 +19,7 @@ use crate::{
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
 /// # Errors
-/// [`UrdfError`] where the file cannot be read, is no URDF, or its links are no tree.
+/// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies ([`require_sound`]).
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
@@ -50,18 +51,16 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
 /// # Errors
 /// A sentence about what is wrong.
 pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
+    require_sound(text)?;
     let robot = robot_of(text)?;
     let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
-    let links: Result<Vec<TwinLink>, String> = robot.links.iter().map(link).collect();
     let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());
     for j in &robot.joints {
         joints.push(joint(j, &index)?);
     }
     let mut is_child = vec![false; robot.links.len()];
     for j in &joints {
-        if std::mem::replace(&mut is_child[j.child], true) {
-            return Err(format!("link '{}' is the child of two joints", robot.links[j.child].name));
-        }
+        is_child[j.child] = true;
     }
     let roots: Vec<usize> = (0..is_child.len()).filter(|&i| !is_child[i]).collect();
     let [root] = roots[..] else {
@@ -82,25 +81,27 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
             return Err("some joints make a loop".to_owned());
         }
     }
-    Ok(TwinTree { name: robot.name.clone(), links: links?, joints: sorted, root, gravity: Vector3::from(gravity) })
+    Ok(TwinTree {
+        name: robot.name.clone(),
+        links: robot.links.iter().map(link).collect(),
+        joints: sorted,
+        root,
+        gravity: Vector3::from(gravity),
+    })
 }
 
-fn link(link: &urdf_rs::Link) -> Result<TwinLink, String> {
+fn link(link: &urdf_rs::Link) -> TwinLink {
     let i = &link.inertial;
     let frame = pose(&i.origin);
     let t = &i.inertia;
     let inertia = Matrix3::new(t.ixx, t.ixy, t.ixz, t.ixy, t.iyy, t.iyz, t.ixz, t.iyz, t.izz);
     let r = frame.rotation.to_rotation_matrix();
-    let all = inertia.iter().chain([&i.mass.value]).chain(frame.translation.vector.iter());
-    if !all.clone().all(|x| x.is_finite()) || i.mass.value < 0.0 {
-        return Err(format!("link '{}': mass, center and inertia must be finite, the mass not negative", link.name));
-    }
-    Ok(TwinLink {
+    TwinLink {
         name: link.name.clone(),
         mass_kg: i.mass.value,
         center_of_mass: Point3::from(frame.translation.vector),
         inertia: r.matrix() * inertia * r.matrix().transpose(),
-    })
+    }
 }
 
 fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, String> {
@@ -146,5 +147,32 @@ mod tests {
         let expected = ["box.urdf", "model.sdf", "box.usda", "meshes/a.obj", "m/b.obj"].map(|f| Path::new("runs/box").join(f));
         assert_eq!(files[..5], expected);
         assert_eq!(files[5..], [PathBuf::from("/c.obj")]);
+    }
+
+    const TEXT: &str = "<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' \
+        iyz='0' izz='1'/></inertial></link><joint name='j' type='revolute'><origin xyz='0 0 1'/><parent link='a'/><child link='b'/>\
+        <axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/><dynamics damping='0.1'/></joint></robot>";
+
+    #[test]
+    fn a_twin_that_describes_no_bodies_is_refused() {
+        let refused = |from: &str, to: &str| {
+            assert!(TEXT.contains(from), "{from}");
+            twin_of(&TEXT.replace(from, to), [0.0; 3]).expect_err(to)
+        };
+        assert_eq!(twin_of(TEXT, [0.0; 3]).unwrap().joints[0].limit, Some((-1.0, 1.0)));
+        for (from, to, words) in [
+            ("mass value='1'", "mass value='nan'", "'b': the value of <mass> is 'nan'; it must be a finite number"),
+            ("mass value='1'", "mass value='1e308'", "overflows"),
+            ("xyz='0 0 1'/><parent", "xyz='0 nan 1'/><parent", "the xyz of <origin> is '0 nan 1'"),
+            ("damping='0.1'", "damping='-0.1'", "the damping of <dynamics> is '-0.1'; it must not be negative"),
+            ("lower='-1' upper='1'", "lower='nan' upper='inf'", "(and 1 more: see `artitwin check`)"),
+            ("lower='-1'", "lower='2'", "lower 2 is above upper 1"),
+            ("ixx='1'", "ixx='-1'", "not positive"),
+            ("<parent link='a'/>", "<parent link='b'/>", "in a loop of joints (b)"),
+            ("<link name='a'/>", "<link name='a'/><link name='a'/>", "more than one of the links"),
+        ] {
+            let why = refused(from, to);
+            assert!(why.contains(words), "'{words}' is not in: {why}");
+        }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::{ArticulatedModel, Inertial, Joint};
+use super::{ArticulatedModel, Inertial, Joint, is_plain_name};
 use crate::surface::TriangleMesh;
 
 /// Relative slack of the inertia checks: URDF text keeps nine digits.
@@ -46,12 +46,6 @@ pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
     tree(model, &mut found);
     states(model, &mut found);
     found.0
-}
-
-/// Whether a name is safe in every format, as a file name and as a ROS name: `[A-Za-z][A-Za-z0-9_]*`, 64 at most.
-#[must_use]
-pub fn is_plain_name(name: &str) -> bool {
-    name.len() <= 64 && name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 #[derive(Default)]
@@ -111,16 +105,30 @@ fn inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
     if (inertia - inertia.transpose()).norm() > INERTIA_SLACK * scale {
         found.add(subject, "the inertia is not symmetric");
     }
-    let [a, b, c] = principal_moments(inertia);
-    if a <= 0.0 {
-        found.add(subject, format!("the inertia has the principal moment {a:.3e} kg m^2; all must be positive"));
-    } else if a + b < c * (1.0 - INERTIA_SLACK) {
-        found.add(subject, format!("the principal moments {a:.3e}, {b:.3e}, {c:.3e} kg m^2 break A + B >= C"));
+    if let Some(why) = impossible_inertia(inertia) {
+        found.add(subject, why);
+    } else if principal_moments(inertia)[0] <= 0.0 {
+        found.add(subject, "the inertia has the principal moment 0 kg m^2; all must be positive");
     }
 }
 
-/// Principal moments in rising order.
-fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
+/// Why no body has a finite inertia: a principal moment is negative, or larger than the other two together. A moment of 0 is that
+/// of a point or a rod.
+#[must_use]
+pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
+    let [a, b, c] = principal_moments(inertia);
+    if a < -INERTIA_SLACK * c.abs() {
+        Some(format!("the principal moment {a:.3e} kg m^2 is not positive"))
+    } else if a + b < c * (1.0 - INERTIA_SLACK) {
+        Some(format!("the principal moments {a:.3e}, {b:.3e}, {c:.3e} kg m^2 break A + B >= C"))
+    } else {
+        None
+    }
+}
+
+/// Principal moments of a finite tensor in rising order.
+#[must_use]
+pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
     let mut m: [f64; 3] = SymmetricEigen::new(0.5 * (inertia + inertia.transpose())).eigenvalues.into();
     m.sort_by(f64::total_cmp);
     m

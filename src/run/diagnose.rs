@@ -200,7 +200,7 @@ pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monit
         return Err(RunError::stage("diagnose", why));
     }
     warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(text, tree, &joints, "twin.urdf");
+    let (urdf, mut exports) = update::urdf(text, tree, &joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let (mjcf, notes) = mjcf::mjcf(tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);

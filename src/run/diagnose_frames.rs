@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     capture::{CaptureConfig, RgbdFrame},
-    export::{Picture, PictureKind, escape},
+    export::{Picture, PictureKind},
     gap::{
         camera::{
             assess::{FrameDiagnosis, FrameOptions, assess},
@@ -24,6 +24,7 @@ use crate::{
         verdict::Verdict,
     },
     io::{self, ResultKind, SummaryJoint},
+    model::{escape_lines, escape_xml},
 };
 
 /// Pictures are made of so many frames of every run.
@@ -123,11 +124,11 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
          pre{{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}}section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
          img{{width:100%}}</style><h1>Diagnosis</h1><pre>{}</pre><p>Residuals: red, the object is nearer than the twin; blue, farther; \
          full color from {:.0} mm; black, one is where the other is not; gray, within.</p>",
-        escape(summary),
+        escape_lines(summary),
         1e3 * FULL_M
     );
     for (r, run) in runs.iter().enumerate().take(RUNS_SHOWN) {
-        page.push_str(&format!("<h2>{}</h2>", escape(&run.name)));
+        page.push_str(&format!("<h2>{}</h2>", escape_xml(&run.name)));
         for s in 0..SHOWN.min(run.frames.len()) {
             let f = s * run.frames.len() / SHOWN + run.frames.len() / (2 * SHOWN);
             page.push_str("<section>");

@@ -3,6 +3,7 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
+use super::numbers::{BadNumber, bad_numbers};
 use crate::{
     geometry::Pose,
     limits::{LINKS, URDF, check_xml},
@@ -16,10 +17,10 @@ pub(super) struct LinkText {
     pub collisions: Vec<ShapeText>,
 }
 
-/// Mass and `ixx ixy ixz iyy iyz izz`; NaN where a number is missing or none.
+/// Mass and `ixx ixy ixz iyy iyz izz`; `None` for what is missing, NaN for what is no number.
 pub(super) struct InertialText {
-    pub mass: f64,
-    pub inertia: [f64; 6],
+    pub mass: Option<f64>,
+    pub inertia: [Option<f64>; 6],
 }
 
 /// A visual or a collision.
@@ -72,6 +73,7 @@ pub(super) struct LimitText {
 pub(super) struct Description {
     pub links: Vec<LinkText>,
     pub joints: Vec<JointText>,
+    pub bad_numbers: Vec<BadNumber>,
 }
 
 impl Description {
@@ -91,7 +93,8 @@ impl Description {
         if count > LINKS {
             return Err(format!("has {count} links or joints; {LINKS} are the limit: split the model"));
         }
-        Ok(Self { links: all("link").map(link).collect(), joints: all("joint").map(joint).collect() })
+        let (links, joints) = (all("link").map(link).collect(), all("joint").map(joint).collect());
+        Ok(Self { links, joints, bad_numbers: bad_numbers(robot) })
     }
 
     pub fn link(&self, name: &str) -> Option<usize> {
@@ -127,8 +130,8 @@ fn pose(node: Node) -> Pose {
 
 fn link(node: Node) -> LinkText {
     let inertial = child(node, "inertial").map(|i| {
-        let mass = child(i, "mass").map_or(f64::NAN, |m| number(&text(m, "value")));
-        let read = |name: &str| child(i, "inertia").map_or(f64::NAN, |t| number(&text(t, name)));
+        let mass = child(i, "mass").and_then(|m| m.attribute("value")).map(number);
+        let read = |name: &str| child(i, "inertia").and_then(|t| t.attribute(name)).map(number);
         InertialText { mass, inertia: ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].map(read) }
     });
     let shapes = |tag: &'static str| node.children().filter(move |n| n.has_tag_name(tag)).map(shape).collect();

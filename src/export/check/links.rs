@@ -1,19 +1,18 @@
 //! Rules of names and inertias.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
-use nalgebra::{Matrix3, SymmetricEigen};
+use nalgebra::Matrix3;
 
 use super::{
     Findings,
     description::{Description, InertialText},
+    numbers::is_number,
 };
-use crate::model::is_plain_name;
+use crate::model::{impossible_inertia, is_plain_name, principal_moments};
 
 /// MuJoCo refuses less, kg.
 const MIN_MASS_KG: f64 = 1e-6;
-/// Relative slack of the triangle inequality.
-const SLACK: f64 = 1e-6;
 
 pub(super) fn check(description: &Description, found: &mut Findings) {
     names(description, found);
@@ -38,39 +37,52 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
 }
 
 fn names(description: &Description, found: &mut Findings) {
-    let links = description.links.iter().map(|l| l.name.as_str());
-    let all = links.chain(description.joints.iter().map(|j| j.name.as_str()));
-    let mut seen: BTreeMap<&str, usize> = BTreeMap::new();
-    for name in all {
-        *seen.entry(name).or_default() += 1;
+    let links: BTreeSet<&str> = description.links.iter().map(|l| l.name.as_str()).collect();
+    let joints: BTreeSet<&str> = description.joints.iter().map(|j| j.name.as_str()).collect();
+    for name in links.union(&joints) {
         if !is_plain_name(name) {
             found.error("name", name, "is no name for USD and MJCF; use letters, digits and _, beginning with a letter");
         }
     }
-    for (name, _) in seen.iter().filter(|(_, n)| **n > 1) {
-        found.error("name", name, "names more than one link or joint; USD and MJCF need one name each");
+    for name in links.intersection(&joints) {
+        found.error("name", name, "names both a link and a joint; USD and MJCF need one name each");
     }
 }
 
+/// What importers do not take of an inertia that is possible.
 fn inertia(link: &str, inertial: &InertialText, found: &mut Findings) {
-    let InertialText { mass, inertia } = inertial;
-    if !mass.is_finite() {
-        found.error("inertia", link, "the mass is no finite number");
-    } else if *mass < MIN_MASS_KG {
-        found.error("inertia", link, format!("the mass is {mass} kg; SDF drops such a link, MuJoCo refuses it"));
+    match inertial.mass {
+        None => found.error("inertia", link, "the <inertial> has no mass"),
+        Some(mass) if (0.0..MIN_MASS_KG).contains(&mass) => {
+            found.error("inertia", link, format!("the mass is {mass} kg; SDF drops such a link, MuJoCo refuses it"));
+        }
+        Some(_) => {}
     }
-    let [ixx, ixy, ixz, iyy, iyz, izz] = *inertia;
-    if inertia.iter().any(|x| !x.is_finite()) {
-        found.error("inertia", link, "the inertia has an element that is missing or no finite number");
-        return;
+    match tensor(inertial) {
+        None if inertial.inertia.contains(&None) => found.error("inertia", link, "the inertia lacks an element"),
+        Some(tensor) if impossible_inertia(&tensor).is_none() => {
+            let least = principal_moments(&tensor)[0];
+            if least <= 0.0 {
+                found.error("inertia", link, format!("the principal moment {least:.3e} kg m^2 is not positive"));
+            }
+        }
+        _ => {}
     }
-    let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
-    let mut m: [f64; 3] = SymmetricEigen::new(tensor).eigenvalues.into();
-    m.sort_by(f64::total_cmp);
-    let [a, b, c] = m;
-    if a <= 0.0 {
-        found.error("inertia", link, format!("the principal moment {a:.3e} kg m^2 is not positive"));
-    } else if a + b < c * (1.0 - SLACK) {
-        found.error("inertia", link, format!("the principal moments {a:.3e}, {b:.3e}, {c:.3e} kg m^2 break A + B >= C"));
+}
+
+/// Inertias that no body has.
+pub(super) fn sound(description: &Description, found: &mut Findings) {
+    for link in &description.links {
+        if let Some(why) = link.inertial.as_ref().and_then(tensor).and_then(|t| impossible_inertia(&t)) {
+            found.error("inertia", &link.name, why);
+        }
     }
+}
+
+/// The tensor, where it has all its numbers.
+fn tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
+    let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
+    let (xx, xy, xz, yy, yz, zz) = (xx?, xy?, xz?, yy?, yz?, zz?);
+    let tensor = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    tensor.iter().all(|x| is_number(*x)).then_some(tensor)
 }

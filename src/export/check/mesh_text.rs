@@ -12,6 +12,8 @@ pub(super) struct MeshText {
     pub uv_range: Option<[f64; 2]>,
     pub vertex_colors: bool,
     pub material_file: Option<String>,
+    /// A color, normal or texture coordinate is no finite number.
+    pub bad_number: bool,
     /// A face names a vertex that is not there.
     pub bad_index: bool,
 }
@@ -29,11 +31,16 @@ impl MeshText {
                     let values: Vec<f64> = words.map(number).collect();
                     let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
                     mesh.points.push(Point3::new(at(0), at(1), at(2)));
+                    mesh.bad_number |= values.iter().skip(3).any(|x| !x.is_finite());
                     mesh.vertex_colors |= values.len() >= 6;
                 }
-                Some("vn") => mesh.normals += 1,
+                Some("vn") => {
+                    mesh.normals += 1;
+                    mesh.bad_number |= words.map(number).any(|x| !x.is_finite());
+                }
                 Some("vt") => {
                     for uv in words.take(2).map(number) {
+                        mesh.bad_number |= !uv.is_finite();
                         let [lo, hi] = mesh.uv_range.unwrap_or([uv; 2]);
                         mesh.uv_range = Some([lo.min(uv), hi.max(uv)]);
                     }

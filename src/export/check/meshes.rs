@@ -8,6 +8,7 @@ use super::{
     Findings, Folder,
     description::{Description, Geometry, ShapeText},
     mesh_text::{MaterialText, MeshText},
+    numbers::is_number,
 };
 use crate::{
     limits::{NAMED_MESHES, SHAPES},
@@ -39,10 +40,10 @@ pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, foun
         let mut own = Vec::new();
         for shape in &link.collisions {
             let points = match &shape.geometry {
-                Geometry::Mesh { scale, path } => {
+                Geometry::Mesh { scale, .. } => {
                     let Some((file, mesh)) = mesh_of(shape, folder, urdf, false, &mut basenames, found) else { continue };
-                    if scale.iter().any(|s| !(s.is_finite() && *s != 0.0)) {
-                        found.error("mesh", path, "the scale is zero or no finite number");
+                    // The rules of numbers tell it.
+                    if scale.iter().any(|s| !is_number(*s) || *s == 0.0) {
                         continue;
                     }
                     let points: Vec<Point3<f64>> = mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
@@ -52,7 +53,7 @@ pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, foun
                     }
                     points
                 }
-                primitive => corners(primitive),
+                primitive => corners(primitive).into_iter().filter(|p| p.iter().all(|x| is_number(*x))).collect(),
             };
             own.extend(hull(&points).map(|h| h.transformed(&shape.link_from_shape)));
         }
@@ -191,8 +192,11 @@ fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool 
     if mesh.faces == 0 {
         found.error("mesh", file, "has no face");
     }
-    if mesh.points.iter().any(|p| !p.iter().all(|x| x.is_finite())) {
+    if mesh.points.iter().any(|p| !p.iter().all(|x| is_number(*x))) {
         found.error("mesh", file, "has a vertex that is no finite point");
+    }
+    if mesh.bad_number {
+        found.error("mesh", file, "has a color, normal or texture coordinate that is no finite number");
     }
     if mesh.bad_index {
         found.error("mesh", file, "has a face that names a vertex which is not there");

@@ -7,8 +7,10 @@ mod joints;
 mod links;
 mod mesh_text;
 mod meshes;
+mod numbers;
 mod overlap;
 mod placement;
+mod tree;
 
 use std::collections::BTreeMap;
 
@@ -62,12 +64,13 @@ struct Findings<'a> {
 impl Findings<'_> {
     fn add(&mut self, level: Level, rule: &'static str, subject: &str, message: impl Into<String>) {
         if self.all.len() > FINDINGS {
-            return;
+            // What is not told may still be an error.
+            return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
         }
         let (file, subject) = (self.file.to_owned(), subject.to_owned());
         if self.all.len() == FINDINGS {
             let message = format!("there are more than {FINDINGS} findings; further ones are not told");
-            return self.all.push(CheckFinding { level: Level::Warning, file, rule: "file", subject: ".".into(), message });
+            return self.all.push(CheckFinding { level, file, rule: "file", subject: ".".into(), message });
         }
         self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
     }
@@ -109,14 +112,40 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
             return found.all;
         }
     };
+    sound(&description, &mut found);
+    let is_sound = found.all.is_empty();
     links::check(&description, &mut found);
     joints::check(&description, &mut found);
     let solids = meshes::check(&description, folder, path, &mut found);
-    // Positions mean nothing where the tree is broken.
-    if !found.all.iter().any(|f| f.level == Level::Error && ["tree", "limit", "joint"].contains(&f.rule)) {
+    // Positions mean nothing where the tree or a number is broken.
+    if is_sound && !found.all.iter().any(|f| f.level == Level::Error && ["limit", "joint"].contains(&f.rule)) {
         overlap::check(&description, &solids, &mut found);
     }
     found.all
+}
+
+/// What no reader can make sense of, importer or not: names that stand for two things, links that are no tree, numbers that are none
+/// or cannot be.
+fn sound(description: &Description, found: &mut Findings) {
+    for bad in &description.bad_numbers {
+        found.error(bad.rule, &bad.subject, bad.message.as_str());
+    }
+    tree::check(description, found);
+    links::sound(description, found);
+    joints::sound(description, found);
+}
+
+/// Refuses a URDF that describes no bodies: broken XML, names that stand for two things, links that are no tree, numbers that are
+/// none or cannot be. What only some importer refuses is left out.
+///
+/// # Errors
+/// A sentence about the first thing that is wrong, and how much more there is.
+pub fn require_sound(urdf: &str) -> Result<(), String> {
+    let mut found = Findings { file: "", all: Vec::new() };
+    sound(&Description::parse(urdf)?, &mut found);
+    let Some(first) = found.all.first() else { return Ok(()) };
+    let more = if found.all.len() > 1 { format!(" (and {} more: see `artitwin check`)", found.all.len() - 1) } else { String::new() };
+    Err(format!("'{}': {}{more}", first.subject.escape_debug(), first.message))
 }
 
 #[cfg(test)]

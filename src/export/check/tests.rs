@@ -67,21 +67,19 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
         ("path", "missing", mesh, "meshes/collision/tray_9.obj"),
         ("format", "'.glb'", "meshes/visual/frame.obj", "meshes/visual/frame.glb"),
         ("inertia", "no <inertial>", "<inertial><mass value=\"1\"/>", "<inertia_l><mass value=\"1\"/>"),
-        ("inertia", "A + B >= C", inertia, r#"ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.03""#),
-        ("inertia", "not positive", inertia, r#"ixx="-0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01""#),
-        ("inertia", "no finite", inertia, r#"ixx="nan" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01""#),
+        ("inertia", "not positive", inertia, r#"ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0""#),
+        ("inertia", "lacks an element", inertia, r#"ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0""#),
+        ("inertia", "has no mass", "<mass value=\"1\"/>", ""),
+        ("limit", "the effort is 0", "effort=\"10\"", "effort=\"0\""),
         ("inertia", "the mass is 0", "<mass value=\"1\"/>", "<mass value=\"0\"/>"),
         ("limit", "no effort", " effort=\"10\"", ""),
         ("limit", "no velocity", " velocity=\"1\"", ""),
         ("limit", "no <limit>", "<limit lower=\"0\" upper=\"0.2\" effort=\"10\" velocity=\"1\"/>", ""),
-        ("limit", "above upper", "lower=\"0\" upper=\"0.2\"", "lower=\"0.2\" upper=\"-0.1\""),
         ("limit", "nothing moves", "lower=\"0\" upper=\"0.2\"", "lower=\"0\" upper=\"0\""),
-        ("limit", "must be finite", "upper=\"0.2\"", "upper=\"NaN\""),
         ("overlap", "overlap by 2.00 mm", "xyz=\"0.11 0 0\"", "xyz=\"0.098 0 0\""),
         ("sweep", "the joint jams", "axis xyz=\"1 0 0\"", "axis xyz=\"-1 0 0\""),
         ("name", "no name for USD", "link name=\"tray\"", "link name=\"my tray\""),
-        ("name", "more than one", "joint name=\"slide\"", "joint name=\"tray\""),
-        ("tree", "not there", "child link=\"tray\"", "child link=\"lid\""),
+        ("name", "both a link and a joint", "joint name=\"slide\"", "joint name=\"tray\""),
         ("joint", "'floating'", "type=\"prismatic\"", "type=\"floating\""),
         ("xml", "is no XML", "</robot>", ""),
         ("name", "same file name", mesh, "other/frame_0.obj"),
@@ -104,10 +102,109 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
     }
 }
 
+/// What no reader can make sense of: rule, words, what stands in the fixture, what takes its place.
+const NONSENSE: &[(&str, &str, &str, &str)] = &[
+    ("origin", "the xyz of <origin> is 'nan inf 0'", "xyz=\"0.11 0 0\"", "xyz=\"nan inf 0\""),
+    ("origin", "the rpy of <origin> is '0 0 1e999'", "xyz=\"0.11 0 0\"", "rpy=\"0 0 1e999\""),
+    ("origin", "must be 3 finite numbers", "xyz=\"0.11 0 0\"", "xyz=\"0.11 0\""),
+    ("origin", "must be 3 finite numbers", "xyz=\"0.11 0 0\"", "xyz=\"0.11 0 0 0\""),
+    ("origin", "must be 3 finite numbers", "xyz=\"0.11 0 0\"", "xyz=\"0.11 x 0\""),
+    ("origin", "overflows", "xyz=\"0.11 0 0\"", "xyz=\"1e308 0 0\""),
+    ("origin", "'nan 0 0'", "<mass value=\"1\"/>", "<mass value=\"1\"/><origin xyz=\"nan 0 0\"/>"),
+    ("origin", "'0 -inf 0'", "<collision name=\"tray_0\">", "<collision name=\"tray_0\"><origin xyz=\"0 -inf 0\"/>"),
+    ("inertia", "the value of <mass> is 'nan'", "<mass value=\"1\"/>", "<mass value=\"nan\"/>"),
+    ("inertia", "must not be negative", "<mass value=\"1\"/>", "<mass value=\"-1\"/>"),
+    ("inertia", "overflows", "<mass value=\"1\"/>", "<mass value=\"1e308\"/>"),
+    ("inertia", "must be a finite number", "<mass value=\"1\"/>", "<mass value=\"1 kg\"/>"),
+    ("inertia", "the ixx of <inertia> is 'nan'", "ixx=\"0.01\"", "ixx=\"nan\""),
+    ("inertia", "not positive", "ixx=\"0.01\"", "ixx=\"-0.01\""),
+    ("inertia", "not positive", "ixy=\"0\"", "ixy=\"0.02\""),
+    ("inertia", "A + B >= C", "ixx=\"0.01\"", "ixx=\"0.03\""),
+    ("joint", "'nan 0 0'", "axis xyz=\"1 0 0\"", "axis xyz=\"nan 0 0\""),
+    ("joint", "must be a direction", "axis xyz=\"1 0 0\"", "axis xyz=\"0 0 0\""),
+    ("joint", "the damping of <dynamics> is 'nan'", "<axis", "<dynamics damping=\"nan\"/><axis"),
+    ("joint", "must not be negative", "<axis", "<dynamics damping=\"-1e3\"/><axis"),
+    ("joint", "the friction of <dynamics> is 'inf'", "<axis", "<dynamics friction=\"inf\"/><axis"),
+    ("joint", "mimics the joint 'lid', which is not there", "<axis", "<mimic joint=\"lid\"/><axis"),
+    ("joint", "mimics itself (slide)", "<axis", "<mimic joint=\"slide\"/><axis"),
+    ("joint", "the multiplier of <mimic>", "<axis", "<mimic joint=\"slide\" multiplier=\"nan\"/><axis"),
+    ("joint", "the pitch_m_per_rad of <thread>", "<axis", "<thread pitch_m_per_rad=\"inf\"/><axis"),
+    ("limit", "the upper of <limit> is 'NaN'", "upper=\"0.2\"", "upper=\"NaN\""),
+    ("limit", "the lower of <limit> is '-inf'", "lower=\"0\"", "lower=\"-inf\""),
+    ("limit", "must not be negative", "effort=\"10\"", "effort=\"-10\""),
+    ("limit", "the velocity of <limit>", "velocity=\"1\"", "velocity=\"inf\""),
+    ("limit", "above upper", "lower=\"0\" upper=\"0.2\"", "lower=\"0.2\" upper=\"-0.1\""),
+    ("geometry", "must not be zero", "frame.obj\"", "frame.obj\" scale=\"1 0 1\""),
+    ("geometry", "'1 inf 1'", "tray_0.obj\"", "tray_0.obj\" scale=\"1 inf 1\""),
+    ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<box size=\"1 -1 1\"/>"),
+    ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<sphere radius=\"0\"/>"),
+    ("geometry", "'nan'", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<cylinder radius=\"1\" length=\"nan\"/>"),
+    (
+        "color",
+        "must be 4 finite numbers",
+        "<link name=\"tray\">",
+        "<material name=\"m\"><color rgba=\"0 1\"/></material><link name=\"tray\">",
+    ),
+    ("tree", "names the link 'lid', which is not there", "child link=\"tray\"", "child link=\"lid\""),
+    ("tree", "in a loop of joints (frame)", "child link=\"tray\"", "child link=\"frame\""),
+    ("tree", "in a loop of joints (a, b)", "</robot>", LOOP),
+    ("tree", "in a loop of joints (a)", "</robot>", SELF),
+    ("tree", "is the child of two joints", "</robot>", TWICE),
+    ("tree", "has 2 root links (frame, lid)", "</robot>", "<link name=\"lid\"/></robot>"),
+    ("name", "more than one of the links", "</robot>", "<link name=\"tray\"/></robot>"),
+    ("name", "more than one of the joints", "</robot>", TWICE),
+    ("joint", "mimics itself (b, c); one joint must lead", "</robot>", MIMICS),
+];
+const LOOP: &str = "<link name=\"a\"/><link name=\"b\"/><joint name=\"u\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
+    <joint name=\"v\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
+const SELF: &str = "<link name=\"a\"/><joint name=\"u\" type=\"fixed\"><parent link=\"a\"/><child link=\"a\"/></joint></robot>";
+const TWICE: &str = "<joint name=\"slide\" type=\"fixed\"><parent link=\"frame\"/><child link=\"tray\"/></joint></robot>";
+const MIMICS: &str = "<link name=\"l\"/><link name=\"m\"/>\
+    <joint name=\"b\" type=\"fixed\"><parent link=\"tray\"/><child link=\"l\"/><mimic joint=\"c\"/></joint>\
+    <joint name=\"c\" type=\"fixed\"><parent link=\"l\"/><child link=\"m\"/><mimic joint=\"b\"/></joint></robot>";
+
+#[test]
+fn what_no_reader_can_make_sense_of_is_found_and_refused_by_all() {
+    require_sound(URDF).unwrap();
+    for (rule, words, from, to) in NONSENSE {
+        let (at, _) = URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
+        let mut broken = URDF.to_owned();
+        broken.replace_range(at..at + from.len(), to);
+        let mut folder = folder();
+        folder.insert("unit.urdf".to_owned(), broken.clone().into_bytes());
+        let found = check_folder(&folder);
+        let hits = found.iter().filter(|f| f.level == Level::Error && f.rule == *rule && f.message.contains(words)).count();
+        assert_eq!(hits, 1, "{rule}: '{words}' in:\n{}", text(&found));
+        let refused = require_sound(&broken).unwrap_err();
+        assert!(refused.contains(words) || refused.contains("more: see"), "'{words}' is not in: {refused}");
+    }
+}
+
+#[test]
+fn what_only_importers_refuse_is_sound() {
+    for (from, to) in [
+        ("<mass value=\"1\"/>", "<mass value=\"0\"/>"),
+        (
+            "ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"",
+            "ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\"",
+        ),
+        ("<limit lower=\"0\" upper=\"0.2\" effort=\"10\" velocity=\"1\"/>", "<limit effort=\"1.7976931348623157e308\" velocity=\"0\"/>"),
+        ("type=\"prismatic\"", "type=\"fixed\""),
+        ("axis xyz=\"1 0 0\"", "axis xyz=\"0 0 -3\""),
+        ("tray_0.obj\"", "tray_0.obj\" scale=\"1 -1 1e-3\""),
+    ] {
+        assert!(URDF.contains(from), "{from}");
+        require_sound(&URDF.replace(from, to)).unwrap();
+    }
+    let still = URDF.replace("prismatic", "fixed").replace("axis xyz=\"1 0 0\"", "axis xyz=\"0 0 0\"");
+    require_sound(&still).unwrap();
+}
+
 #[test]
 fn every_fault_of_a_file_is_found_under_its_rule() {
     let flat = solid_obj(&ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.1, 0.1, 0.0001)), "x");
-    let cases: [(&str, &str, &str, Vec<u8>); 9] = [
+    let numbers = |v: &str, vt: &str, vn: &str| format!("v {v} 0 0\nv 1 0 0\nv 0 1 0\nvt {vt} 0\nvn 0 {vn} 1\nf 1 2 3\n").into_bytes();
+    let cases: [(&str, &str, &str, Vec<u8>); 13] = [
         ("texture", "no PNG", "meshes/visual/frame.png", b"\xff\xd8\xff\xe0JFIF".to_vec()),
         ("texture", "no PNG", "meshes/visual/frame.mtl", b"newmtl frame\nmap_Kd frame.jpg\n".to_vec()),
         ("texture", "is missing", "meshes/visual/frame.mtl", b"newmtl frame\nmap_Kd gone.png\n".to_vec()),
@@ -115,6 +212,10 @@ fn every_fault_of_a_file_is_found_under_its_rule() {
         ("mesh", "lie in a plane", "meshes/collision/tray_0.obj", flat.into_bytes()),
         ("mesh", "lie in a plane", "meshes/collision/tray_0.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
         ("mesh", "no finite point", "meshes/collision/tray_0.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
+        ("mesh", "no finite point", "meshes/visual/frame.obj", numbers("1e999", "0", "0")),
+        ("mesh", "no finite point", "meshes/collision/tray_0.obj", numbers("-1e308", "0", "0")),
+        ("mesh", "texture coordinate that is no finite", "meshes/visual/frame.obj", numbers("0", "nan", "0")),
+        ("mesh", "normal or texture", "meshes/visual/frame.obj", numbers("0", "0", "inf")),
         ("mesh", "no normals", "meshes/visual/frame.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
         ("mesh", "which is not there", "meshes/collision/tray_0.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n".to_vec()),
     ];

@@ -10,17 +10,16 @@ use super::{
 };
 use crate::{
     gap::{
+        edits::{Edit, before_end, edited},
         report::ExportNote,
-        update::{element, with_namespace},
+        update::{element, namespace_edit},
     },
     geometry::Pose,
+    model::escape_xml,
 };
 
 /// Pitches below this are none, metres a radian.
 const LEAST_PITCH: f64 = 1e-9;
-
-/// A piece of text that takes the place of a range.
-type Edit = (std::ops::Range<usize>, String);
 
 /// The URDF with the effects, and what became of each.
 ///
@@ -38,17 +37,14 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
         let document = Document::parse(&updated).map_err(|e| e.to_string())?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
         drop(document);
-        edits.sort_by_key(|e| e.0.start);
-        for (range, new) in edits.into_iter().rev() {
-            updated.replace_range(range, &new);
-        }
+        updated = edited(&updated, edits);
     }
     let mut notes = Vec::new();
     let mut elements = String::new();
     for f in &diagnosis.findings {
         let joint = f.joint.map_or("camera".to_owned(), |j| original[j].name.clone());
         if f.in_urdf != "native" {
-            elements.push_str(&format!("  {}\n", element(&f.finding, &format!(" of=\"{joint}\""))));
+            elements.push_str(&format!("  {}\n", element(&f.finding, &format!(" of=\"{}\"", escape_xml(&joint)))));
         }
         notes.push(ExportNote {
             format: "urdf".into(),
@@ -59,10 +55,11 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
             rmse: (f.in_urdf == "native").then_some(diagnosis.gap.after),
         });
     }
-    if let Some(end) = updated.rfind("</robot>") {
-        updated.insert_str(end, &elements);
-    }
-    Ok((with_namespace(updated), notes))
+    let document = Document::parse(&updated).map_err(|e| e.to_string())?;
+    let foreign = updated.contains("<gap:") || !elements.is_empty();
+    let mut edits: Vec<Edit> = namespace_edit(&updated, &document).filter(|_| foreign).into_iter().collect();
+    edits.push((before_end(&updated, document.root_element()), elements));
+    Ok((edited(&updated, edits), notes))
 }
 
 /// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves back.
@@ -89,10 +86,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
         let space = "xmlns:artitwin=\"urn:artitwin:urdf\"";
         let thread = format!("<artitwin:thread {space} type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>");
         let old = node.children().find(|n| n.tag_name().name() == "thread");
-        edits.push(old.map_or_else(
-            || (node.range().end - "</joint>".len()..node.range().end, thread.clone() + "</joint>"),
-            |n| (n.range(), thread.clone()),
-        ));
+        edits.push(old.map_or_else(|| (before_end(text, node), thread.clone()), |n| (n.range(), thread.clone())));
     }
     if shift.norm() == 0.0 {
         return;

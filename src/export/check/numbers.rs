@@ -1,0 +1,103 @@
+//! Every number of a URDF: that it is one, and that it can be.
+
+use nalgebra::Vector3;
+use roxmltree::Node;
+
+/// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with this bound the tenth
+/// power of a number is finite, and nothing that is derived takes a higher one.
+pub(super) const LARGEST: f64 = 1e30;
+/// Shorter axes are no direction.
+const SHORTEST_AXIS: f64 = 1e-9;
+
+/// Whether a number can be one of a model.
+pub(super) fn is_number(x: f64) -> bool {
+    x.abs() <= LARGEST
+}
+
+/// What the numbers of an attribute may be.
+#[derive(Clone, Copy, PartialEq)]
+enum Range {
+    Any,
+    /// Not zero, none of them.
+    NotZero,
+    NotNegative,
+    Positive,
+    /// Not negative, and as large as a number can be: it bounds, and nothing is computed from it.
+    Bound,
+    /// Not all zero, where the joint moves.
+    Direction,
+}
+
+use Range::{Any, Bound, Direction, NotNegative, NotZero, Positive};
+
+/// Elements with numbers: tag, attributes, how many numbers each has, what they may be, the rule that they are told under.
+const ATTRIBUTES: [(&str, &[&str], usize, Range, &str); 16] = [
+    ("origin", &["xyz", "rpy"], 3, Any, "origin"),
+    ("mass", &["value"], 1, NotNegative, "inertia"),
+    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], 1, Any, "inertia"),
+    ("box", &["size"], 3, Positive, "geometry"),
+    ("cylinder", &["radius", "length"], 1, Positive, "geometry"),
+    ("capsule", &["radius", "length"], 1, Positive, "geometry"),
+    ("sphere", &["radius"], 1, Positive, "geometry"),
+    ("mesh", &["scale"], 3, NotZero, "geometry"),
+    ("color", &["rgba"], 4, NotNegative, "color"),
+    ("axis", &["xyz"], 3, Direction, "joint"),
+    ("limit", &["lower", "upper"], 1, Any, "limit"),
+    ("limit", &["effort", "velocity"], 1, Bound, "limit"),
+    ("dynamics", &["damping", "friction"], 1, NotNegative, "joint"),
+    ("mimic", &["multiplier", "offset"], 1, Any, "joint"),
+    ("safety_controller", &["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"], 1, Any, "joint"),
+    ("thread", &["pitch_m_per_rad"], 1, Any, "joint"),
+];
+
+/// A number that is none or cannot be.
+pub(super) struct BadNumber {
+    pub rule: &'static str,
+    /// Link, joint or material.
+    pub subject: String,
+    pub message: String,
+}
+
+/// All of them below `<robot>`, in the order of the text.
+pub(super) fn bad_numbers(robot: Node) -> Vec<BadNumber> {
+    let of = |n: Node<'_, '_>| ["link", "joint", "material"].contains(&n.tag_name().name());
+    robot.children().filter(|n| of(*n)).flat_map(|owner| owner.descendants().flat_map(move |node| of_element(owner, node))).collect()
+}
+
+fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
+    let tag = node.tag_name().name();
+    let mut bad = Vec::new();
+    for (_, attributes, count, range, rule) in ATTRIBUTES.iter().filter(|a| a.0 == tag) {
+        for attribute in *attributes {
+            let Some(text) = node.attribute(*attribute) else { continue };
+            let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
+            let range = if *range == Direction && still { Any } else { *range };
+            if let Some(why) = wrong(text, *count, range) {
+                let shown: String = text.chars().take(60).collect();
+                let message = format!("the {attribute} of <{tag}> is '{}'; {why}", shown.escape_debug());
+                bad.push(BadNumber { rule, subject: owner.attribute("name").unwrap_or_default().to_owned(), message });
+            }
+        }
+    }
+    bad
+}
+
+/// What is wrong with the text of some numbers.
+fn wrong(text: &str, count: usize, range: Range) -> Option<String> {
+    let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
+    let all = |test: fn(f64) -> bool| numbers.iter().all(|x| test(*x));
+    if numbers.len() != count || text.split_whitespace().count() != count || !all(f64::is_finite) {
+        return Some(if count == 1 { "it must be a finite number".to_owned() } else { format!("it must be {count} finite numbers") });
+    }
+    let why = match range {
+        Bound | NotNegative if !all(|x| x >= 0.0) => "it must not be negative",
+        Positive if !all(|x| x > 0.0) => "it must be positive",
+        NotZero if !all(|x| x != 0.0) => "it must not be zero",
+        Direction if Vector3::from_iterator(numbers.iter().copied()).norm() < SHORTEST_AXIS => "it must be a direction",
+        Any | NotNegative | Positive | NotZero | Direction if !all(is_number) => {
+            return Some(format!("what follows from numbers beyond {LARGEST:e} overflows"));
+        }
+        _ => return None,
+    };
+    Some(why.to_owned())
+}

@@ -1,0 +1,112 @@
+//! Rules of the tree: links and joints have names of their own and make one tree, and joints that follow others follow one that leads.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{Findings, description::Description};
+
+pub(super) fn check(description: &Description, found: &mut Findings) {
+    let (links, joints) = (&description.links, &description.joints);
+    let index = places("links", links.iter().map(|l| l.name.as_str()), found);
+    let mut carrier: Vec<Option<usize>> = vec![None; links.len()];
+    for joint in joints {
+        let [parent, child] = [&joint.parent, &joint.child].map(|link| {
+            let place = index.get(link.as_str()).copied();
+            if place.is_none() {
+                found.error("tree", &joint.name, format!("names the link '{link}', which is not there"));
+            }
+            place
+        });
+        if let (Some(parent), Some(child)) = (parent, child)
+            && carrier[child].replace(parent).is_some()
+        {
+            found.error("tree", &joint.child, "is the child of two joints");
+        }
+    }
+    let children: BTreeSet<&str> = joints.iter().map(|j| j.child.as_str()).collect();
+    let roots: Vec<&str> = index.keys().copied().filter(|name| !children.contains(name)).collect();
+    if roots.len() != 1 && !links.is_empty() {
+        let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened(&roots)) };
+        found.error("tree", "robot", format!("has {} root links{named}; one is needed", roots.len()));
+    }
+    for ring in rings(&carrier) {
+        let names: Vec<&str> = ring.iter().rev().map(|&l| links[l].name.as_str()).collect();
+        found.error("tree", names[0], format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)));
+    }
+    mimics(description, found);
+}
+
+/// Joints that follow others.
+fn mimics(description: &Description, found: &mut Findings) {
+    let joints = &description.joints;
+    let index = places("joints", joints.iter().map(|j| j.name.as_str()), found);
+    let mut leader = vec![None; joints.len()];
+    for (j, joint) in joints.iter().enumerate() {
+        let Some(mimic) = &joint.mimic else { continue };
+        leader[j] = index.get(mimic.joint.as_str()).copied();
+        if leader[j].is_none() {
+            found.error("joint", &joint.name, format!("mimics the joint '{}', which is not there", mimic.joint));
+        }
+    }
+    for ring in rings(&leader) {
+        let names: Vec<&str> = ring.iter().map(|&j| joints[j].name.as_str()).collect();
+        found.error("joint", names[0], format!("mimics itself ({}); one joint must lead", shortened(&names)));
+    }
+}
+
+/// Where each name stands first; one that stands twice is told.
+fn places<'a>(what: &str, names: impl Iterator<Item = &'a str>, found: &mut Findings) -> BTreeMap<&'a str, usize> {
+    let (mut places, mut told) = (BTreeMap::new(), BTreeSet::new());
+    for (place, name) in names.enumerate() {
+        if *places.entry(name).or_insert(place) != place && told.insert(name) {
+            found.error("name", name, format!("is the name of more than one of the {what}"));
+        }
+    }
+    places
+}
+
+/// The rings of a graph in which every node points to one other at most, itself perhaps; each begins at its lowest node.
+fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
+    let mut walk_of: Vec<Option<usize>> = vec![None; next.len()];
+    let mut rings = Vec::new();
+    for start in 0..next.len() {
+        let mut at = start;
+        while walk_of[at].is_none() {
+            walk_of[at] = Some(start);
+            let Some(further) = next[at] else { break };
+            at = further;
+            if walk_of[at] == Some(start) {
+                let around = std::iter::successors(Some(at), |&n| next[n].filter(|&n| n != at));
+                let mut ring: Vec<usize> = around.collect();
+                let lowest = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
+                ring.rotate_left(lowest);
+                rings.push(ring);
+            }
+        }
+    }
+    rings
+}
+
+/// Names in a row; of many the first ones.
+fn shortened(names: &[&str]) -> String {
+    /// So many names still read well: a choice.
+    const SHOWN: usize = 8;
+    let more = if names.len() > SHOWN { ", ..." } else { "" };
+    names[..names.len().min(SHOWN)].join(", ") + more
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rings_are_found_once_and_what_leads_into_one_is_none() {
+        // 0 -> 1 -> 2 -> 1; 3 -> 3; 4 -> 0; 5 -> nothing; 6 -> 5.
+        let next = [Some(1), Some(2), Some(1), Some(3), Some(0), None, Some(5)];
+        assert_eq!(rings(&next), [vec![1, 2], vec![3]]);
+        assert!(rings(&[]).is_empty());
+        // Long rings and chains need no stack and no more time than their length.
+        let count = 300_000;
+        let long: Vec<Option<usize>> = (0..count).map(|i| Some((i + 1) % count)).collect();
+        assert_eq!(rings(&long)[0].len(), count);
+    }
+}
