@@ -45,4 +45,4 @@ mod view;
 
 pub use error::NodeError;
 pub use recorder::{Recorded, record};
-pub use session::run;
+pub use session::{check_arguments, run};
