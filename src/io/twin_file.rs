@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::UrdfError;
+use super::{UrdfError, urdf::check_numbers};
 use crate::{
     gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
     geometry::Pose,
@@ -96,6 +96,7 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
         urdf_rs::JointType::Prismatic => Motion::Slide,
         ref other => return Err(format!("joint '{name}' is of type {other:?}; revolute, continuous, prismatic and fixed are supported")),
     };
+    check_numbers(joint)?;
     let axis = Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| format!("joint '{name}' has an axis of length 0"));
     let dynamics = joint.dynamics.as_ref();
     let limited = joint.joint_type != urdf_rs::JointType::Continuous && joint.limit.upper > joint.limit.lower;

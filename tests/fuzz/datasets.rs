@@ -9,9 +9,11 @@ use image::ImageFormat;
 use super::{
     engine::{BYTES, Scratch, Target, plain, whole},
     mutate::Parts,
-    recorded::picture,
+    recorded::picture_of,
 };
 
+/// Size of the images: they are read with every input.
+const SMALL: (u32, u32) = (4, 3);
 const CAMERA: &str = "14 0 7.5\n0 14 5.5\n0 0 1\n";
 const MATCHES: &str = "correspondence_loftr/no_filter/src_0_0001_tgt_all_top30.npz";
 
@@ -32,8 +34,8 @@ fn keyframe_folder(name: &str) -> Scratch {
     scratch.put("cam_K.txt", CAMERA);
     scratch.put("init_keyframes.yml", keyframes());
     for id in ["0_0001", "1_0002"] {
-        scratch.put(&format!("color_segmented/{id}.png"), picture(ImageFormat::Png, false));
-        scratch.put(&format!("depth_filtered/{id}.png"), picture(ImageFormat::Png, true));
+        scratch.put(&format!("color_segmented/{id}.png"), picture_of(SMALL, ImageFormat::Png, false));
+        scratch.put(&format!("depth_filtered/{id}.png"), picture_of(SMALL, ImageFormat::Png, true));
     }
     scratch
 }
@@ -77,8 +79,8 @@ fn cameras() {
     for state in ["start", "end"] {
         scratch.put(&format!("{state}/camera_train.json"), &json);
         for id in ["0000", "0001"] {
-            scratch.put(&format!("{state}/train/{id}.png"), picture(ImageFormat::Png, false));
-            scratch.put(&format!("{state}/depth/{id}.png"), picture(ImageFormat::Png, true));
+            scratch.put(&format!("{state}/train/{id}.png"), picture_of(SMALL, ImageFormat::Png, false));
+            scratch.put(&format!("{state}/depth/{id}.png"), picture_of(SMALL, ImageFormat::Png, true));
         }
     }
     let words = ["\"K\"", "\"0000\"", "\"../0000\"", "[", "{", "null", "1e999", "-1", "\\u0000", "\\ud800"];

@@ -181,7 +181,10 @@ pub fn millimeters(pixel: usize) -> u16 {
 }
 
 pub fn picture(format: ImageFormat, depth: bool) -> Vec<u8> {
-    let (width, height) = SIZE;
+    picture_of(SIZE, format, depth)
+}
+
+pub fn picture_of((width, height): (u32, u32), format: ImageFormat, depth: bool) -> Vec<u8> {
     let count = (width * height) as usize;
     let picture: DynamicImage = match depth {
         true => image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, (0..count).map(millimeters).collect()).unwrap().into(),
