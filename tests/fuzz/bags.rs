@@ -93,7 +93,7 @@ fn joint_logs() {
         poses: vec![("/door_pose".into(), "door".into())],
         links: tree.links.iter().map(|l| l.name.clone()).collect(),
     };
-    let seeds = vec![joint_log(0, 110), joint_log(3, 120)];
+    let seeds = vec![joint_log(0, 101), joint_log(3, 104)];
     let words = [&WORDS[..], &["hinge", "slide", "door", "base", "/wrench", "/door_pose"]].concat();
     let target = Target { name, seeds, words: &words, assemble: bag, bytes: BYTES };
     target.run(|input| {

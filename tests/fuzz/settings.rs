@@ -9,14 +9,11 @@ const YAML: [&str; 14] = ["{", "[", "- ", "&a ", "*a", "<<: *a", "!!int ", "!x "
 /// A file of `--config` on the defaults.
 #[test]
 fn config() {
-    let mut base = Layers::new(&Config::default()).unwrap();
-    base.preset("default").unwrap();
-    let all = base.clone().resolve::<Config>().unwrap().to_yaml().unwrap();
+    let base = Layers::new(&Config::default()).unwrap();
     let preview = include_str!("../../launch_configs/preview.yaml");
     let paper = include_str!("../../launch_configs/paper.yaml");
     let some = "capture:\n  frames_per_state: 20\n  topics: {color: /rgb}\nrun:\n  seed: 3\nsurface:\n  nodes: 64\n";
-    let target =
-        Target { name: "settings::config", seeds: whole([preview, paper, some, &all]), words: &YAML, assemble: plain, bytes: BYTES };
+    let target = Target { name: "settings::config", seeds: whole([preview, paper, some]), words: &YAML, assemble: plain, bytes: BYTES };
     target.run(|input| {
         let Ok(text) = std::str::from_utf8(input) else { return false };
         let mut layers = base.clone();
@@ -24,13 +21,13 @@ fn config() {
             return false;
         }
         let Ok(resolved) = layers.resolve::<Config>() else { return false };
-        let again = Layers::new(&Config::default()).and_then(|mut layers| {
-            layers.text("again", &resolved.to_yaml()?)?;
-            layers.resolve::<Config>()
-        });
-        assert_eq!(again.unwrap().to_yaml().unwrap(), resolved.to_yaml().unwrap());
+        if resolved.config.check().is_ok() {
+            // What a run keeps of its settings gives the same settings.
+            let (kept, mut again) = (resolved.to_yaml().unwrap(), base.clone());
+            again.text("kept.yaml", &kept).unwrap();
+            assert_eq!(again.resolve::<Config>().unwrap().to_yaml().unwrap(), kept);
+        }
         let _ = resolved.to_lines_with_origins();
-        let _ = resolved.config.check();
         true
     });
 }

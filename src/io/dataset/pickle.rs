@@ -1,6 +1,8 @@
 //! The small part of Python's pickle in which NumPy stores arrays of objects. Nothing is ever executed: only plain
 //! containers, numbers, strings and NumPy arrays are understood; everything else is refused.
 
+use std::collections::BTreeMap;
+
 /// Most values of one file.
 const MAX_NODES: usize = 20_000_000;
 
@@ -59,7 +61,7 @@ impl Pickle {
     /// # Errors
     /// A sentence on what is not understood.
     pub fn read(data: &[u8]) -> Result<Self, String> {
-        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: Vec::new() };
+        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new() };
         let root = machine.run()?;
         Ok(Self { nodes: machine.nodes, root })
     }
@@ -113,7 +115,7 @@ struct Machine<'a> {
     at: usize,
     nodes: Vec<Node>,
     stack: Vec<Id>,
-    memo: Vec<Option<Id>>,
+    memo: BTreeMap<usize, Id>,
 }
 
 impl Machine<'_> {
@@ -301,18 +303,14 @@ impl Machine<'_> {
             b'r' => self.u32()?,
             _ => self.memo.len(),
         };
-        if key > MAX_NODES {
-            return Err("a memo beyond the limit".into());
+        if let Some(top) = self.stack.last() {
+            self.memo.insert(key, *top);
         }
-        if self.memo.len() <= key {
-            self.memo.resize(key + 1, None);
-        }
-        self.memo[key] = self.stack.last().copied();
         Ok(())
     }
 
     fn recall(&mut self, key: usize) -> Result<(), String> {
-        let id = self.memo.get(key).copied().flatten().ok_or("an unknown memo")?;
+        let id = self.memo.get(&key).copied().ok_or("an unknown memo")?;
         self.stack.push(id);
         Ok(())
     }
