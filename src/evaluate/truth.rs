@@ -132,7 +132,9 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, String> {
     let (Some(axis), Some(origin), Some(motion)) = (entry.axis, entry.origin, entry.state1_from_state0) else {
         return Err(format!("part '{name}' needs axis, origin and state1_from_state0"));
     };
-    let axis = Unit::try_new(Vector3::from(axis), 1e-9).ok_or_else(|| format!("part '{name}' has an axis of no length"))?;
+    // The length of the largest numbers is no number.
+    let direction = Unit::try_new(Vector3::from(axis), 1e-9).filter(|a| a.norm() > 0.5);
+    let axis = direction.ok_or_else(|| format!("part '{name}' has an axis of no length"))?;
     let motion = rigid(&motion).ok_or_else(|| format!("state1_from_state0 of part '{name}' is not rigid"))?;
     let further: Option<Vec<Pose>> = entry.further_from_state0.iter().map(rigid).collect();
     let further_from_state0 = further.ok_or_else(|| format!("a further_from_state0 of part '{name}' is not rigid"))?;

@@ -9,7 +9,7 @@ use std::{
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::urdf::robot_of;
+use super::urdf::{check_numbers, robot_of};
 use crate::{
     files,
     geometry::Pose,
@@ -161,12 +161,15 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
     let joints: Option<Vec<SummaryJoint>> = robot.joints.iter().map(|j| joint(j, &report)).collect();
-    let joints = joints.ok_or_else(|| fail(&path, "a joint is neither revolute nor prismatic, or report.json does not know it".into()))?;
+    let joints = joints.ok_or_else(|| {
+        fail(&path, "a joint is neither revolute nor prismatic, holds no finite numbers, or is not in report.json".into())
+    })?;
     let joints = sorted(joints, &root).ok_or_else(|| fail(&path, "its links are no tree".into()))?;
     Ok(RunSummary { folder: folder.to_owned(), name: report.name, urdf, root, joints })
 }
 
 fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
+    check_numbers(j).ok()?;
     let told = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
     let kind = match (&j.joint_type, told.pitch_m_per_rad) {

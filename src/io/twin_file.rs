@@ -7,7 +7,10 @@ use std::{
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::{UrdfError, urdf::robot_of};
+use super::{
+    UrdfError,
+    urdf::{check_numbers, robot_of},
+};
 use crate::{
     export::require_sound,
     files,
@@ -113,6 +116,7 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
         urdf_rs::JointType::Prismatic => Motion::Slide,
         ref other => return Err(format!("joint '{name}' is of type {other:?}; revolute, continuous, prismatic and fixed are supported")),
     };
+    check_numbers(joint)?;
     let axis = Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| format!("joint '{name}' has an axis of length 0"));
     let dynamics = joint.dynamics.as_ref();
     let limited = joint.joint_type != urdf_rs::JointType::Continuous && joint.limit.upper > joint.limit.lower;

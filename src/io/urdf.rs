@@ -16,6 +16,9 @@ use crate::{
     surface::{TriangleMesh, merge},
 };
 
+/// Farthest origin, meters, and largest component of an axis: sums and squares of such numbers are still numbers.
+const MAX_NUMBER: f64 = 1e6;
+
 /// Why a URDF could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
@@ -101,6 +104,8 @@ fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<Triang
     let mut all = Vec::new();
     for visual in &link.visual {
         let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
+        let numbers = [visual.origin.xyz.0, visual.origin.rpy.0, scale.as_ref().map_or([1.0; 3], |s| s.0)];
+        check_each("a visual of link", &link.name, &numbers).map_err(VisualError::Path)?;
         let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left).map_err(VisualError::Mesh)?;
         if let Some(scale) = scale {
             for p in &mut mesh.vertices {
@@ -124,6 +129,18 @@ fn relative(filename: &str) -> Result<&Path, String> {
     if inside && !path.as_os_str().is_empty() { Ok(path) } else { Err(format!("mesh '{filename}' is not below the URDF's folder")) }
 }
 
+/// Refuses a joint whose origin or axis holds what is no number, or is beyond [`MAX_NUMBER`].
+pub(super) fn check_numbers(joint: &urdf_rs::Joint) -> Result<(), String> {
+    check_each("joint", &joint.name, &[joint.origin.xyz.0, joint.origin.rpy.0, joint.axis.xyz.0])
+}
+
+fn check_each(what: &str, name: &str, numbers: &[[f64; 3]]) -> Result<(), String> {
+    match numbers.as_flattened().iter().find(|x| x.is_nan() || x.abs() > MAX_NUMBER) {
+        Some(x) => Err(format!("{what} '{name}' has {x} in its origin, axis or scale; write a number up to {MAX_NUMBER}")),
+        None => Ok(()),
+    }
+}
+
 fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, String> {
     let kind = match joint.joint_type {
         urdf_rs::JointType::Fixed => JointType::Fixed,
@@ -134,6 +151,7 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJo
             return Err(format!("joint '{}' is of type {other:?}; fixed, revolute, continuous and prismatic are read", joint.name));
         }
     };
+    check_numbers(joint)?;
     let link = |name: &str| index.get(name).copied().ok_or_else(|| format!("joint '{}' names the unknown link '{name}'", joint.name));
     let axis = match Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9) {
         Some(axis) => axis,
@@ -231,7 +249,11 @@ mod tests {
             (joint("floating", "b", "1 0 0"), "is of type Floating"),
             (joint("revolute", "c", "1 0 0"), "unknown link 'c'"),
             (joint("revolute", "b", "0 0 0"), "axis of no length"),
+            (joint("revolute", "b", "inf 0 0"), "joint 'j' has inf"),
+            (joint("fixed", "b", "1 nan 0"), "joint 'j' has NaN"),
+            (joint("revolute", "b", "1e200 0 0"), "write a number up to"),
             (joint("revolute", "a", "1 0 0"), "in a loop"),
+            (mesh("m.obj' scale='1 1e39 1"), "a visual of link 'a' has"),
             (mesh("/etc/x.obj"), "not below"),
             (mesh("../x.obj"), "not below"),
             (mesh("file:///x.obj"), "not a relative path"),

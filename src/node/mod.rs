@@ -48,4 +48,4 @@ mod view;
 
 pub use error::NodeError;
 pub use recorder::{Recorded, record};
-pub use session::run;
+pub use session::{check_arguments, run};

@@ -22,7 +22,7 @@ use super::{
     logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
-    parameters::Parameters,
+    parameters::{Loaded, Parameters},
     participant::{Participant, small_buffer_warning},
     reach,
     reconstruction::Reconstructor,
@@ -47,6 +47,28 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
     in_runtime(live(&start))
 }
 
+/// Reads arguments and the parameter files that they name as [`run`] does, and starts nothing. Gives the names of
+/// parameters that mean nothing here.
+///
+/// # Errors
+/// [`NodeError`] if the node would not start with them.
+pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
+    let arguments = without_stray(arguments)?;
+    let identity = arguments.identity(DEFAULT_NAME)?;
+    let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
+    settings::run_settings(&parameters, &inputs::topics(&arguments, &identity, &parameters))?;
+    Ok(unknown)
+}
+
+/// The arguments, all of which must mean something.
+fn without_stray(arguments: &[String]) -> Result<RosArgs, NodeError> {
+    let arguments = RosArgs::parse(arguments)?;
+    match arguments.rest.first() {
+        Some(stray) => Err(NodeError::Stray(stray.clone())),
+        None => Ok(arguments),
+    }
+}
+
 /// What a node starts with.
 pub(super) struct Start {
     /// Remappings and all that.
@@ -62,10 +84,7 @@ pub(super) struct Start {
 impl Start {
     /// Reads arguments, environment and parameters, starts the log and tells what is odd.
     pub fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
-        let arguments = RosArgs::parse(arguments)?;
-        if let Some(stray) = arguments.rest.first() {
-            return Err(NodeError::Stray(stray.clone()));
-        }
+        let arguments = without_stray(arguments)?;
         let identity = arguments.identity(name)?;
         logger::start(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));

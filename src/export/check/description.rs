@@ -96,10 +96,6 @@ impl Description {
         let (links, joints) = (all("link").map(link).collect(), all("joint").map(joint).collect());
         Ok(Self { links, joints, bad_numbers: bad_numbers(robot) })
     }
-
-    pub fn link(&self, name: &str) -> Option<usize> {
-        self.links.iter().position(|l| l.name == name)
-    }
 }
 
 fn child<'a>(node: Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {

@@ -1,6 +1,8 @@
 //! The small part of Python's pickle in which NumPy stores arrays of objects. Nothing is ever executed: only plain
 //! containers, numbers, strings and NumPy arrays are understood; everything else is refused.
 
+use std::collections::BTreeMap;
+
 use crate::limits::{PICKLE_NAME, PICKLE_VALUES};
 
 /// Most axes of an array, and most parts of the state of an array or type.
@@ -61,7 +63,7 @@ impl Pickle {
     /// # Errors
     /// A sentence on what is not understood.
     pub fn read(data: &[u8]) -> Result<Self, String> {
-        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: Vec::new(), mentions: 0 };
+        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
         let root = machine.run()?;
         Ok(Self { nodes: machine.nodes, root })
     }
@@ -120,7 +122,7 @@ struct Machine<'a> {
     at: usize,
     nodes: Vec<Node>,
     stack: Vec<Id>,
-    memo: Vec<Option<Id>>,
+    memo: BTreeMap<usize, Id>,
     /// Values that were put on the stack.
     mentions: usize,
 }
@@ -312,18 +314,14 @@ impl Machine<'_> {
             b'r' => self.u32()?,
             _ => self.memo.len(),
         };
-        if key > PICKLE_VALUES {
-            return Err("a memo beyond the limit".into());
+        if let Some(top) = self.stack.last() {
+            self.memo.insert(key, *top);
         }
-        if self.memo.len() <= key {
-            self.memo.resize(key + 1, None);
-        }
-        self.memo[key] = self.stack.last().copied();
         Ok(())
     }
 
     fn recall(&mut self, key: usize) -> Result<(), String> {
-        let id = self.memo.get(key).copied().flatten().ok_or("an unknown memo")?;
+        let id = self.memo.get(&key).copied().ok_or("an unknown memo")?;
         self.mentions += 1;
         self.stack.push(id);
         Ok(())

@@ -1,0 +1,20 @@
+//! Fuzz targets: every reader of what comes from a file or the network, on mutated inputs. How to run them, run one input
+//! again and add a target: docs/fuzzing.md.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+#![cfg(unix)]
+
+mod bags;
+mod datasets;
+mod engine;
+mod images;
+mod memory;
+mod messages;
+mod mutate;
+mod recorded;
+mod results;
+mod settings;
+mod twins;
+
+#[global_allocator]
+static ALLOCATOR: memory::Counting = memory::Counting;
