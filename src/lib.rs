@@ -19,9 +19,11 @@ pub mod config;
 pub mod evaluate;
 pub mod export;
 pub mod field;
+mod files;
 pub mod gap;
 pub mod geometry;
 pub mod io;
+mod limits;
 pub mod model;
 #[cfg(feature = "node")]
 pub mod node;

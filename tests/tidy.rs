@@ -5,7 +5,8 @@
 use std::{fs, path::Path};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 15] = [
+const LAYERS: [&str; 17] = [
+    "limits",
     "geometry",
     "capture",
     "surface",
@@ -15,6 +16,7 @@ const LAYERS: [&str; 15] = [
     "gap",
     "articulate",
     "export",
+    "files",
     "config",
     "io",
     "evaluate",
@@ -23,7 +25,7 @@ const LAYERS: [&str; 15] = [
     "cli",
 ];
 /// Layers without files, environment or clock.
-const PURE: [&str; 9] = ["geometry", "capture", "surface", "synth", "field", "model", "gap", "articulate", "export"];
+const PURE: [&str; 10] = ["limits", "geometry", "capture", "surface", "synth", "field", "model", "gap", "articulate", "export"];
 /// What a pure layer does without.
 const IMPURE: [&str; 8] = [
     "std::fs",

@@ -3,6 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CaptureError, NoiseConfig, RefinePoses};
+use crate::limits::BYTES_PER_PIXEL;
+
+/// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for the rest.
+const MEMORY_GIB: f64 = 8.0;
 
 /// How recordings are read. `None` means: found from the recording, and told in [`super::Capture::notes`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,6 +24,8 @@ pub struct CaptureConfig {
     pub tf_max_gap_secs: f64,
     /// Frames kept per state, chosen by the spread of their views.
     pub frames_per_state: usize,
+    /// Memory that the pixels of all kept frames may take together, GiB.
+    pub memory_gib: f64,
     /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out what lies between. Seconds from the bag's
     /// start, or since the epoch where greater than 1e8; by the time messages were recorded.
     pub split_secs: Vec<f64>,
@@ -87,6 +93,7 @@ impl Default for CaptureConfig {
             sync_slop_secs: 0.015,
             tf_max_gap_secs: 0.5,
             frames_per_state: 40,
+            memory_gib: MEMORY_GIB,
             split_secs: Vec::new(),
             depth_min_m: 0.1,
             depth_max_m: 6.0,
@@ -113,6 +120,30 @@ impl Default for IsolateConfig {
 }
 
 impl CaptureConfig {
+    /// Refuses frames whose pixels would take more memory than is given: so many frames of so many columns and rows, of each state
+    /// or recording.
+    ///
+    /// # Errors
+    /// [`CaptureError::Memory`].
+    pub fn check_memory(&self, frames: &[(usize, usize, usize)]) -> Result<(), CaptureError> {
+        let bytes =
+            |(count, width, height): &(usize, usize, usize)| *count as f64 * *width as f64 * *height as f64 * BYTES_PER_PIXEL as f64;
+        let needed_gib = frames.iter().map(bytes).sum::<f64>() / f64::from(1 << 30);
+        if needed_gib <= self.memory_gib {
+            return Ok(());
+        }
+        let (width, height) = frames.iter().map(|f| (f.1, f.2)).max_by_key(|(w, h)| w * h).unwrap_or_default();
+        let most = frames.iter().map(|f| f.0).max().unwrap_or(0);
+        Err(CaptureError::Memory {
+            frames: frames.iter().map(|f| f.0).sum(),
+            width,
+            height,
+            needed_gib,
+            limit_gib: self.memory_gib,
+            fitting: (self.memory_gib / needed_gib * most as f64) as usize,
+        })
+    }
+
     /// Refuses settings that make no sense.
     ///
     /// # Errors
@@ -125,6 +156,9 @@ impl CaptureConfig {
         }
         if self.frames_per_state == 0 {
             return refuse("capture.frames_per_state", "at least one frame per state is needed");
+        }
+        if !positive(self.memory_gib) {
+            return refuse("capture.memory_gib", "must be positive");
         }
         if !(self.sync_slop_secs >= 0.0 && self.sync_slop_secs.is_finite()) {
             return refuse("capture.sync_slop_secs", "must be zero or more");
@@ -171,8 +205,21 @@ mod tests {
         };
         assert_eq!(key(|c| c.depth_max_m = f64::NAN), "capture.depth_min_m");
         assert_eq!(key(|c| c.frames_per_state = 0), "capture.frames_per_state");
+        assert_eq!(key(|c| c.memory_gib = f64::NAN), "capture.memory_gib");
         assert_eq!(key(|c| c.split_secs = vec![2.0, 1.0]), "capture.split_secs");
         assert_eq!(key(|c| c.isolate.workspace = Some([[0.0; 3], [1.0, 0.0, 1.0]])), "capture.isolate.workspace");
+    }
+
+    #[test]
+    fn frames_of_4k_fit_and_those_of_a_bomb_do_not() {
+        let config = CaptureConfig::default();
+        config.check_memory(&[(40, 3840, 2160); 2]).unwrap();
+        config.check_memory(&[(40, 1280, 720); 16]).unwrap();
+        config.check_memory(&[]).unwrap();
+        let error = config.check_memory(&[(16, 8192, 8192); 2]).unwrap_err().to_string();
+        for words in ["32 frames of 8192x8192", "24.0 GiB", "capture.memory_gib = 8", "capture.frames_per_state=5"] {
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

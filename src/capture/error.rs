@@ -296,6 +296,25 @@ pub enum CaptureError {
         /// Points in common.
         share_percent: f64,
     },
+    /// The frames would take more memory than they may.
+    #[error(
+        "{frames} frames of {width}x{height} pixels take {needed_gib:.1} GiB, more than capture.memory_gib = {limit_gib}; keep fewer with \
+         `--set capture.frames_per_state={fitting}`, record smaller images, or allow more with `--set capture.memory_gib=GIB`"
+    )]
+    Memory {
+        /// Of all states.
+        frames: usize,
+        /// Columns of the largest.
+        width: usize,
+        /// Rows of the largest.
+        height: usize,
+        /// What they would take.
+        needed_gib: f64,
+        /// What they may take.
+        limit_gib: f64,
+        /// Frames of a state that would fit.
+        fitting: usize,
+    },
     /// A setting that cannot be used.
     #[error("setting `{key}`: {reason}")]
     Setting {

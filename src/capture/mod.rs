@@ -28,5 +28,5 @@ pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;
 pub use sync::{nearest, pair};
-pub use tf::{Chain, TfBuffer};
+pub use tf::{Chain, MAX_TF_FRAMES, TfBuffer};
 pub use undistort::{Distortion, UndistortMap};

@@ -1,36 +1,107 @@
 //! Pairing of messages by their stamps.
 
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BinaryHeap, VecDeque},
+};
+
 /// Partner of each `left` stamp among the `right` ones, as an index; `None` where none lies within `slop_nanos`.
 ///
 /// Equal stamps are paired first, then the closest remaining pairs, the earlier first among equals. Each message is
 /// used once. Neither side needs to be sorted.
 #[must_use]
 pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> {
-    let mut order: Vec<usize> = (0..right.len()).collect();
-    order.sort_by_key(|i| right[*i]);
-    let mut candidates = Vec::new();
-    for (l, stamp) in left.iter().enumerate() {
-        let first = order.partition_point(|i| right[*i] < stamp.saturating_sub(slop_nanos));
-        for r in order[first..].iter().take_while(|i| right[**i] <= stamp.saturating_add(slop_nanos)) {
-            candidates.push(((right[*r] - stamp).abs(), *stamp, right[*r], l, *r));
-        }
-    }
-    candidates.sort_unstable();
     let mut partners = vec![None; left.len()];
-    let mut used = vec![false; right.len()];
-    for (_, _, _, l, r) in candidates {
-        if partners[l].is_none() && !used[r] {
-            partners[l] = Some(r);
-            used[r] = true;
+    let mut free = Free::new(left, right, &mut partners);
+    // The closest pair has nobody between it, so that only neighbors can be one.
+    let mut closest: BinaryHeap<_> = (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
+    while let Some(Reverse((key, at))) = closest.pop() {
+        if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
+            continue;
         }
+        let (l, r, around) = free.take(at);
+        partners[l] = Some(r);
+        closest.extend(around.into_iter().flatten().filter_map(|at| free.pair_behind(at, slop_nanos)));
     }
     partners
 }
 
-/// Index of the stamp nearest to `stamp`, the earlier one among equals; `None` of none.
+/// How far two stamps are apart, the left and the right one; then the place of the first of them.
+type Closest = Reverse<((u64, i64, i64), usize)>;
+
+/// Messages without a partner, in the order of their stamps.
+struct Free {
+    stamps: Vec<Stamp>,
+    /// Place of the next stamp with a free message, and of the one before; the number of stamps where there is none.
+    next: Vec<usize>,
+    before: Vec<usize>,
+}
+
+/// Messages of one stamp, in their order: all of one side.
+struct Stamp {
+    nanos: i64,
+    is_left: bool,
+    messages: VecDeque<usize>,
+}
+
+impl Free {
+    /// Pairs equal stamps; what is left over.
+    fn new(left: &[i64], right: &[i64], partners: &mut [Option<usize>]) -> Self {
+        let mut sides = BTreeMap::<i64, [VecDeque<usize>; 2]>::new();
+        for (side, list) in [left, right].into_iter().enumerate() {
+            list.iter().enumerate().for_each(|(i, stamp)| sides.entry(*stamp).or_default()[side].push_back(i));
+        }
+        let mut stamps = Vec::new();
+        for (nanos, [mut lefts, mut rights]) in sides {
+            let equal = lefts.len().min(rights.len());
+            lefts.drain(..equal).zip(rights.drain(..equal)).for_each(|(l, r)| partners[l] = Some(r));
+            let is_left = !lefts.is_empty();
+            stamps.push(Stamp { nanos, is_left, messages: if is_left { lefts } else { rights } });
+        }
+        stamps.retain(|s| !s.messages.is_empty());
+        let count = stamps.len();
+        Self { stamps, next: (1..=count).collect(), before: (0..count).map(|i| i.checked_sub(1).unwrap_or(count)).collect() }
+    }
+
+    /// The pair of a stamp and the next one, where they are of two sides and within reach.
+    fn pair_behind(&self, at: usize, slop_nanos: i64) -> Option<Closest> {
+        let (first, second) = (self.stamps.get(at)?, self.stamps.get(self.next[at])?);
+        let apart = first.nanos.abs_diff(second.nanos);
+        let (l, r) = if first.is_left { (first, second) } else { (second, first) };
+        let fits = l.is_left && !r.is_left && !l.messages.is_empty() && !r.messages.is_empty();
+        (fits && i64::try_from(apart).is_ok_and(|a| a <= slop_nanos)).then_some(Reverse(((apart, l.nanos, r.nanos), at)))
+    }
+
+    /// Takes a message of a stamp and one of the next: left, right, and the places that have new neighbors.
+    fn take(&mut self, at: usize) -> (usize, usize, [Option<usize>; 2]) {
+        let second = self.next[at];
+        let mut taken = [0; 2];
+        for place in [at, second] {
+            let side = usize::from(!self.stamps[place].is_left);
+            taken[side] = self.stamps[place].messages.pop_front().unwrap_or_default();
+            if self.stamps[place].messages.is_empty() {
+                let (before, next) = (self.before[place], self.next[place]);
+                if let Some(link) = self.next.get_mut(before) {
+                    *link = next;
+                }
+                if let Some(link) = self.before.get_mut(next) {
+                    *link = before;
+                }
+            }
+        }
+        let alive = |place: usize| (!self.stamps[place].messages.is_empty()).then_some(place);
+        let first = alive(at).or_else(|| Some(self.before[at]).filter(|b| *b < self.stamps.len()));
+        (taken[0], taken[1], [first, alive(second)])
+    }
+}
+
+/// Index of the stamp nearest to `stamp` among rising ones, the earlier one among equals; `None` of none.
 #[must_use]
-pub fn nearest(stamps: &[i64], stamp: i64) -> Option<usize> {
-    (0..stamps.len()).min_by_key(|i| (stamps[*i].abs_diff(stamp), stamps[*i]))
+pub fn nearest(rising: &[i64], stamp: i64) -> Option<usize> {
+    let after = rising.partition_point(|s| *s < stamp);
+    let before = after.checked_sub(1).map(|last| rising.partition_point(|s| *s < rising[last]));
+    let after = Some(after).filter(|i| *i < rising.len());
+    before.into_iter().chain(after).min_by_key(|i| (rising[*i].abs_diff(stamp), *i))
 }
 
 #[cfg(test)]
@@ -50,12 +121,47 @@ mod tests {
 
     #[test]
     fn the_nearest_stamp() {
-        assert_eq!(nearest(&[5, 1, 9], 2), Some(1));
-        assert_eq!(nearest(&[5, 1], 3), Some(1));
+        assert_eq!(nearest(&[1, 5, 9], 2), Some(0));
+        assert_eq!(nearest(&[1, 5], 3), Some(0));
+        assert_eq!(nearest(&[1, 1, 5, 5], 3), Some(0));
+        assert_eq!(nearest(&[1, 1, 5, 5], 4), Some(2));
+        assert_eq!(nearest(&[1, 5], 50), Some(1));
         assert_eq!(nearest(&[], 2), None);
     }
 
+    #[test]
+    fn many_within_reach_cost_no_more() {
+        let begun = std::time::Instant::now();
+        let partners = pair(&vec![7; 200_000], &vec![7; 100_000], 15_000_000);
+        assert!((0..200_000).all(|i| partners[i] == (i < 100_000).then_some(i)));
+        // All want the same partner, which is as far from the next as they are many.
+        let (left, right): (Vec<i64>, Vec<i64>) = ((0..100_000).collect(), (1..=100_000).map(|i| i * 100_000).collect());
+        assert_eq!(pair(&left, &right, i64::MAX).iter().flatten().count(), 100_000);
+        assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
+    }
+
+    /// All pairs within reach, the closest first.
+    fn by_definition(left: &[i64], right: &[i64], slop: i64) -> Vec<Option<usize>> {
+        let all = (0..left.len()).flat_map(|l| (0..right.len()).map(move |r| (l, r)));
+        let mut all: Vec<_> = all.map(|(l, r)| ((right[r] - left[l]).abs(), left[l], right[r], l, r)).filter(|c| c.0 <= slop).collect();
+        all.sort_unstable();
+        let (mut partners, mut used) = (vec![None; left.len()], vec![false; right.len()]);
+        for (_, _, _, l, r) in all {
+            if partners[l].is_none() && !used[r] {
+                (partners[l], used[r]) = (Some(r), true);
+            }
+        }
+        partners
+    }
+
     proptest! {
+        #[test]
+        fn pairs_are_those_of_the_definition(
+            left in prop::collection::vec(0..40i64, 0..25), right in prop::collection::vec(0..40i64, 0..25), slop in 0..9i64,
+        ) {
+            prop_assert_eq!(pair(&left, &right, slop), by_definition(&left, &right, slop));
+        }
+
         #[test]
         fn partners_are_unique_and_close_and_order_does_not_matter(
             left in prop::collection::btree_set(0..2000i64, 0..40), right in prop::collection::btree_set(0..2000i64, 0..40), slop in 0..60i64,

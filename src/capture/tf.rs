@@ -11,6 +11,9 @@ use crate::geometry::Pose;
 /// Longest chain of frames.
 const MAX_DEPTH: usize = 64;
 
+/// Most frames with a parent; a robot has some hundreds.
+pub const MAX_TF_FRAMES: usize = 10_000;
+
 /// Most parents of one frame that are kept for the message.
 const MAX_PARENTS: usize = 8;
 
@@ -31,6 +34,8 @@ pub struct TfBuffer {
     conflicts: BTreeMap<String, BTreeSet<String>>,
     /// Transforms left out as they were no transforms.
     pub invalid: usize,
+    /// Transforms of frames beyond [`MAX_TF_FRAMES`], left out.
+    pub surplus: usize,
 }
 
 /// Where a chain upwards from a frame ends.
@@ -74,6 +79,10 @@ impl TfBuffer {
                 if parents.len() < MAX_PARENTS {
                     parents.extend([known.clone(), parent.to_owned()]);
                 }
+                false
+            }
+            None if self.edges.len() >= MAX_TF_FRAMES => {
+                self.surplus += 1;
                 false
             }
             _ => true,

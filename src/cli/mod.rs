@@ -69,7 +69,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
 
 /// Writes a result. A reader that went away is not an error.
 fn print(text: &str) -> Result<(), CliError> {
-    match io::stdout().write_all(text.as_bytes()) {
+    match io::stdout().write_all(lines(text).as_bytes()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
         _ => Ok(()),
     }
@@ -77,5 +77,10 @@ fn print(text: &str) -> Result<(), CliError> {
 
 /// Writes a diagnostic line; there is nowhere to complain if that fails.
 fn tell(line: &str) {
-    writeln!(io::stderr(), "{line}").ok();
+    writeln!(io::stderr(), "{}", lines(line)).ok();
+}
+
+/// Text without control characters but the ends of lines: names from files would steer the terminal.
+fn lines(text: &str) -> String {
+    text.split('\n').map(crate::io::printable).collect::<Vec<_>>().join("\n")
 }

@@ -14,7 +14,7 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use crate::run::Event;
+use crate::{io::printable, run::Event};
 
 /// How long to wait for an event before looking whether the run has ended.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -200,11 +200,6 @@ fn time_left(spent: Duration, done: usize, total: usize) -> String {
     }
     let seconds = (spent.as_secs_f64() * (total - done) as f64 / done as f64).round() as u64;
     if seconds < 60 { format!(", {seconds} s left") } else { format!(", {} min {} s left", seconds / 60, seconds % 60) }
-}
-
-/// Names from a recording may hold control characters that would steer the terminal.
-fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 #[cfg(test)]

@@ -1,14 +1,18 @@
 //! Merging of layers, and where every value came from.
 
-use std::{collections::BTreeMap, fmt::Write as _, fs::File, io::Read as _, path::Path};
+use std::{collections::BTreeMap, fmt::Write as _, io::ErrorKind, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 use serde_norway::{Mapping, Value};
 
 use super::{ConfigError, lines::key_lines, nearest, preset::preset};
+use crate::{
+    files,
+    limits::{CONFIG, parse_yaml},
+};
 
 /// Largest configuration file, bytes.
-pub const MAX_FILE_BYTES: u64 = 1 << 20;
+pub const MAX_FILE_BYTES: u64 = CONFIG.bytes;
 /// Groups within groups; deeper nesting is refused.
 const MAX_DEPTH: usize = 8;
 
@@ -59,12 +63,10 @@ impl Layers {
     /// # Errors
     /// If it cannot be read, is too large, or as [`Self::text`].
     pub fn file(&mut self, path: &Path) -> Result<(), ConfigError> {
-        let read = |source| ConfigError::Read { path: path.to_owned(), source };
-        let mut bytes = Vec::new();
-        File::open(path).map_err(read)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(read)?;
-        if bytes.len() as u64 > MAX_FILE_BYTES {
-            return Err(ConfigError::TooLarge { path: path.to_owned() });
-        }
+        let bytes = files::read(path, CONFIG).map_err(|source| match source.kind() {
+            ErrorKind::FileTooLarge => ConfigError::TooLarge { path: path.to_owned() },
+            _ => ConfigError::Read { path: path.to_owned(), source },
+        })?;
         let name = path.display().to_string();
         let text = std::str::from_utf8(&bytes)
             .map_err(|error| ConfigError::Syntax { origin: name.clone(), reason: format!("not UTF-8 text: {error}") })?;
@@ -76,8 +78,7 @@ impl Layers {
     /// # Errors
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
     pub fn text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let layer: Value =
-            serde_norway::from_str(text).map_err(|error| ConfigError::Syntax { origin: name.to_owned(), reason: error.to_string() })?;
+        let layer: Value = parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: name.to_owned(), reason })?;
         let lines = key_lines(text);
         self.add(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),
@@ -95,8 +96,7 @@ impl Layers {
         if key.trim().is_empty() || text.trim().is_empty() {
             return Err(malformed());
         }
-        let value = serde_norway::from_str(text)
-            .map_err(|error| ConfigError::Syntax { origin: format!("--set {assignment}"), reason: error.to_string() })?;
+        let value = parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: format!("--set {assignment}"), reason })?;
         self.assign("--set", key.trim(), value)
     }
 

@@ -13,12 +13,10 @@ use super::{EvaluateError, components::large_components, truth::read_text};
 use crate::{
     geometry::Pose,
     io::read_urdf,
+    limits::REPORT,
     model::{JointType, Tree},
     surface::{TriangleMesh, merge},
 };
-
-/// Largest `report.json`, bytes.
-const MAX_BYTES: u64 = 256 << 20;
 
 /// What a simulator gets from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {
@@ -54,7 +52,7 @@ impl RunFiles {
             }
         }
         let path = folder.join("report.json");
-        let text = read_text(&path, MAX_BYTES)?;
+        let text = read_text(&path, REPORT)?;
         let report: ReportFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
         let states: Vec<BTreeMap<String, f64>> = report.states.into_iter().map(|s| s.joints).collect();
         if states.len() < 2 {

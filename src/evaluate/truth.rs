@@ -1,22 +1,18 @@
 //! Ground truth of a recording.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::EvaluateError;
 use crate::{
+    files,
     geometry::Pose,
     io::{read_mesh, read_npy},
+    limits::{FileLimit, TRUTH},
     surface::TriangleMesh,
 };
-
-/// Largest `truth.json`, bytes.
-const MAX_BYTES: u64 = 16 << 20;
 
 /// The joint between a part and what carries it, in the world as it stands in state 0.
 #[derive(Clone, Debug)]
@@ -99,7 +95,7 @@ impl Truth {
     /// A file that is missing or damaged, named in the error.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         let path = folder.join("truth.json");
-        let text = read_text(&path, MAX_BYTES)?;
+        let text = read_text(&path, TRUTH)?;
         let file: TruthFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
         let state = |s: usize| folder.join(format!("truth/state{s}"));
         let mesh = |s: usize, name: &str| read_mesh(&state(s).join(format!("{name}.ply")));
@@ -121,13 +117,8 @@ impl Truth {
 }
 
 /// Text of a file of limited size.
-pub(super) fn read_text(path: &Path, max_bytes: u64) -> Result<String, EvaluateError> {
-    let disk = |source| EvaluateError::Disk { path: path.to_owned(), source };
-    let size = fs::metadata(path).map_err(disk)?.len();
-    if size > max_bytes {
-        return Err(EvaluateError::Invalid { path: path.to_owned(), problem: format!("{size} bytes; {max_bytes} are the limit") });
-    }
-    fs::read_to_string(path).map_err(disk)
+pub(super) fn read_text(path: &Path, limit: FileLimit) -> Result<String, EvaluateError> {
+    files::read_text(path, limit).map_err(|source| EvaluateError::Disk { path: path.to_owned(), source })
 }
 
 fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, String> {

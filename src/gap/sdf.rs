@@ -11,7 +11,7 @@ use super::{
     tilt::{Tilt, tilt, untold},
     twin_tree::TwinTree,
 };
-use crate::geometry::Pose;
+use crate::{geometry::Pose, limits::parse_xml};
 
 /// The SDF with the effects, and what became of each. A joint that the SDF does not have is told in the notes.
 ///
@@ -47,7 +47,7 @@ pub fn sdf(
 
 /// The text with the links of a joint turned; `None` where one of them is not there, or is placed by another frame than the model's.
 fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, String> {
-    let document = roxmltree::Document::parse(text).map_err(|e| e.to_string())?;
+    let document = parse_xml(text)?;
     let link = |name: &String| document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name.as_str()));
     let Some(parent) = link(&tilt.parent).and_then(pose_of) else { return Ok(None) };
     let mut edits = Vec::new();
@@ -80,7 +80,7 @@ fn pose_of(link: roxmltree::Node) -> Option<Pose> {
 
 /// The text with the numbers of a joint; `None` where it has no such joint with an axis.
 fn with_joint(text: &str, name: &str, held: &Held) -> Result<Option<String>, String> {
-    let document = roxmltree::Document::parse(text).map_err(|e| e.to_string())?;
+    let document = parse_xml(text)?;
     let element = document.descendants().find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(name));
     let Some(axis) = element.and_then(|e| e.children().find(|n| n.has_tag_name("axis"))) else { return Ok(None) };
     let mut edits: Vec<(Range<usize>, String)> = limit(text, axis, held).into_iter().collect();

@@ -3,18 +3,24 @@
 //! `metadata.yaml` is read for the files' names and their compression only; what the bag holds is found by reading it.
 
 use std::{
-    fs::File,
+    collections::BTreeSet,
+    fs,
     io::{BufReader, Read},
     path::{Component, Path, PathBuf},
 };
 
 use serde::Deserialize;
 
-use super::mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels};
-use crate::capture::CaptureError;
+use super::{
+    expansion::{Expansion, Within},
+    mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels},
+};
+use crate::{
+    capture::CaptureError,
+    files,
+    limits::{METADATA, NAMED, parse_yaml},
+};
 
-/// Largest metadata.yaml that is read, bytes.
-const METADATA_LIMIT: u64 = 1 << 20;
 /// Most files of one bag.
 const MAX_FILES: usize = 10_000;
 
@@ -111,7 +117,7 @@ impl Bag {
         if metadata.relative_file_paths.len() > MAX_FILES {
             return refuse(format!("it lists {} files, more than {MAX_FILES}", metadata.relative_file_paths.len()));
         }
-        let mut missing = Vec::new();
+        let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
         for name in &metadata.relative_file_paths {
             let relative = Path::new(name);
             let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
@@ -125,10 +131,18 @@ impl Bag {
             if is_db3(&file) {
                 return Err(CaptureError::Sqlite { path: self.path.clone() });
             }
-            if file.is_file() { self.files.push(file) } else { missing.push(name.escape_debug().to_string()) }
+            if !file.is_file() {
+                missing.push(name.escape_debug().to_string());
+            } else if !seen.insert(fs::canonicalize(&file).unwrap_or_else(|_| file.clone())) {
+                return refuse(format!("relative_file_paths names `{}` twice; name every file once", name.escape_debug()));
+            } else {
+                self.files.push(file);
+            }
         }
         if !missing.is_empty() {
-            self.warnings.push(format!("`{}` lists files that are not there: {}", yaml.display(), missing.join(", ")));
+            let more = if missing.len() > NAMED { format!(" and {} more", missing.len() - NAMED) } else { String::new() };
+            missing.truncate(NAMED);
+            self.warnings.push(format!("`{}` lists files that are not there: {}{more}", yaml.display(), missing.join(", ")));
         }
         Ok(())
     }
@@ -141,20 +155,26 @@ impl Bag {
     /// damaged.
     pub fn read(&self, visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
+        let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();
+        let mut expansion = Expansion::of(bytes);
+        // Messages that are compressed by themselves have a budget of their own: their chunks are not compressed again.
+        let mut of_messages = expansion;
         for path in &self.files {
-            let mut undecodable = 0;
-            let mut unpacking = |message: &RawMessage| match unpack_message(message.data) {
+            let (mut undecodable, mut first) = (0, None);
+            let mut unpacking = |message: &RawMessage| match unpack_message(message.data, &mut of_messages) {
                 Ok(data) => visit(&RawMessage { data: &data, ..*message }),
-                Err(_) => {
+                Err(why) => {
                     undecodable += 1;
+                    first.get_or_insert(why);
                     Ok(())
                 }
             };
             let visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError> =
                 if self.compressed_messages { &mut unpacking } else { visit };
-            let mut report = read_file(path, visit)?;
+            let mut report = read_file(path, &mut expansion, visit)?;
             if undecodable > 0 && report.stopped.is_none() {
-                report.stopped = Some(format!("{undecodable} messages could not be decompressed"));
+                let first = first.unwrap_or_default();
+                report.stopped = Some(format!("{undecodable} messages could not be decompressed (first: {first})"));
             }
             reports.push((path.clone(), report));
         }
@@ -169,37 +189,39 @@ impl Bag {
     }
 }
 
-fn read_file(path: &Path, visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>) -> Result<FileReport, CaptureError> {
+fn read_file(
+    path: &Path,
+    expansion: &mut Expansion,
+    visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+) -> Result<FileReport, CaptureError> {
     let failed = |source| CaptureError::Read { path: path.to_owned(), source };
-    let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(failed)?);
+    let mut file = BufReader::with_capacity(1 << 20, files::open(path).map_err(failed)?);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zstd")) {
         let decoder = zstd::Decoder::with_buffer(file).map_err(failed)?;
-        return read_messages(BufReader::new(decoder), &mut Channels::default(), visit);
+        let mut inside = *expansion;
+        let source = Within { source: decoder, expansion };
+        return read_messages(BufReader::new(source), &mut Channels::default(), &mut inside, visit);
     }
     let mut channels = summary_channels(&mut file).map_err(failed)?;
-    read_messages(file, &mut channels, visit)
+    read_messages(file, &mut channels, expansion, visit)
 }
 
 /// A payload that was compressed by itself.
-fn unpack_message(data: &[u8]) -> std::io::Result<Vec<u8>> {
+fn unpack_message(data: &[u8], expansion: &mut Expansion) -> Result<Vec<u8>, String> {
     let mut unpacked = Vec::new();
-    zstd::Decoder::new(data)?.take(RECORD_LIMIT).read_to_end(&mut unpacked)?;
+    let decoder = zstd::Decoder::new(data).map_err(|e| e.to_string())?;
+    Within { source: decoder, expansion }.take(RECORD_LIMIT).read_to_end(&mut unpacked).map_err(|e| e.to_string())?;
     Ok(unpacked)
 }
 
 fn read_metadata(path: &Path) -> Result<Metadata, String> {
-    let mut text = String::new();
-    let read = File::open(path).and_then(|f| f.take(METADATA_LIMIT + 1).read_to_string(&mut text));
-    read.map_err(|e| e.to_string())?;
-    if text.len() as u64 > METADATA_LIMIT {
-        return Err(format!("it is larger than {METADATA_LIMIT} bytes"));
-    }
-    serde_norway::from_str::<MetadataFile>(&text).map(|m| m.rosbag2_bagfile_information).map_err(|e| e.to_string())
+    let text = files::read_text(path, METADATA).map_err(|e| e.to_string())?;
+    parse_yaml::<MetadataFile>(&text).map(|m| m.rosbag2_bagfile_information)
 }
 
 /// The files of a folder that satisfy a test, sorted by name.
 fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<_> = entries.map(|e| e.path()).filter(|p| p.is_file() && test(p)).take(MAX_FILES).collect();
     files.sort();
     files
@@ -217,5 +239,5 @@ fn is_db3(path: &Path) -> bool {
 
 fn starts_as_mcap(path: &Path) -> bool {
     let mut magic = [0; 8];
-    File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *mcap::MAGIC
+    files::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *mcap::MAGIC
 }

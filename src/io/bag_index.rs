@@ -1,22 +1,30 @@
 //! First reading of a bag: everything but the pixels. What there is, when, and where the camera was.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::PathBuf,
+};
 
 use super::{
     bag::Bag,
     mcap_file::{FileReport, RawMessage},
-    ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode},
+    ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode, encode},
     topics::{INFO_TYPE, TopicSummary},
 };
 use crate::{
-    capture::{CaptureError, TfBuffer},
+    capture::{CaptureError, MAX_TF_FRAMES, TfBuffer},
     geometry::Pose,
+    limits::NAMED,
 };
 
 /// Most transforms, images and poses that are indexed.
 const MAX_ENTRIES: usize = 5_000_000;
 /// Most topics of one bag.
 const MAX_TOPICS: usize = 10_000;
+/// Most different camera parameters of a topic: those of a camera that focuses change with every frame.
+const MAX_CAMERAS: usize = 100_000;
+/// Most coefficients of a lens; the largest model of OpenCV has 14.
+const MAX_COEFFICIENTS: usize = 64;
 
 /// What is told about a topic.
 #[derive(Clone, Debug, Default)]
@@ -68,13 +76,16 @@ pub struct InfoTopic {
     pub distinct: Vec<CameraInfo>,
     /// Stamp and index into `distinct`.
     pub entries: Vec<(i64, usize)>,
+    /// Index into `distinct`, by the parameters as they are written.
+    known: HashMap<Vec<u8>, usize>,
 }
 
 impl InfoTopic {
     /// Leaves out parameters that nearly all messages contradict (damage); the number of messages left out.
     pub fn settle(&mut self) -> usize {
-        let count = |d: usize| self.entries.iter().filter(|e| e.1 == d).count();
-        let Some((common, agreeing)) = (0..self.distinct.len()).map(|d| (d, count(d))).max_by_key(|(d, n)| (*n, usize::MAX - d)) else {
+        let mut counts = vec![0; self.distinct.len()];
+        self.entries.iter().for_each(|e| counts[e.1] += 1);
+        let Some((common, agreeing)) = counts.into_iter().enumerate().max_by_key(|(d, n): &(usize, usize)| (*n, usize::MAX - d)) else {
             return 0;
         };
         let lost = self.entries.len() - agreeing;
@@ -138,15 +149,19 @@ impl BagIndex {
         Some((first, self.topics.values().map(|t| t.last_nanos).max()?))
     }
 
-    /// Sentences about damage.
+    /// Sentences about damage; of many files or topics the first ones.
     #[must_use]
     pub fn damage(&self) -> Vec<String> {
         let files = self.files.iter().filter_map(|(path, report)| report.damage(&path.display().to_string()));
+        let broken = self.topics.values().filter(|t| t.undecodable > 0).count();
+        let more = (broken > NAMED).then(|| format!("{} more topics hold messages that could not be decoded", broken - NAMED));
+        let surplus = (self.tf.surplus > 0)
+            .then(|| format!("{} transforms are of more frames than are taken ({MAX_TF_FRAMES}) and are not used", self.tf.surplus));
         let topics = self.topics.iter().filter(|(_, t)| t.undecodable > 0).map(|(name, t)| {
             let problem = t.problem.as_deref().unwrap_or_default();
             format!("{} of {} messages on {name} could not be decoded and are not used ({problem})", t.undecodable, t.count)
         });
-        files.chain(topics).collect()
+        files.take(NAMED).chain(topics.take(NAMED)).chain(more).chain(surplus).collect()
     }
 
     /// The topics as the choice between them needs them.
@@ -250,13 +265,22 @@ impl BagIndex {
 
     fn add_info(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), String> {
         let (stamp, frame) = info.header.checked().ok_or("its header is invalid")?;
+        if info.d.len() > MAX_COEFFICIENTS {
+            return Err(format!("it has {} lens coefficients; {MAX_COEFFICIENTS} are the limit", info.d.len()));
+        }
         self.entries += 1;
         info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
         let infos = self.infos.entry(topic.to_owned()).or_default();
-        let known = infos.distinct.iter().rposition(|d| *d == info).unwrap_or_else(|| {
+        // Bytes, as a NaN is not equal to itself.
+        let key = encode(&info).map_err(|e| e.to_string())?;
+        let next = infos.distinct.len();
+        if next >= MAX_CAMERAS && !infos.known.contains_key(&key) {
+            return Err(format!("it is one more than {MAX_CAMERAS} different camera_infos"));
+        }
+        let known = *infos.known.entry(key).or_insert(next);
+        if known == next {
             infos.distinct.push(info);
-            infos.distinct.len() - 1
-        });
+        }
         infos.entries.push((stamp, known));
         Ok(())
     }
@@ -295,11 +319,36 @@ mod tests {
     fn one_message_against_all_others_is_left_out_and_a_real_change_is_kept() {
         let info = |width| CameraInfo { width, ..CameraInfo::default() };
         let entries = |odd: std::ops::Range<i64>| (0..30).map(|i| (i, usize::from(odd.contains(&i)))).collect();
-        let mut damaged = InfoTopic { distinct: vec![info(640), info(641)], entries: entries(7..8) };
+        let topic = |entries, other| InfoTopic { distinct: vec![info(640), info(other)], entries, ..InfoTopic::default() };
+        let mut damaged = topic(entries(7..8), 641);
         assert_eq!((damaged.settle(), damaged.distinct.len(), damaged.entries.len()), (1, 1, 29));
         assert_eq!(damaged.distinct[0].width, 640);
-        let mut changed = InfoTopic { distinct: vec![info(640), info(320)], entries: entries(20..30) };
+        let mut changed = topic(entries(20..30), 320);
         assert_eq!((changed.settle(), changed.distinct.len()), (0, 2));
         assert_eq!(InfoTopic::default().settle(), 0);
+    }
+
+    #[test]
+    fn parameters_that_change_with_every_message_cost_no_more_each() {
+        let mut index = BagIndex::default();
+        let begun = std::time::Instant::now();
+        let mut info = CameraInfo { width: 640, ..CameraInfo::default() };
+        info.header.frame_id = "camera".into();
+        for i in 0..MAX_CAMERAS + 10 {
+            info.k[2] = i as f64;
+            let more = index.add_info("/info", info.clone());
+            assert_eq!(more.is_err(), i >= MAX_CAMERAS);
+            // One that is not equal to itself is one.
+            info.k[2] = f64::NAN;
+            if i < MAX_CAMERAS - 1 {
+                index.add_info("/info", info.clone()).unwrap();
+            }
+        }
+        let infos = index.infos.get_mut("/info").unwrap();
+        assert_eq!(infos.distinct.len(), MAX_CAMERAS);
+        assert_eq!(infos.settle(), 0);
+        assert!(begun.elapsed().as_secs() < 5, "{:?}", begun.elapsed());
+        info.d = vec![0.0; 65];
+        assert!(index.add_info("/info", info).unwrap_err().contains("65 lens coefficients"));
     }
 }

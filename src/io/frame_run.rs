@@ -28,6 +28,7 @@ pub fn read_frame_run(path: &Path, config: &CaptureConfig, seed: u64, warnings: 
     let views = Views::find(&bag, &index, config, 0)?;
     let poses: Vec<Pose> = views.views.iter().map(|v| v.world_from_camera).collect();
     let chosen: Vec<(usize, usize)> = spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
+    config.check_memory(&[views.sizes(chosen.len())])?;
     let decoded = decode_views(&bag, &views, &chosen, config)?;
     warnings.extend(views.warnings.iter().cloned());
     if let Some(first) = decoded.lost.first() {

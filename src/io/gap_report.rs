@@ -1,6 +1,6 @@
 //! What the folder of a diagnosis tells, as a message.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use serde::Deserialize;
 
@@ -13,7 +13,7 @@ use super::ros2msg::gap::{GapFinding, GapParameter, GapReport};
 pub fn read_gap_report(folder: &Path) -> Result<GapReport, String> {
     let path = folder.join("report.json");
     let told = |why: String| format!("`{}`: {why}", path.display());
-    let text = fs::read_to_string(&path).map_err(|e| told(e.to_string()))?;
+    let text = crate::files::read_text(&path, crate::limits::REPORT).map_err(|e| told(e.to_string()))?;
     let file: File = serde_json::from_str(&text).map_err(|e| told(e.to_string()))?;
     Ok(GapReport {
         folder: folder.display().to_string(),

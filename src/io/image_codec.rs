@@ -2,9 +2,12 @@
 //!
 //! Sizes, steps and encodings are checked here; nothing is read beyond what the message holds.
 
+use std::borrow::Cow;
+
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 use super::{
+    picture_size::{bare_png, told_size},
     ros2msg::{CompressedImage, Image},
     rvl,
 };
@@ -117,7 +120,7 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
     let Some((front, code)) = image.data.split_first_chunk::<12>() else { return broken("compressedDepth without its header") };
     let number = |at: usize| f32::from_le_bytes([front[at], front[at + 1], front[at + 2], front[at + 3]]);
     let (a, b) = (number(4), number(8));
-    let words = if image.format.trim_end().ends_with("rvl") { rvl_image(code)? } else { png16(code)? };
+    let words = if is_rvl(&image.format) { rvl_image(code)? } else { png16(code)? };
     let encoding = image.format.split(';').next().unwrap_or_default().trim();
     match encoding {
         "16UC1" | "mono16" | "" => Ok(words.map(millimeters)),
@@ -234,6 +237,24 @@ fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
     Ok(())
 }
 
+/// Width and height that a compressed image tells before it is decoded; `None` where it tells none.
+#[must_use]
+pub fn compressed_size(image: &CompressedImage) -> Option<(usize, usize)> {
+    if !image.format.contains("compressedDepth") {
+        return told_size(&image.data);
+    }
+    let code = image.data.get(12..)?;
+    if !is_rvl(&image.format) {
+        return told_size(code);
+    }
+    let number = |at: usize| Some(u32::from_le_bytes(*code.get(at..)?.first_chunk()?) as usize);
+    Some((number(0)?, number(4)?))
+}
+
+fn is_rvl(format: &str) -> bool {
+    format.trim_end().ends_with("rvl")
+}
+
 /// Decodes a PNG or, where allowed, JPEG file, told apart by their first bytes.
 fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageError> {
     let format = match data {
@@ -242,7 +263,11 @@ fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageErr
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         _ => return broken("neither JPEG nor PNG by its first bytes"),
     };
-    let mut reader = ImageReader::with_format(std::io::Cursor::new(data), format);
+    if let Some((width, height)) = told_size(data) {
+        check_size(width, height)?;
+    }
+    let bare = if format == ImageFormat::Png { Cow::Owned(bare_png(data)) } else { Cow::Borrowed(data) };
+    let mut reader = ImageReader::with_format(std::io::Cursor::new(bare), format);
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE as u32), Some(MAX_SIDE as u32));
     reader.limits(limits);

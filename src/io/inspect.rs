@@ -6,7 +6,10 @@ use std::{
 };
 
 use super::{bag::Bag, bag_index::BagIndex, dataset, source::Source, topics::INFO_TYPE, views::Views};
-use crate::capture::{CaptureConfig, CaptureError, Split};
+use crate::{
+    capture::{CaptureConfig, CaptureError, Split},
+    limits::SHOWN,
+};
 
 /// A topic of a bag.
 #[derive(Clone, Debug, PartialEq)]
@@ -215,14 +218,14 @@ impl Inspection {
 
 impl StateInspection {
     fn write(&self, text: &mut String) {
-        _ = writeln!(text, "{} ({})", self.path.display(), self.format);
+        _ = writeln!(text, "{} ({})", printable(&self.path.display().to_string()), self.format);
         if let Some((first, last)) = self.span_secs {
             _ = writeln!(text, "  time: {:.3} s, from {first:.3} to {last:.3}", last - first);
         }
         if !self.topics.is_empty() {
             _ = writeln!(text, "  topics:");
             let width = self.topics.iter().map(|t| t.name.len()).max().unwrap_or(0).min(80);
-            for t in &self.topics {
+            for t in self.topics.iter().take(SHOWN) {
                 let rate = t.rate_hz.map_or(String::new(), |r| format!(" {r:.1} Hz"));
                 let details = if t.details.is_empty() { String::new() } else { format!(" ({})", t.details) };
                 _ = writeln!(
@@ -234,20 +237,30 @@ impl StateInspection {
                     printable(&details)
                 );
             }
+            more(text, self.topics.len());
         }
         for (title, lines) in [("transforms", &self.transforms), ("used", &self.chosen), ("warnings", &self.warnings)] {
             if !lines.is_empty() {
                 _ = writeln!(text, "  {title}:");
-                for line in lines {
+                for line in lines.iter().take(SHOWN) {
                     _ = writeln!(text, "    {}", printable(line));
                 }
+                more(text, lines.len());
             }
         }
         _ = writeln!(text, "  posed RGB-D views: {}", self.views);
     }
 }
 
+/// Tells how many lines of a long list are not shown.
+fn more(text: &mut String, lines: usize) {
+    if let Some(more) = lines.checked_sub(SHOWN).filter(|n| *n > 0) {
+        _ = writeln!(text, "    and {more} more");
+    }
+}
+
 /// Text from a file without control characters, which a terminal would obey.
-fn printable(text: &str) -> String {
+#[must_use]
+pub fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }

@@ -7,10 +7,15 @@
 
 use std::{
     collections::BTreeMap,
-    io::{Cursor, ErrorKind, Read, Seek, SeekFrom},
+    io::{ErrorKind, Read, Seek, SeekFrom},
 };
 
-use mcap::records::{ChunkHeader, Record, op};
+use mcap::records::op;
+
+use super::{
+    expansion::Expansion,
+    mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, SchemaRecord, summary_start},
+};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
@@ -18,6 +23,8 @@ pub const RECORD_LIMIT: u64 = 256 << 20;
 const SUMMARY_LIMIT: u64 = 64 << 20;
 /// Length of the end of a file: footer record (9 + 20 bytes) and magic.
 const TAIL: i64 = 9 + 20 + 8;
+/// Most damaged chunks whose reason is kept.
+const REASONS: usize = 20;
 
 /// A message stream within a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,14 +49,14 @@ impl Channels {
         self.schemas.get(&channel.schema_id).map_or("", String::as_str)
     }
 
-    fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), mcap::McapError> {
-        match mcap::read::parse_record(opcode, body)? {
-            Record::Schema { header, .. } => _ = self.schemas.insert(header.id, header.name),
-            Record::Channel(c) => {
-                let channel = Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id };
-                self.channels.insert(c.id, channel);
-            }
-            _ => {}
+    /// Learns from the body of a schema or channel record.
+    fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
+        if opcode == op::SCHEMA {
+            let schema = SchemaRecord::read(body)?;
+            self.schemas.insert(schema.id, schema.name);
+        } else {
+            let c = ChannelRecord::read(body)?;
+            self.channels.insert(c.id, Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id });
         }
         Ok(())
     }
@@ -78,6 +85,7 @@ pub struct FileReport {
     /// Chunks seen.
     pub chunks: u64,
     /// Chunks left out, each with its number (from 1) and the reason.
+    /// (the reason of the first ones).
     pub bad_chunks: Vec<(u64, String)>,
     /// Messages whose channel is not known.
     pub orphans: u64,
@@ -86,6 +94,11 @@ pub struct FileReport {
 }
 
 impl FileReport {
+    fn bad_chunk(&mut self, number: u64, why: String) {
+        let why = if self.bad_chunks.len() < REASONS { why } else { String::new() };
+        self.bad_chunks.push((number, why));
+    }
+
     /// Whether everything was read.
     #[must_use]
     pub fn is_whole(&self) -> bool {
@@ -172,12 +185,12 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
     if tail[0] != op::FOOTER || tail[29..] != *mcap::MAGIC {
         return None;
     }
-    let Ok(Record::Footer(footer)) = mcap::read::parse_record(op::FOOTER, &tail[9..29]) else { return None };
-    if footer.summary_start == 0 || footer.summary_start >= tail_at || tail_at - footer.summary_start > SUMMARY_LIMIT {
+    let start = summary_start(&tail[9..29]).ok()?;
+    if start == 0 || start >= tail_at || tail_at - start > SUMMARY_LIMIT {
         return None;
     }
-    source.seek(SeekFrom::Start(footer.summary_start)).ok()?;
-    let mut section = source.by_ref().take(tail_at - footer.summary_start);
+    source.seek(SeekFrom::Start(start)).ok()?;
+    let mut section = source.by_ref().take(tail_at - start);
     let mut channels = Channels::default();
     while let Ok(Some(record)) = next_record(&mut section) {
         if matches!(record.opcode, op::SCHEMA | op::CHANNEL) {
@@ -187,13 +200,15 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
     Some(channels)
 }
 
-/// Reads all messages in file order. `channels` holds what is already known and learns the rest.
+/// Reads all messages in file order. `channels` holds what is already known and learns the rest; chunks unpack to what
+/// `expansion` has left.
 ///
 /// # Errors
 /// The visitor's error. Damage is no error: it is told in the report.
 pub fn read_messages<R: Read, E>(
     mut source: R,
     channels: &mut Channels,
+    expansion: &mut Expansion,
     visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
 ) -> Result<FileReport, E> {
     let mut report = FileReport::default();
@@ -228,7 +243,7 @@ pub fn read_messages<R: Read, E>(
         match record.opcode {
             // The summary that follows only repeats.
             op::DATA_END | op::FOOTER => return Ok(report),
-            op::CHUNK => read_chunk(&record, channels, &mut report, visit)?,
+            op::CHUNK => read_chunk(&record, channels, expansion, &mut report, visit)?,
             _ if record.cut => {}
             opcode => {
                 if let Err(why) = read_flat(opcode, &record.body, channels, &mut report, visit)? {
@@ -253,14 +268,13 @@ fn read_flat<E>(
     visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
 ) -> Result<Result<(), String>, E> {
     match opcode {
-        op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body).map_err(|e| e.to_string())),
+        op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body)),
         op::MESSAGE => {
-            let (header, data) = match mcap::read::parse_record(opcode, body) {
-                Ok(Record::Message { header, data }) => (header, data),
-                Ok(_) => return Ok(Ok(())),
-                Err(e) => return Ok(Err(e.to_string())),
+            let message = match MessageRecord::read(body) {
+                Ok(message) => message,
+                Err(why) => return Ok(Err(why)),
             };
-            let Some(channel) = channels.channels.get(&header.channel_id) else {
+            let Some(channel) = channels.channels.get(&message.channel_id) else {
                 report.orphans += 1;
                 return Ok(Ok(()));
             };
@@ -269,8 +283,8 @@ fn read_flat<E>(
                 topic: &channel.topic,
                 type_name: channels.type_name(channel),
                 message_encoding: &channel.message_encoding,
-                log_time_nanos: header.log_time,
-                data: &data,
+                log_time_nanos: message.log_time,
+                data: message.data,
             })?;
             Ok(Ok(()))
         }
@@ -281,15 +295,16 @@ fn read_flat<E>(
 fn read_chunk<E>(
     record: &RawRecord,
     channels: &mut Channels,
+    expansion: &mut Expansion,
     report: &mut FileReport,
     visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
 ) -> Result<(), E> {
     report.chunks += 1;
     let number = report.chunks;
-    let content = match chunk_content(record) {
+    let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {
-            report.bad_chunks.push((number, why));
+            report.bad_chunk(number, why);
             return Ok(());
         }
     };
@@ -306,23 +321,24 @@ fn read_chunk<E>(
             Ok(Some(_)) => "it ends in the middle of a record".into(),
             Err(why) => why,
         };
-        report.bad_chunks.push((number, why));
+        report.bad_chunk(number, why);
         return Ok(());
     }
 }
 
 /// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there is.
-fn chunk_content(record: &RawRecord) -> Result<Vec<u8>, String> {
-    let mut cursor = Cursor::new(record.body.as_slice());
-    let header = chunk_header(&mut cursor)?;
-    let data = &record.body[cursor.position() as usize..];
+fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8>, String> {
+    let header = ChunkRecord::read(&record.body).map_err(|why| format!("its header is broken ({why})"))?;
     let data = match usize::try_from(header.compressed_size) {
-        Ok(n) if n <= data.len() => &data[..n],
-        _ if record.cut => data,
+        Ok(n) if n <= header.data.len() => &header.data[..n],
+        _ if record.cut => header.data,
         _ => return Err("it is longer than its record".into()),
     };
     if header.uncompressed_size > RECORD_LIMIT {
         return Err(format!("it claims {} bytes, more than the limit of {RECORD_LIMIT}", header.uncompressed_size));
+    }
+    if !header.compression.is_empty() {
+        expansion.take(data.len() as u64, header.uncompressed_size)?;
     }
     let mut content = Vec::new();
     let unpacked = match header.compression.as_str() {
@@ -348,27 +364,6 @@ fn chunk_content(record: &RawRecord) -> Result<Vec<u8>, String> {
     Ok(content)
 }
 
-/// The header in front of a chunk's records.
-fn chunk_header(cursor: &mut Cursor<&[u8]>) -> Result<ChunkHeader, String> {
-    use byteorder::{LittleEndian as Le, ReadBytesExt as _};
-    let mut read = || -> std::io::Result<ChunkHeader> {
-        let message_start_time = cursor.read_u64::<Le>()?;
-        let message_end_time = cursor.read_u64::<Le>()?;
-        let uncompressed_size = cursor.read_u64::<Le>()?;
-        let uncompressed_crc = cursor.read_u32::<Le>()?;
-        let length = cursor.read_u32::<Le>()?;
-        if length > 32 {
-            return Err(ErrorKind::InvalidData.into());
-        }
-        let mut name = vec![0; length as usize];
-        cursor.read_exact(&mut name)?;
-        let compression = String::from_utf8_lossy(&name).into_owned();
-        let compressed_size = cursor.read_u64::<Le>()?;
-        Ok(ChunkHeader { message_start_time, message_end_time, uncompressed_size, uncompressed_crc, compression, compressed_size })
-    };
-    read().map_err(|e| format!("its header is broken ({e})"))
-}
-
 fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), String> {
     let describe = |e: std::io::Error| format!("its compression is broken ({e})");
     decoder.map_err(describe)?.take(size + 1).read_to_end(content).map_err(describe)?;
@@ -377,7 +372,7 @@ fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>
 
 #[cfg(test)]
 mod tests {
-    use std::convert::Infallible;
+    use std::{convert::Infallible, io::Cursor};
 
     use super::*;
 
@@ -403,7 +398,8 @@ mod tests {
         let mut source = Cursor::new(bytes);
         let mut channels = summary_channels(&mut source).unwrap();
         let mut times = Vec::new();
-        let report = read_messages::<_, Infallible>(source, &mut channels, &mut |m| {
+        let mut expansion = Expansion::of(bytes.len() as u64);
+        let report = read_messages::<_, Infallible>(source, &mut channels, &mut expansion, &mut |m| {
             assert_eq!((m.topic, m.type_name, m.data.len()), ("/a", "std_msgs/msg/String", 1500));
             times.push(m.log_time_nanos);
             Ok(())
@@ -481,5 +477,25 @@ mod tests {
         chunk[16..24].copy_from_slice(&(1u64 << 40).to_le_bytes());
         let bomb = [mcap::MAGIC, &[op::CHUNK], &48u64.to_le_bytes()[..], &chunk].concat();
         assert!(read(&bomb).1.bad_chunks[0].1.contains("limit"));
+        let schema = [&7u16.to_le_bytes()[..], &u32::MAX.to_le_bytes(), b"short"].concat();
+        let schema = [mcap::MAGIC, &[op::SCHEMA], &(schema.len() as u64).to_le_bytes()[..], &schema].concat();
+        assert!(read(&schema).1.stopped.unwrap().contains("a field of 4294967295 bytes"));
+    }
+
+    #[test]
+    fn chunks_that_unpack_to_far_more_than_they_hold_are_left_out_and_the_rest_is_read() {
+        let whole = file(Some(mcap::Compression::Zstd));
+        let zeros = zstd::bulk::compress(&vec![0; 64 << 20], 1).unwrap();
+        let mut chunk = [&[0; 16][..], &(64u64 << 20).to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd"].concat();
+        chunk.extend((zeros.len() as u64).to_le_bytes());
+        chunk.extend(&zeros);
+        let record = [&[op::CHUNK][..], &(chunk.len() as u64).to_le_bytes(), &chunk].concat();
+        let header = 8 + 9 + u64::from_le_bytes(*whole[9..].first_chunk().unwrap()) as usize;
+        let bytes = [&whole[..header], &record.repeat(1000), &whole[header..]].concat();
+        let begun = std::time::Instant::now();
+        let (times, report) = read(&bytes);
+        assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
+        assert_eq!((times.len(), report.bad_chunks.len()), (COUNT, 1000));
+        assert!(report.damage("x").unwrap().contains("would unpack to 67108864, more than the limit"));
     }
 }

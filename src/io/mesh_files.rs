@@ -1,14 +1,13 @@
 //! Triangle meshes from PLY and OBJ files.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
+use std::path::{Path, PathBuf};
+
+use crate::{
+    files,
+    limits::{FileLimit, MESH},
+    surface::TriangleMesh,
 };
 
-use crate::surface::TriangleMesh;
-
-/// Largest file, bytes.
-const MAX_BYTES: u64 = 1 << 30;
 /// Most vertices or faces of a mesh.
 pub(super) const MAX_ELEMENTS: usize = 20_000_000;
 
@@ -40,14 +39,20 @@ pub enum MeshFileError {
 /// A file that cannot be read, is larger than 1 GiB, is of another format, is damaged, or holds values that are not
 /// finite or indices beyond the vertices.
 pub fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {
+    read_mesh_within(path, &mut MESH.bytes.clone())
+}
+
+/// As [`read_mesh`], of many: `left` is how many bytes they may still have together.
+///
+/// # Errors
+/// As [`read_mesh`]; more bytes than are left.
+pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMesh, MeshFileError> {
     let disk = |source| MeshFileError::Disk { path: path.to_owned(), source };
     let format = |problem| MeshFileError::Format { path: path.to_owned(), problem };
-    let size = fs::metadata(path).map_err(disk)?.len();
-    if size > MAX_BYTES {
-        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
-    }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let bytes = fs::read(path).map_err(disk)?;
+    let limit = FileLimit { bytes: *left, what: if *left == MESH.bytes { MESH.what } else { "all meshes together, 1 GiB" } };
+    let bytes = files::read(path, limit).map_err(disk)?;
+    *left -= bytes.len() as u64;
     let mesh = match extension.as_str() {
         "ply" => super::ply::parse_ply(&bytes),
         "obj" => parse_obj(&String::from_utf8_lossy(&bytes)),

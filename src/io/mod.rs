@@ -34,11 +34,14 @@ mod bag_metadata;
 mod bag_writer;
 mod camera;
 mod dataset;
+mod expansion;
 mod inspect;
 mod mcap_file;
+mod mcap_record;
 mod onnx;
 #[cfg(feature = "onnx")]
 mod onnx_matcher;
+mod picture_size;
 mod pixels;
 mod poses;
 mod recording;
@@ -51,7 +54,7 @@ mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter, OfferedQos};
 pub use camera::pinhole;
-pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with};
+pub use inspect::{Inspection, StateInspection, TopicInspection, inspect, inspect_with, printable};
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};

@@ -5,10 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::export::Folder;
+use crate::{export::Folder, files, limits::MODEL_FOLDER};
 
-/// Most bytes of all files together.
-const MAX_BYTES: u64 = 1 << 30;
 /// Most files.
 const MAX_FILES: usize = 20_000;
 
@@ -34,7 +32,7 @@ pub enum ModelFolderError {
 /// # Errors
 /// A folder that cannot be read, or holds more than 20000 files or 1 GiB.
 pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
-    let mut files = Folder::new();
+    let mut found = Folder::new();
     let mut bytes = 0;
     let mut open = vec![(folder.to_owned(), String::new())];
     while let Some((path, prefix)) = open.pop() {
@@ -53,12 +51,13 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
                 open.push((entry.path(), format!("{prefix}{name}/")));
             } else if kind.is_file() {
                 bytes += entry.metadata().map_err(disk(&entry.path()))?.len();
-                if bytes > MAX_BYTES || files.len() >= MAX_FILES {
+                if bytes > MODEL_FOLDER.bytes || found.len() >= MAX_FILES {
                     return Err(ModelFolderError::TooLarge(folder.to_owned()));
                 }
-                files.insert(format!("{prefix}{name}"), fs::read(entry.path()).map_err(disk(&entry.path()))?);
+                let content = files::read(&entry.path(), MODEL_FOLDER).map_err(disk(&entry.path()))?;
+                found.insert(format!("{prefix}{name}"), content);
             }
         }
     }
-    Ok(files)
+    Ok(found)
 }

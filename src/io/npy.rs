@@ -1,9 +1,8 @@
 //! NumPy `.npy` files with a two-dimensional array of numbers.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
-/// Largest file, bytes.
-const MAX_BYTES: u64 = 1 << 30;
+use crate::{files, limits::NPY};
 
 /// A two-dimensional array, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,11 +51,7 @@ pub enum NpyError {
 pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     let disk = |source| NpyError::Disk { path: path.to_owned(), source };
     let format = |problem| NpyError::Format { path: path.to_owned(), problem };
-    let size = fs::metadata(path).map_err(disk)?.len();
-    if size > MAX_BYTES {
-        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
-    }
-    parse_npy(&fs::read(path).map_err(disk)?).map_err(format)
+    parse_npy(&files::read(path, NPY).map_err(disk)?).map_err(format)
 }
 
 /// Reads an array from the bytes of a `.npy` file; the error is a sentence.

@@ -138,10 +138,9 @@ impl OnnxMatcher {
 /// The file, if it is not too large.
 fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let fails = |source| OnnxError::Read { path: path.to_owned(), source };
-    let file = File::open(path).map_err(fails)?;
+    let file = crate::files::open(path).map_err(fails)?;
     let told = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    // A pipe tells no length.
     file.take(if told > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 }).read_to_end(&mut bytes).map_err(fails)?;
     if told.max(bytes.len() as u64) > MAX_MODEL_BYTES { Err(OnnxError::TooLarge { path: path.to_owned() }) } else { Ok(bytes) }
 }

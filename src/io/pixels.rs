@@ -1,6 +1,6 @@
 //! Second reading of a bag: the pixels of the views that were chosen, and no others.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
@@ -9,9 +9,12 @@ use super::{
     image_codec::{self as codec, ImageError, Raster},
     mcap_file::RawMessage,
     ros2msg::{CompressedImage, Image, decode},
-    views::{View, Views, check_size},
+    views::{Camera, View, Views, check_size},
 };
-use crate::capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
+use crate::{
+    capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap},
+    geometry::Intrinsics,
+};
 
 /// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
 type Key = (usize, usize);
@@ -20,8 +23,29 @@ type Key = (usize, usize);
 struct Payloads {
     /// Color, depth, mask.
     topics: [Option<String>; 3],
-    /// Payload and whether it is a CompressedImage.
-    found: BTreeMap<Key, Option<(Vec<u8>, bool)>>,
+    /// Payload and whether it is a CompressedImage, or why it is not kept.
+    found: BTreeMap<Key, Option<Result<(Vec<u8>, bool), String>>>,
+}
+
+/// Most bytes of a message for each pixel of its image: raw images have 4, and no compression needs more.
+const BYTES_PER_PIXEL: usize = 16;
+/// ... and beside them: header, padding, tables.
+const BYTES_BESIDE: usize = 1 << 20;
+/// An image may have so many times the pixels of its camera before it is not even decoded.
+const MOST_LARGER: usize = 16;
+
+fn most_pixels(camera: &Intrinsics) -> usize {
+    MOST_LARGER * camera.width * camera.height
+}
+
+/// Lens maps that are kept for all frames; those of more cameras are made for each frame.
+const SHARED_MAPS: usize = 4;
+
+/// Maps of a camera, of color and of depth; masks go with color.
+type Maps = [Option<UndistortMap>; 2];
+
+fn maps(camera: &Camera) -> Maps {
+    [UndistortMap::new(&camera.intrinsics, &camera.color), UndistortMap::new(&camera.intrinsics, &camera.depth)]
 }
 
 /// What became of the chosen views.
@@ -38,12 +62,20 @@ pub struct Decoded {
 /// [`CaptureError::Encoding`] and [`CaptureError::ImageSize`], which hold for the whole recording; those of [`Bag::read`].
 pub fn decode_views(bag: &Bag, views: &Views, chosen: &[(usize, usize)], config: &CaptureConfig) -> Result<Decoded, CaptureError> {
     let payloads = Payloads::read(bag, views, chosen)?;
-    let maps: Vec<_> =
-        views.cameras.iter().map(|c| [UndistortMap::new(&c.intrinsics, &c.color), UndistortMap::new(&c.intrinsics, &c.depth)]).collect();
-    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen
-        .par_iter()
-        .map(|(_, v)| Decoder { views, payloads: &payloads, maps: &maps[views.views[*v].camera], config }.frame(&views.views[*v]))
-        .collect();
+    let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
+    let shared: BTreeMap<usize, Maps> = used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
+    let frame = |view: &View| {
+        let own;
+        let maps = match shared.get(&view.camera) {
+            Some(maps) => maps,
+            None => {
+                own = maps(&views.cameras[view.camera]);
+                &own
+            }
+        };
+        Decoder { views, payloads: &payloads, maps, config }.frame(view)
+    };
+    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
     let mut frames = Vec::new();
     let mut lost = Vec::new();
     for ((state, _), frame) in chosen.iter().zip(decoded) {
@@ -77,11 +109,17 @@ impl Payloads {
             chosen.iter().map(|(_, v)| &views.views[*v]).flat_map(|v| [Some((0, v.color)), Some((1, v.depth)), v.mask.map(|m| (2, m))]);
         let mut found: BTreeMap<Key, _> = keys.flatten().map(|k| (k, None)).collect();
         let mut counts = [0; 3];
+        let pixels = views.cameras.first().map_or(0, |c| c.intrinsics.width * c.intrinsics.height);
+        let most = BYTES_BESIDE + BYTES_PER_PIXEL * pixels;
         bag.read(&mut |message: &RawMessage| {
             for (place, topic) in topics.iter().enumerate() {
                 if topic.as_deref() == Some(message.topic) {
                     if let Some(slot) = found.get_mut(&(place, counts[place])) {
-                        *slot = Some((message.data.to_vec(), message.type_name.ends_with("CompressedImage")));
+                        let size = message.data.len();
+                        *slot = Some(match size <= most {
+                            true => Ok((message.data.to_vec(), message.type_name.ends_with("CompressedImage"))),
+                            false => Err(format!("the message has {size} bytes; {most} are the limit of an image of {pixels} pixels")),
+                        });
                     }
                     counts[place] += 1;
                 }
@@ -95,8 +133,7 @@ impl Payloads {
 struct Decoder<'a> {
     views: &'a Views,
     payloads: &'a Payloads,
-    /// Of color and of depth; masks go with color.
-    maps: &'a [Option<UndistortMap>; 2],
+    maps: &'a Maps,
     config: &'a CaptureConfig,
 }
 
@@ -138,14 +175,24 @@ impl Decoder<'_> {
     ) -> Result<Raster<T>, FrameError> {
         let topic = self.payloads.topics[key.0].as_deref().unwrap_or_default();
         let broken = |why: String| FrameError::Frame(format!("{topic} at {:.6} s: {why}", crate::capture::stamp_secs(view.stamp_nanos)));
-        let Some(Some((data, is_compressed))) = self.payloads.found.get(&key) else { return Err(broken("the message is gone".into())) };
+        let (data, is_compressed) = match self.payloads.found.get(&key) {
+            Some(Some(Ok(payload))) => payload,
+            Some(Some(Err(why))) => return Err(broken(why.clone())),
+            _ => return Err(broken("the message is gone".into())),
+        };
+        let camera = &self.views.cameras[view.camera].intrinsics;
         let decoded = match is_compressed {
-            true => compressed(&decode(data).map_err(|e| broken(e.to_string()))?),
+            true => {
+                let image = decode(data).map_err(|e| broken(e.to_string()))?;
+                if let Some((w, h)) = codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera)) {
+                    return Err(broken(format!("an image of {w}x{h} pixels, but its camera has {}x{}", camera.width, camera.height)));
+                }
+                compressed(&image)
+            }
             false => raw(&decode(data).map_err(|e| broken(e.to_string()))?),
         };
         match decoded {
             Ok(raster) => {
-                let camera = &self.views.cameras[view.camera].intrinsics;
                 check_size(topic, (raster.width, raster.height), view.stamp_nanos, camera)?;
                 Ok(raster)
             }

@@ -32,6 +32,15 @@ impl Scalar {
             _ => return Err(format!("properties of type '{name}' are not known")),
         })
     }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
 }
 
 struct Property {
@@ -49,15 +58,35 @@ struct Element {
 
 /// Values one after the other, whatever their encoding.
 enum Values<'a> {
-    Ascii(std::str::SplitAsciiWhitespace<'a>),
+    /// With the length of the whole text.
+    Ascii(std::str::SplitAsciiWhitespace<'a>, usize),
     Binary(&'a [u8]),
 }
 
+impl Element {
+    /// Fewest bytes of a row: in text a digit and a space a value.
+    fn least_bytes(&self, values: &Values) -> usize {
+        let bytes = |p: &Property| match values {
+            Values::Ascii(..) => 2,
+            Values::Binary(_) => p.length.unwrap_or(p.value).bytes(),
+        };
+        self.properties.iter().map(bytes).sum()
+    }
+}
+
 impl Values<'_> {
+    /// Most bytes that may be left; one more in text, where the last value needs no space behind it.
+    fn left(&self) -> usize {
+        match self {
+            Self::Ascii(_, length) => length + 1,
+            Self::Binary(bytes) => bytes.len(),
+        }
+    }
+
     fn next(&mut self, kind: Scalar) -> Result<f64, String> {
         const CUT: &str = "the file ends early";
         match self {
-            Self::Ascii(words) => {
+            Self::Ascii(words, _) => {
                 let word = words.next().ok_or(CUT)?;
                 word.parse().map_err(|e| format!("'{word}': {e}"))
             }
@@ -101,13 +130,17 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, String> {
     let mut values = match format {
         "ascii" => {
             let text = std::str::from_utf8(&bytes[body..]).map_err(|e| format!("the contents are not text: {e}"))?;
-            Values::Ascii(text.split_ascii_whitespace())
+            Values::Ascii(text.split_ascii_whitespace(), text.len())
         }
         "binary_little_endian" => Values::Binary(&bytes[body..]),
         other => return Err(format!("PLY of format '{other}' is not read; ascii and binary_little_endian are")),
     };
     let mut mesh = TriangleMesh::default();
-    for element in &elements {
+    for element in elements.iter().filter(|e| !e.properties.is_empty()) {
+        let least = element.least_bytes(&values);
+        if element.count.saturating_mul(least) > values.left() {
+            return Err(format!("{} elements {}: the file ends early", element.count, element.name));
+        }
         for i in 0..element.count {
             read_row(element, &mut values, &mut mesh).map_err(|e| format!("{} {i}: {e}", element.name))?;
         }

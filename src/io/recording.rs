@@ -74,14 +74,19 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
         });
     }
     let mut capture = Capture::of_states(paths.len());
-    let mut worlds = Vec::new();
+    let mut found = Vec::new();
     for (state, path) in paths.iter().enumerate() {
         let bag = Bag::open(path)?;
         let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
         let chosen: Vec<_> =
             spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config).into_iter().map(|v| (state, v)).collect();
         capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", chosen.len(), views.views.len()));
-        worlds.push(views.world_frame.clone());
+        found.push((bag, views, chosen));
+    }
+    // Before anything is decoded.
+    config.check_memory(&found.iter().map(|(_, views, chosen)| views.sizes(chosen.len())).collect::<Vec<_>>())?;
+    let worlds: Vec<String> = found.iter().map(|(_, views, _)| views.world_frame.clone()).collect();
+    for (bag, views, chosen) in found {
         add_frames(&mut capture, &bag, views, &chosen, config)?;
     }
     match (1..worlds.len()).find(|&k| worlds[k] != worlds[0]) {
@@ -113,6 +118,7 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
         capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", kept.len(), of_state.len()));
         chosen.extend(kept.into_iter().map(|v| (state, v)));
     }
+    config.check_memory(&[views.sizes(chosen.len())])?;
     add_frames(&mut capture, &bag, views, &chosen, config)?;
     Ok(capture)
 }

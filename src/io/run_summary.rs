@@ -1,7 +1,7 @@
 //! What a finished run folder tells of its twin: URDF, joints, observed states, uncertainty.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -9,11 +9,13 @@ use std::{
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::urdf::check_numbers;
-use crate::{geometry::Pose, model::JointKind};
-
-/// Largest file that is read, bytes.
-const MAX_BYTES: u64 = 64 << 20;
+use super::urdf::{check_numbers, robot_of};
+use crate::{
+    files,
+    geometry::Pose,
+    limits::{FileLimit, REPORT, URDF},
+    model::JointKind,
+};
 
 /// Why a run folder could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -149,15 +151,12 @@ struct ReportQuantity {
 /// If a file is missing, too large or damaged.
 pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let fail = |path: &Path, reason: String| RunSummaryError { path: path.to_owned(), reason };
-    let read = |path: &Path| match fs::metadata(path) {
-        Ok(m) if m.len() > MAX_BYTES => Err(fail(path, format!("it has {} bytes; {MAX_BYTES} are the limit", m.len()))),
-        _ => fs::read_to_string(path).map_err(|e| fail(path, e.to_string())),
-    };
+    let read = |path: &Path, limit: FileLimit| files::read_text(path, limit).map_err(|e| fail(path, e.to_string()));
     let path = folder.join("report.json");
-    let report: ReportFile = serde_json::from_str(&read(&path)?).map_err(|e| fail(&path, e.to_string()))?;
+    let report: ReportFile = serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
     let path = folder.join(format!("{}.urdf", report.name));
-    let urdf = read(&path)?;
-    let robot = urdf_rs::read_from_string(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let urdf = read(&path, URDF)?;
+    let robot = robot_of(&urdf).map_err(|e| fail(&path, e))?;
     let children: Vec<&str> = robot.joints.iter().map(|j| j.child.link.as_str()).collect();
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
@@ -200,12 +199,12 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
 
 /// Parents before children; `None` where the links are no tree.
 fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>> {
-    let mut reached = vec![root.to_owned()];
+    let mut reached = BTreeSet::from([root.to_owned()]);
     let mut list = Vec::with_capacity(joints.len());
     while !joints.is_empty() {
         let at = joints.iter().position(|j| reached.contains(&j.parent))?;
         let joint = joints.remove(at);
-        reached.push(joint.child.clone());
+        reached.insert(joint.child.clone());
         list.push(joint);
     }
     Some(list)

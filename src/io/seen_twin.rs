@@ -1,9 +1,13 @@
 //! A twin as cameras see it, from a URDF: meshes, limits, threads.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use super::{UrdfError, read_urdf};
-use crate::gap::camera::{tree::JointFacts, twin::SeenTwin};
+use crate::{
+    files,
+    gap::camera::{tree::JointFacts, twin::SeenTwin},
+    limits::{URDF, parse_xml},
+};
 
 /// Reads a twin with its visual meshes, and gives its text too.
 ///
@@ -11,7 +15,7 @@ use crate::gap::camera::{tree::JointFacts, twin::SeenTwin};
 /// [`UrdfError`] as [`read_urdf`], and where no link has a mesh.
 pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
     let tree = read_urdf(path)?;
-    let text = fs::read_to_string(path).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
+    let text = files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
     let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
     let facts = facts(&text).map_err(format)?;
     Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(e.to_string()))?, text))
@@ -19,7 +23,7 @@ pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
 
 /// Limits and pitches of the joints.
 fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, String> {
-    let document = roxmltree::Document::parse(text).map_err(|e| e.to_string())?;
+    let document = parse_xml(text)?;
     let number = |n: &roxmltree::Node, name: &str| n.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
     let of = |joint: roxmltree::Node| {
         let limit = joint.children().find(|n| n.has_tag_name("limit"));

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use crate::capture::{CaptureError, TopicConfig};
+use crate::{
+    capture::{CaptureError, TopicConfig},
+    limits::NAMED,
+};
 
 /// What is known about a topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -148,7 +151,12 @@ struct Chooser<'a> {
 
 impl Chooser<'_> {
     fn list(&self, keep: impl Fn(&TopicSummary) -> bool) -> String {
-        let names: Vec<_> = self.topics.iter().filter(|t| keep(t)).map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count)).collect();
+        let mut names: Vec<_> =
+            self.topics.iter().filter(|t| keep(t)).map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count)).collect();
+        if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
+            names.truncate(NAMED);
+            names.push(format!("and {more} more"));
+        }
         if names.is_empty() { "none".into() } else { names.join(", ") }
     }
 

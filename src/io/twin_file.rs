@@ -1,17 +1,19 @@
 //! The dynamics of a twin from a URDF: masses, axes, damping, friction, limits. Meshes are not read.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::{UrdfError, urdf::check_numbers};
+use super::{
+    UrdfError,
+    urdf::{check_numbers, robot_of},
+};
 use crate::{
+    files,
     gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
     geometry::Pose,
+    limits::URDF,
 };
-
-/// Largest URDF file, bytes.
-const MAX_BYTES: u64 = 16 << 20;
 
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
@@ -20,11 +22,7 @@ const MAX_BYTES: u64 = 16 << 20;
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
-    let size = fs::metadata(path).map_err(disk)?.len();
-    if size > MAX_BYTES {
-        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
-    }
-    let text = fs::read_to_string(path).map_err(disk)?;
+    let text = files::read_text(path, URDF).map_err(disk)?;
     let tree = twin_of(&text, gravity).map_err(format)?;
     Ok((tree, text))
 }
@@ -34,7 +32,7 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
 /// # Errors
 /// A sentence about what is wrong.
 pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
-    let robot = urdf_rs::read_from_string(text).map_err(|e| e.to_string())?;
+    let robot = robot_of(text)?;
     let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let links: Result<Vec<TwinLink>, String> = robot.links.iter().map(link).collect();
     let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());

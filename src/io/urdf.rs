@@ -2,23 +2,20 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Component, Path, PathBuf},
 };
 
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::{MeshFileError, read_mesh};
+use super::{MeshFileError, mesh_files::read_mesh_within};
 use crate::{
+    files,
     geometry::Pose,
+    limits::{LINKS, MESH, URDF, check_xml},
     model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink},
     surface::{TriangleMesh, merge},
 };
 
-/// Largest URDF file, bytes.
-const MAX_BYTES: u64 = 16 << 20;
-/// Most links.
-const MAX_LINKS: usize = 10_000;
 /// Farthest origin, meters, and largest component of an axis: sums and squares of such numbers are still numbers.
 const MAX_NUMBER: f64 = 1e6;
 
@@ -63,23 +60,28 @@ pub enum UrdfError {
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
-    let size = fs::metadata(path).map_err(disk)?.len();
-    if size > MAX_BYTES {
-        return Err(format(format!("{size} bytes; {MAX_BYTES} are the limit")));
-    }
-    let text = fs::read_to_string(path).map_err(disk)?;
-    let robot = urdf_rs::read_from_string(&text).map_err(|e| format(e.to_string()))?;
-    if robot.links.len() > MAX_LINKS {
-        return Err(format(format!("{} links; {MAX_LINKS} are the limit", robot.links.len())));
-    }
+    let text = files::read_text(path, URDF).map_err(disk)?;
+    let robot = robot_of(&text).map_err(format)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(robot.links.len());
+    let mut left = MESH.bytes;
     for link in &robot.links {
-        links.push(TreeLink { name: link.name.clone(), visual: visuals(link, folder).map_err(|e| e.at(path))? });
+        links.push(TreeLink { name: link.name.clone(), visual: visuals(link, folder, &mut left).map_err(|e| e.at(path))? });
     }
     let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let joints: Result<Vec<_>, _> = robot.joints.iter().map(|j| joint(j, &index)).collect();
     Tree::new(links, joints.map_err(format)?).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
+}
+
+/// The robot of a URDF's text.
+///
+/// # Errors
+/// A sentence: no URDF, too deep, or more than [`LINKS`] links or joints.
+pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, String> {
+    check_xml(text)?;
+    let robot = urdf_rs::read_from_string(text).map_err(|e| e.to_string())?;
+    let count = robot.links.len().max(robot.joints.len());
+    if count > LINKS { Err(format!("{count} links or joints; {LINKS} are the limit: split the model")) } else { Ok(robot) }
 }
 
 /// A mesh's error, or a sentence about its path.
@@ -97,22 +99,22 @@ impl VisualError {
     }
 }
 
-/// All visual meshes of a link in one, in the link frame.
-fn visuals(link: &urdf_rs::Link, folder: &Path) -> Result<TriangleMesh, VisualError> {
-    let mut all = TriangleMesh::default();
+/// All visual meshes of a link in one, in the link frame. `left`: bytes that the files may still have.
+fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
+    let mut all = Vec::new();
     for visual in &link.visual {
         let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
         let numbers = [visual.origin.xyz.0, visual.origin.rpy.0, scale.as_ref().map_or([1.0; 3], |s| s.0)];
         check_each("a visual of link", &link.name, &numbers).map_err(VisualError::Path)?;
-        let mut mesh = read_mesh(&folder.join(relative(filename).map_err(VisualError::Path)?)).map_err(VisualError::Mesh)?;
+        let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left).map_err(VisualError::Mesh)?;
         if let Some(scale) = scale {
             for p in &mut mesh.vertices {
                 p.coords.component_mul_assign(&Vector3::from(scale.0).cast());
             }
         }
-        all = merge(&[&all, &mesh.transformed(&pose(&visual.origin))]);
+        all.push(mesh.transformed(&pose(&visual.origin)));
     }
-    Ok(all)
+    Ok(merge(&all.iter().collect::<Vec<_>>()))
 }
 
 /// The path of a mesh below the URDF's folder.

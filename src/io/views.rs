@@ -87,6 +87,13 @@ impl Views {
         Ok(found)
     }
 
+    /// So many frames, with their columns and rows.
+    #[must_use]
+    pub fn sizes(&self, frames: usize) -> (usize, usize, usize) {
+        let (width, height) = self.cameras.first().map_or((0, 0), |c| (c.intrinsics.width, c.intrinsics.height));
+        (frames, width, height)
+    }
+
     fn describe_topics(&self, poses: &PoseSource) -> String {
         let t = &self.topics;
         let mask = t.mask.as_ref().map_or("no mask topic".into(), |m| format!("masks {m}"));
@@ -239,13 +246,15 @@ impl Views {
         poses: &PoseSource,
     ) -> Result<(), CaptureError> {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
-        let info_stamps: Vec<i64> = infos.entries.iter().map(|e| e.0).collect();
-        let mut failures = Vec::new();
+        let mut by_stamp = infos.entries.clone();
+        by_stamp.sort_by_key(|e| e.0);
+        let info_stamps: Vec<i64> = by_stamp.iter().map(|e| e.0).collect();
+        let (mut failures, mut first_failure) = (0, None);
         for m in matches {
             let stamp = m.color.stamp_nanos;
             let camera = match infos.distinct.len() {
                 1 => 0,
-                _ => nearest(&info_stamps, stamp).map_or(0, |i| infos.entries[i].1),
+                _ => nearest(&info_stamps, stamp).map_or(0, |i| by_stamp[i].1),
             };
             self.check_sizes(m, self.cameras[camera].intrinsics)?;
             match poses.tf.lookup(&poses.world, &poses.optical, stamp, gap) {
@@ -258,20 +267,23 @@ impl Views {
                     camera,
                     world_from_camera,
                 }),
-                Err(error) => failures.push(error.to_string()),
+                Err(error) => {
+                    failures += 1;
+                    first_failure.get_or_insert(error);
+                }
             }
         }
         let invalid = poses.invalid(index);
+        let first = first_failure.map(|e| e.to_string());
         if self.views.is_empty() {
             if invalid > 0 {
                 return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
             }
-            return Err(CaptureError::NoPoses { state, frames: matches.len(), first: failures.swap_remove(0) });
+            return Err(CaptureError::NoPoses { state, frames: matches.len(), first: first.unwrap_or_default() });
         }
-        if let Some(first) = failures.first() {
+        if let Some(first) = first {
             self.warnings.push(format!(
-                "state {state}: {} of {} frames have no camera pose and are not used (first: {first})",
-                failures.len(),
+                "state {state}: {failures} of {} frames have no camera pose and are not used (first: {first})",
                 matches.len()
             ));
         }

@@ -1,13 +1,14 @@
 //! Parameter files of ROS 2: node names, wildcards, `ros__parameters`.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use serde_norway::{Mapping, Value};
 
 use super::{parameters::ParameterError, ros_names::NodeIdentity};
-
-/// Largest file, bytes.
-const MAX_BYTES: u64 = 1 << 20;
+use crate::{
+    files,
+    limits::{PARAMETERS, parse_yaml},
+};
 
 /// The parameters of a file that are meant for a node, in the order of the file; nested names are joined by dots.
 ///
@@ -15,16 +16,12 @@ const MAX_BYTES: u64 = 1 << 20;
 /// [`ParameterError::File`] if it cannot be read or is no parameter file.
 pub fn parameters_of_file(path: &Path, node: &NodeIdentity) -> Result<Vec<(String, Value)>, ParameterError> {
     let fail = |reason: String| ParameterError::File { path: path.to_owned(), reason };
-    let size = fs::metadata(path).map_err(|e| fail(e.to_string()))?.len();
-    if size > MAX_BYTES {
-        return Err(fail(format!("{size} bytes; {MAX_BYTES} are the limit")));
-    }
-    let text = fs::read_to_string(path).map_err(|e| fail(e.to_string()))?;
+    let text = files::read_text(path, PARAMETERS).map_err(|e| fail(e.to_string()))?;
     parameters_of_text(&text, node).map_err(fail)
 }
 
 fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Value)>, String> {
-    match serde_norway::from_str(text).map_err(|e| e.to_string())? {
+    match parse_yaml(text)? {
         Value::Mapping(map) => {
             let mut found = Vec::new();
             nodes(&map, "", node, &mut found)?;

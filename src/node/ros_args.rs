@@ -162,7 +162,7 @@ fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     if name.is_empty() {
         return Err(fail("the parameter has no name".into()));
     }
-    let value = serde_norway::from_str(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
+    let value = crate::limits::parse_yaml(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
     Ok(ParameterSource::Value { node, name: name.to_owned(), value })
 }
 

@@ -7,6 +7,7 @@ use std::{
 
 use super::{Event, Monitor, RunError, stage_rng};
 use crate::{
+    files,
     gap::{
         assess::{Runs, assess},
         chain::{carried, motions},
@@ -29,6 +30,7 @@ use crate::{
         verdict::Verdict,
     },
     io::{self, RunDir},
+    limits::{FileLimit, SDF, USD},
 };
 
 /// What is asked of a diagnosis.
@@ -179,18 +181,12 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     Ok(DiagnoseOutcome { folder, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
 }
 
-/// Largest SDF or USD that is read, bytes.
-const MAX_BYTES: u64 = 1 << 30;
-
 /// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what became of each.
 fn beside(twin: &Path, tree: &TwinTree, joints: &[JointReport], effects: &Catalogue) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
-    let read = |path: PathBuf| {
-        let there = std::fs::metadata(&path).is_ok_and(|m| m.is_file() && m.len() <= MAX_BYTES);
-        there.then(|| std::fs::read_to_string(&path).ok()).flatten()
-    };
+    let read = |path: PathBuf, limit: FileLimit| files::read_text(&path, limit).ok();
     let (mut files, mut told) = (Vec::new(), Vec::new());
     let absent = |format, why: &str| joints.iter().flat_map(|j| notes(format, "", j, Some(why))).collect::<Vec<_>>();
-    match read(twin.with_file_name("model.sdf")).map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf")) {
+    match read(twin.with_file_name("model.sdf"), SDF).map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf")) {
         Some(Ok((text, notes))) => {
             files.push(("model.sdf", text));
             told.extend(notes);
@@ -198,7 +194,7 @@ fn beside(twin: &Path, tree: &TwinTree, joints: &[JointReport], effects: &Catalo
         Some(Err(why)) => told.extend(absent(Format::Sdf, &format!("model.sdf beside the twin is no XML: {why}"))),
         None => told.extend(absent(Format::Sdf, "no model.sdf stands beside the twin")),
     }
-    match read(twin.with_extension("usda")) {
+    match read(twin.with_extension("usda"), USD) {
         Some(text) => {
             let (text, notes) = usd::usd(&text, tree, joints, effects, "twin.usda");
             files.push(("twin.usda", text));

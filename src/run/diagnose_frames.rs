@@ -67,7 +67,7 @@ pub fn diagnose_frames(
         let motion = DiagnoseRequest { out: run_dir.working().join("motion"), ..request.clone() };
         let outcome = diagnose(&motion, monitor)?;
         let path = outcome.folder.join("report.json");
-        let read = std::fs::read_to_string(&path).map_err(|e| failed("report", &e))?;
+        let read = crate::files::read_text(&path, crate::limits::REPORT).map_err(|e| failed("report", &e))?;
         json = report::merged(serde_json::from_str(&read).map_err(|e| failed("report", &e))?, &json);
         if verdict == Verdict::None {
             verdict = outcome.verdict;

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
+    fs,
     io::{self, Read as _, Seek as _, SeekFrom},
     path::Path,
 };
@@ -115,7 +115,7 @@ fn list(folder: &Path, prefix: &str, files: &mut Vec<String>) -> io::Result<()> 
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = File::open(path).map_err(named)?;
+    let mut file = crate::files::open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     sum.update(&bytes.to_le_bytes());
     let pieces = if bytes <= WHOLE_BYTES { 1 } else { SAMPLES };

@@ -3,7 +3,10 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
-use crate::geometry::Pose;
+use crate::{
+    geometry::Pose,
+    limits::{LINKS, URDF, check_xml},
+};
 
 /// A link as the text has it.
 pub(super) struct LinkText {
@@ -74,22 +77,25 @@ pub(super) struct Description {
 impl Description {
     /// Reads URDF text; the error is a sentence.
     pub fn parse(text: &str) -> Result<Self, String> {
+        if text.len() as u64 > URDF.bytes {
+            return Err(format!("has {} bytes; {} are the limit of {}", text.len(), URDF.bytes, URDF.what));
+        }
+        check_xml(text)?;
         let document = roxmltree::Document::parse(text).map_err(|e| format!("is no XML: {e}"))?;
         let robot = document.root_element();
         if robot.tag_name().name() != "robot" {
             return Err(format!("the root element is <{}>, not <robot>", robot.tag_name().name()));
         }
         let all = |tag: &'static str| robot.children().filter(move |n| n.has_tag_name(tag));
+        let count = all("link").count().max(all("joint").count());
+        if count > LINKS {
+            return Err(format!("has {count} links or joints; {LINKS} are the limit: split the model"));
+        }
         Ok(Self { links: all("link").map(link).collect(), joints: all("joint").map(joint).collect() })
     }
 
     pub fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|l| l.name == name)
-    }
-
-    /// The joint whose child a link is.
-    pub fn carrier(&self, link: usize) -> Option<&JointText> {
-        self.joints.iter().find(|j| j.child == self.links[link].name)
     }
 }
 

@@ -9,7 +9,10 @@ use super::{
     description::{Description, Geometry, ShapeText},
     mesh_text::{MaterialText, MeshText},
 };
-use crate::surface::{ConvexSolid, convex_hull};
+use crate::{
+    limits::{NAMED_MESHES, SHAPES},
+    surface::{ConvexSolid, convex_hull},
+};
 
 /// Most faces of an STL that MuJoCo reads.
 const MAX_STL_FACES: usize = 200_000;
@@ -24,6 +27,9 @@ const DIRECTIONS: usize = 200;
 pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> Vec<Vec<ConvexSolid>> {
     let mut basenames: BTreeMap<String, String> = BTreeMap::new();
     let mut solids = Vec::new();
+    if !affordable(description, folder, urdf, found) {
+        return vec![Vec::new(); description.links.len()];
+    }
     for link in &description.links {
         for shape in &link.visuals {
             if let Some((path, mesh)) = mesh_of(shape, folder, urdf, true, &mut basenames, found) {
@@ -53,6 +59,26 @@ pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, foun
         solids.push(own);
     }
     solids
+}
+
+/// Whether the shapes are few enough, and their meshes together small enough, to be looked at.
+fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> bool {
+    let collisions: usize = description.links.iter().map(|l| l.collisions.len()).sum();
+    let shapes = description.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
+    let bytes = |shape: &ShapeText| match &shape.geometry {
+        Geometry::Mesh { path, .. } => inside(path, urdf).ok().and_then(|file| folder.get(&file)).map_or(0, |b| b.len() as u64),
+        _ => 0,
+    };
+    let all: u64 = shapes.map(bytes).sum();
+    let problem = if collisions > SHAPES {
+        format!("has {collisions} collision shapes; {SHAPES} are the limit: use fewer")
+    } else if all > NAMED_MESHES {
+        format!("names meshes of {all} bytes, each counted as often as it is named; {NAMED_MESHES} are the limit: use smaller ones")
+    } else {
+        return true;
+    };
+    found.error("mesh", "robot", problem);
+    false
 }
 
 /// The hull of a mesh's corners, thinned out where there are many.
@@ -132,14 +158,18 @@ fn mesh_of(
 
 /// The path of a mesh in the folder; `None`, with a finding, where it is none.
 fn resolve(path: &str, urdf: &str, found: &mut Findings) -> Option<String> {
+    if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
+        found.error("path", path, "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path");
+    }
+    inside(path, urdf).map_err(|why| found.error("path", path, why)).ok()
+}
+
+/// The path of a mesh in the folder, or why it is none.
+fn inside(path: &str, urdf: &str) -> Result<String, &'static str> {
     let inside = if let Some(rest) = path.strip_prefix("package://") {
-        if !urdf.ends_with(".ros.urdf") {
-            found.error("path", path, "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path");
-        }
         rest.split_once('/').map_or("", |(_, path)| path)
     } else if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.get(1..2) == Some(":") {
-        found.error("path", path, "is not relative to the URDF: other machines do not have it");
-        return None;
+        return Err("is not relative to the URDF: other machines do not have it");
     } else {
         path
     };
@@ -149,14 +179,11 @@ fn resolve(path: &str, urdf: &str, found: &mut Findings) -> Option<String> {
         match part {
             "" | "." => {}
             ".." if parts.pop().is_some() => {}
-            ".." => {
-                found.error("path", path, "leads out of the folder");
-                return None;
-            }
+            ".." => return Err("leads out of the folder"),
             name => parts.push(name),
         }
     }
-    Some(parts.join("/"))
+    Ok(parts.join("/"))
 }
 
 fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool {

@@ -8,10 +8,13 @@ mod links;
 mod mesh_text;
 mod meshes;
 mod overlap;
+mod placement;
 
 use std::collections::BTreeMap;
 
 use description::Description;
+
+use crate::limits::FINDINGS;
 
 /// Contents of a folder: relative path with `/` to bytes.
 pub type Folder = BTreeMap<String, Vec<u8>>;
@@ -58,7 +61,14 @@ struct Findings<'a> {
 
 impl Findings<'_> {
     fn add(&mut self, level: Level, rule: &'static str, subject: &str, message: impl Into<String>) {
+        if self.all.len() > FINDINGS {
+            return;
+        }
         let (file, subject) = (self.file.to_owned(), subject.to_owned());
+        if self.all.len() == FINDINGS {
+            let message = format!("there are more than {FINDINGS} findings; further ones are not told");
+            return self.all.push(CheckFinding { level: Level::Warning, file, rule: "file", subject: ".".into(), message });
+        }
         self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
     }
 

@@ -1,8 +1,7 @@
 //! What the dataset layouts share: reading bounded files, camera matrices and poses, building frames.
 
 use std::{
-    fs::File,
-    io::Read,
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -10,12 +9,19 @@ use nalgebra::{Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 
 use crate::{
     capture::{CaptureConfig, CaptureError},
+    files,
     geometry::{Intrinsics, Pose},
-    io::image_codec::{ImageError, MAX_SIDE},
+    io::{
+        image_codec::{ImageError, MAX_SIDE},
+        picture_size::told_size,
+    },
+    limits::DATASET,
 };
 
-/// Largest file of text or image, bytes.
-const FILE_LIMIT: u64 = 256 << 20;
+/// Depth and masks may have so many times the pixels of their color image.
+const MOST_LARGER: usize = 16;
+/// ... or so many pixels.
+const SMALL_IMAGE: usize = 1 << 20;
 /// Most frames of one dataset.
 pub const MAX_FRAMES: usize = 100_000;
 /// Most steps of the search for the rotation nearest to a matrix. Measured: 100,000 random rotations, rounded to 4 to 17 digits,
@@ -27,13 +33,30 @@ pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureErr
 }
 
 pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
-    let failed = |source| CaptureError::Read { path: path.to_owned(), source };
-    let mut bytes = Vec::new();
-    File::open(path).map_err(failed)?.take(FILE_LIMIT + 1).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.len() as u64 > FILE_LIMIT {
-        return refuse(path, format!("larger than {FILE_LIMIT} bytes"));
+    files::read(path, DATASET).or_else(|source| match source.kind() {
+        ErrorKind::FileTooLarge => refuse(path, source.to_string()),
+        _ => Err(CaptureError::Read { path: path.to_owned(), source }),
+    })
+}
+
+/// Size that an image file tells, without its pixels.
+pub fn image_size(path: &Path) -> Result<(usize, usize), CaptureError> {
+    told_size(&read(path)?).map_or_else(|| refuse(path, "neither JPEG nor PNG by its first bytes"), Ok)
+}
+
+/// An image file whose pixels may be decoded: those of a dataset have one size, and what goes with them may be larger or smaller,
+/// but not without measure.
+pub fn read_image(path: &Path, (width, height): (usize, usize), exactly: bool) -> Result<Vec<u8>, CaptureError> {
+    let bytes = read(path)?;
+    match told_size(&bytes) {
+        Some((w, h)) if exactly && (w, h) != (width, height) => {
+            refuse(path, format!("it has {w}x{h} pixels, the first image {width}x{height}; all images of a dataset must have one size"))
+        }
+        Some((w, h)) if w.saturating_mul(h) > MOST_LARGER * width * height + SMALL_IMAGE => {
+            refuse(path, format!("it has {w}x{h} pixels, more than {MOST_LARGER} times the {width}x{height} of its color image"))
+        }
+        _ => Ok(bytes),
     }
-    Ok(bytes)
 }
 
 pub fn read_text(path: &Path) -> Result<String, CaptureError> {

@@ -1,18 +1,22 @@
 //! The keyframe layout (method.md 1.1): `cam_K.txt`, `init_keyframes.yml`, `color_segmented/`, `depth_filtered/`,
 //! `mask/`, `correspondence_loftr/`.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::{
-    files::{Entry, MAX_FRAMES, camera, image_error, optional, pose_from_opengl, read, read_text, refuse, spread},
+    files::{Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread},
     matches::import_matches,
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
     io::{image_codec as codec, pixels::limit_depth},
+    limits::parse_yaml,
 };
 
 #[derive(Deserialize)]
@@ -31,21 +35,16 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let k: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let mut capture = Capture::of_states(2);
     capture.notes.push(format!("`{}` is a dataset of keyframes; poses are turned from OpenGL to optical axes", folder.display()));
-    let mut seen = BTreeMap::new();
+    let mut kept = Vec::new();
     for (state, entries) in keyframes(&folder.join("init_keyframes.yml"))?.into_iter().enumerate() {
-        let kept = spread(entries, state, config, &mut capture.notes);
-        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, config)).collect();
-        for frame in frames? {
-            let size = (frame.intrinsics.width, frame.intrinsics.height);
-            let (first, id) = seen.entry(()).or_insert((size, frame.id.clone()));
-            if *first != size {
-                return refuse(
-                    folder,
-                    format!("frame {} has {}x{} pixels, frame {id} has {}x{}", frame.id, size.0, size.1, first.0, first.1),
-                );
-            }
-            capture.states[state].push(frame);
-        }
+        kept.push(spread(entries, state, config, &mut capture.notes));
+    }
+    let Some(first) = kept.iter().flatten().next() else { return refuse(folder, "it has no frame") };
+    let size = image_size(&color_path(folder, first))?;
+    config.check_memory(&[(kept.iter().map(Vec::len).sum(), size.0, size.1)])?;
+    for (state, kept) in kept.iter().enumerate() {
+        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, size, config)).collect();
+        capture.states[state] = frames?;
     }
     import_matches(folder, &mut capture)?;
     Ok(capture)
@@ -54,7 +53,7 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
 /// Keyframes of both states, by id.
 fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
     let text = read_text(path)?;
-    let map: BTreeMap<String, Keyframe> = match serde_norway::from_str(&text) {
+    let map: BTreeMap<String, Keyframe> = match parse_yaml(&text) {
         Ok(map) => map,
         Err(e) => return refuse(path, format!("{e}; expected `frame_<id>: {{cam_in_ob: [16 numbers], time: 0 or 1}}`")),
     };
@@ -83,18 +82,32 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
     }
 }
 
-fn read_frame(folder: &Path, camera_file: &Path, k: &[f64], entry: &Entry, config: &CaptureConfig) -> Result<RgbdFrame, CaptureError> {
-    let file = |part: &str| folder.join(part).join(format!("{}.png", entry.id));
-    let color_file = optional(file("color_raw")).unwrap_or_else(|| file("color_segmented"));
-    let (color, alpha) = codec::color_with_alpha_file(&read(&color_file)?).map_err(|e| image_error(&color_file, e))?;
+fn image_path(folder: &Path, part: &str, entry: &Entry) -> PathBuf {
+    folder.join(part).join(format!("{}.png", entry.id))
+}
+
+fn color_path(folder: &Path, entry: &Entry) -> PathBuf {
+    optional(image_path(folder, "color_raw", entry)).unwrap_or_else(|| image_path(folder, "color_segmented", entry))
+}
+
+fn read_frame(
+    folder: &Path,
+    camera_file: &Path,
+    k: &[f64],
+    entry: &Entry,
+    size: (usize, usize),
+    config: &CaptureConfig,
+) -> Result<RgbdFrame, CaptureError> {
+    let color_file = color_path(folder, entry);
+    let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
     let (width, height) = (color.width, color.height);
-    let depth_file = file("depth_filtered");
-    let depth = codec::depth_file(&read(&depth_file)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+    let depth_file = image_path(folder, "depth_filtered", entry);
+    let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
-    let mask = match optional(file("mask")) {
+    let mask = match optional(image_path(folder, "mask", entry)) {
         Some(path) => {
-            let mask = codec::mask_file(&read(&path)?).map_err(|e| image_error(&path, e))?;
+            let mask = codec::mask_file(&read_image(&path, size, false)?).map_err(|e| image_error(&path, e))?;
             Some(mask.resized_nearest(width, height).pixels)
         }
         None => alpha,

@@ -10,8 +10,8 @@ use super::{
 };
 use crate::capture::{Capture, CaptureError, PixelMatch};
 
-/// Most matches that are taken.
-const MAX_MATCHES: usize = 20_000_000;
+/// Most pixels of matches that are looked at.
+const MAX_MATCHES: usize = 40_000_000;
 
 /// Adds the matches between frames that were kept; a broken file is told as a warning.
 ///
@@ -29,9 +29,9 @@ pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), Captur
     for (state, frames) in capture.states.iter().enumerate() {
         places.extend(frames.iter().enumerate().map(|(i, f)| (f.id.clone(), (state, i, f.intrinsics.width, f.intrinsics.height))));
     }
-    let mut outside = 0;
+    let (mut outside, mut left) = (0, MAX_MATCHES);
     for file in &files {
-        match read_matches(&read(file)?, &places, &mut capture.matches) {
+        match read_matches(&read(file)?, &places, &mut capture.matches, &mut left) {
             Ok(lost) => outside += lost,
             Err(why) => capture.warnings.push(format!("`{}`: matches not used: {why}", file.display())),
         }
@@ -50,28 +50,31 @@ pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), Captur
 /// By frame id: state, index, width, height.
 type Places = BTreeMap<String, (usize, usize, usize, usize)>;
 
-/// Adds the matches of one file; the number of those outside their images.
-fn read_matches(archive: &[u8], places: &Places, matches: &mut Vec<PixelMatch>) -> Result<usize, String> {
+/// Adds the matches of one file; the number of those outside their images. `left`: matches that may still be looked at.
+fn read_matches(archive: &[u8], places: &Places, matches: &mut Vec<PixelMatch>, left: &mut usize) -> Result<usize, String> {
     let mut outside = 0;
-    for (_, file) in members(archive)? {
+    for member in members(archive)? {
+        let file = member.unpack()?;
         let (descr, payload) = npy_payload(&file)?;
         if !descr.ends_with('O') {
             return Err(format!("an array of `{}`, not of dictionaries", descr.escape_debug()));
         }
         let pickle = Pickle::read(payload)?;
         for entry in pickle.items(pickle.root).ok_or("no list of dictionaries")? {
-            outside += add_pair(&pickle, *entry, places, matches)?;
+            outside += add_pair(&pickle, *entry, places, matches, left)?;
         }
     }
     Ok(outside)
 }
 
-fn add_pair(pickle: &Pickle, entry: usize, places: &Places, matches: &mut Vec<PixelMatch>) -> Result<usize, String> {
+fn add_pair(pickle: &Pickle, entry: usize, places: &Places, matches: &mut Vec<PixelMatch>, left: &mut usize) -> Result<usize, String> {
     let Node::Dict(items) = &pickle.nodes[entry] else { return Err("an entry that is no dictionary".into()) };
     let [a, b] = items[..] else { return Err(format!("a dictionary with {} entries, not 2", items.len())) };
-    let side = |(key, value): (usize, usize)| -> Result<_, String> {
+    let mut side = |(key, value): (usize, usize)| -> Result<_, String> {
         let Node::Str(id) = &pickle.nodes[key] else { return Err("a frame id that is no text".into()) };
         let pixels = pickle.pairs(value).ok_or("pixels that are no N x 2 array")?;
+        // One array may be mentioned often.
+        *left = left.checked_sub(pixels.len()).ok_or_else(|| format!("more than {MAX_MATCHES} pixels"))?;
         Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
     };
     let ((place_a, pixels_a), (place_b, pixels_b)) = (side(a)?, side(b)?);
@@ -92,9 +95,6 @@ fn add_pair(pickle: &Pickle, entry: usize, places: &Places, matches: &mut Vec<Pi
         if !inside(p, zero) || !inside(q, one) {
             outside += 1;
             continue;
-        }
-        if matches.len() >= MAX_MATCHES {
-            return Err(format!("more than {MAX_MATCHES} matches"));
         }
         let pixel = |p: &[f64; 2]| p.map(|v| v as f32);
         matches.push(PixelMatch { frame0: zero.1, pixel0: pixel(p), frame1: one.1, pixel1: pixel(q) });
@@ -119,7 +119,7 @@ mod tests {
     fn numpy_files_are_read() {
         for archive in [STORED, DEFLATED] {
             let mut matches = Vec::new();
-            assert_eq!(read_matches(archive, &places(), &mut matches), Ok(1));
+            assert_eq!(read_matches(archive, &places(), &mut matches, &mut MAX_MATCHES.clone()), Ok(1));
             let of = |p0, p1| PixelMatch { frame0: 4, pixel0: p0, frame1: 7, pixel1: p1 };
             assert_eq!(matches, [of([10.0, 20.0], [11.0, 21.0]), of([639.0, 479.0], [0.0, 0.0]), of([7.5, 8.25], [5.0, 6.0])]);
         }
@@ -129,12 +129,12 @@ mod tests {
     fn broken_files_are_errors() {
         // The last two bytes only tell the length of a comment.
         for cut in 0..STORED.len() - 2 {
-            assert!(read_matches(&STORED[..cut], &places(), &mut Vec::new()).is_err(), "{cut}");
+            assert!(read_matches(&STORED[..cut], &places(), &mut Vec::new(), &mut MAX_MATCHES.clone()).is_err(), "{cut}");
         }
         for i in 0..STORED.len() {
             let mut bytes = STORED.to_vec();
             bytes[i] ^= 0xff;
-            read_matches(&bytes, &places(), &mut Vec::new()).ok();
+            read_matches(&bytes, &places(), &mut Vec::new(), &mut MAX_MATCHES.clone()).ok();
         }
     }
 

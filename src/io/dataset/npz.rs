@@ -2,8 +2,8 @@
 
 use std::io::Read;
 
-/// Largest member, bytes after decompression.
-const MEMBER_LIMIT: u64 = 256 << 20;
+use crate::limits::ARCHIVE;
+
 const END: [u8; 4] = *b"PK\x05\x06";
 const CENTRAL: [u8; 4] = *b"PK\x01\x02";
 const LOCAL: [u8; 4] = *b"PK\x03\x04";
@@ -16,17 +16,27 @@ fn u32_at(data: &[u8], at: usize) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(*data.get(at..)?.first_chunk()?)).ok()
 }
 
-/// Members of a zip archive, name and content, in the order of its directory.
+/// A member of a zip archive, still packed.
+#[derive(Clone, Copy, Debug)]
+pub struct Member<'a> {
+    data: &'a [u8],
+    method: usize,
+    size: u64,
+}
+
+/// Members of a zip archive, in the order of its directory.
 ///
 /// # Errors
-/// A sentence on what is broken or not supported (encryption, other compression, members over 4 GiB).
-pub fn members(archive: &[u8]) -> Result<Vec<(String, Vec<u8>)>, String> {
+/// A sentence on what is broken or not supported: encryption, members over 4 GiB, members that share bytes (a directory that names
+/// one of them twice), more than [`ARCHIVE`] bytes in all.
+pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, String> {
     let broken = || "the zip archive is broken".to_owned();
     let search = archive.len().saturating_sub(22 + 65_535);
     let end = archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or("it is no zip archive")?;
     let count = u16_at(archive, end + 10).ok_or_else(broken)?;
     let mut at = u32_at(archive, end + 16).ok_or_else(broken)?;
     let mut found = Vec::new();
+    let mut places = Vec::new();
     for _ in 0..count {
         if archive.get(at..at + 4) != Some(&CENTRAL) {
             return Err(broken());
@@ -37,32 +47,44 @@ pub fn members(archive: &[u8]) -> Result<Vec<(String, Vec<u8>)>, String> {
         let (packed, size, local) = (field32(20)?, field32(24)?, field32(42)?);
         let (name_len, extra_len, comment_len) = (field16(28)?, field16(30)?, field16(32)?);
         let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
-        let name = String::from_utf8_lossy(name).into_owned();
+        let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
         if flags & 1 != 0 || [packed, size, local].contains(&(u32::MAX as usize)) {
-            return Err(format!("member `{}` is encrypted or too large", name.escape_debug()));
+            return Err(format!("member `{name}` is encrypted or too large"));
         }
         if archive.get(local..local + 4) != Some(&LOCAL) {
             return Err(broken());
         }
         let skip = u16_at(archive, local + 26).zip(u16_at(archive, local + 28)).map(|(n, e)| 30 + n + e).ok_or_else(broken)?;
         let data = archive.get(local + skip..local + skip + packed).ok_or_else(broken)?;
-        found.push((name, unpack(data, method, size as u64)?));
+        places.push((local, local + skip + packed, name));
+        found.push(Member { data, method, size: size as u64 });
         at += 46 + name_len + extra_len + comment_len;
     }
-    Ok(found)
+    places.sort();
+    if let Some(pair) = places.windows(2).find(|pair| pair[1].0 < pair[0].1) {
+        return Err(format!("members `{}` and `{}` share bytes", pair[0].2, pair[1].2));
+    }
+    let all: u64 = found.iter().map(|m| m.size).sum();
+    if all > ARCHIVE { Err(format!("its members unpack to {all} bytes; {ARCHIVE} are the limit")) } else { Ok(found) }
 }
 
-fn unpack(data: &[u8], method: usize, size: u64) -> Result<Vec<u8>, String> {
-    if size > MEMBER_LIMIT {
-        return Err(format!("a member of {size} bytes is larger than {MEMBER_LIMIT}"));
+impl Member<'_> {
+    /// Its content.
+    ///
+    /// # Errors
+    /// A sentence where the compression is broken or not supported, or the size is another than the directory says.
+    pub fn unpack(&self) -> Result<Vec<u8>, String> {
+        let mut content = Vec::new();
+        match self.method {
+            0 => content.extend_from_slice(self.data),
+            8 => {
+                let decoder = flate2::read::DeflateDecoder::new(self.data);
+                _ = decoder.take(self.size + 1).read_to_end(&mut content).map_err(|e| e.to_string())?;
+            }
+            other => return Err(format!("compression method {other} is not supported")),
+        }
+        if content.len() as u64 == self.size { Ok(content) } else { Err("a member has another size than the directory says".into()) }
     }
-    let mut content = Vec::new();
-    match method {
-        0 => content.extend_from_slice(data),
-        8 => _ = flate2::read::DeflateDecoder::new(data).take(size + 1).read_to_end(&mut content).map_err(|e| e.to_string())?,
-        other => return Err(format!("compression method {other} is not supported")),
-    }
-    if content.len() as u64 == size { Ok(content) } else { Err("a member has another size than the directory says".into()) }
 }
 
 /// Type and payload of a `.npy` file; its header is a Python dictionary in text.
@@ -81,4 +103,34 @@ pub fn npy_payload(file: &[u8]) -> Result<(String, &[u8]), String> {
     let text = String::from_utf8_lossy(header);
     let descr = text.split("'descr':").nth(1).and_then(|rest| rest.split('\'').nth(1)).ok_or("its header has no descr")?;
     Ok((descr.to_owned(), &front[at + length..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    /// An archive with one member and a directory that names it so often, each time with this size.
+    fn archive(content: &[u8], size: u32, times: u16) -> Vec<u8> {
+        let mut packed = flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::fast());
+        packed.write_all(content).unwrap();
+        let packed = packed.finish().unwrap();
+        let lengths = [&(packed.len() as u32).to_le_bytes()[..], &size.to_le_bytes(), &[1, 0, 0, 0]].concat();
+        let local = [&LOCAL[..], &[20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, b"a", &packed].concat();
+        let central = [&CENTRAL[..], &[20, 0, 20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, &[0; 14], b"a"].concat();
+        let end = [&END[..], &[0; 4], &times.to_le_bytes(), &times.to_le_bytes(), &[0; 4], &(local.len() as u32).to_le_bytes(), &[0; 2]];
+        [local, central.repeat(usize::from(times)), end.concat()].concat()
+    }
+
+    #[test]
+    fn a_member_counts_once_and_within_the_budget() {
+        let one = archive(b"content", 7, 1);
+        assert_eq!(members(&one).unwrap()[0].unpack().unwrap(), b"content");
+        assert!(members(&archive(b"content", 7, 60)).unwrap_err().contains("members `a` and `a` share bytes"));
+        let large = archive(b"content", 300 << 20, 1);
+        assert!(members(&large).unwrap_err().contains("unpack to 314572800 bytes; 268435456 are the limit"));
+        let lying = archive(&[0; 1 << 20], 7, 1);
+        assert!(members(&lying).unwrap()[0].unpack().unwrap_err().contains("another size"));
+    }
 }

@@ -3,8 +3,10 @@
 
 use std::collections::BTreeMap;
 
-/// Most values of one file.
-const MAX_NODES: usize = 20_000_000;
+use crate::limits::{PICKLE_NAME, PICKLE_VALUES};
+
+/// Most axes of an array, and most parts of the state of an array or type.
+const MAX_PARTS: usize = 16;
 
 /// Index of a value.
 pub type Id = usize;
@@ -61,7 +63,7 @@ impl Pickle {
     /// # Errors
     /// A sentence on what is not understood.
     pub fn read(data: &[u8]) -> Result<Self, String> {
-        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new() };
+        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
         let root = machine.run()?;
         Ok(Self { nodes: machine.nodes, root })
     }
@@ -110,19 +112,26 @@ fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
     }
 }
 
+/// A name or type, which is copied wherever it is used.
+fn short(text: &str) -> Result<&str, String> {
+    if text.len() > PICKLE_NAME { Err(format!("a name of {} characters; {PICKLE_NAME} are the limit", text.len())) } else { Ok(text) }
+}
+
 struct Machine<'a> {
     data: &'a [u8],
     at: usize,
     nodes: Vec<Node>,
     stack: Vec<Id>,
     memo: BTreeMap<usize, Id>,
+    /// Values that were put on the stack.
+    mentions: usize,
 }
 
 impl Machine<'_> {
     fn run(&mut self) -> Result<Id, String> {
         loop {
-            if self.nodes.len() > MAX_NODES {
-                return Err("the pickle holds too many values".into());
+            if self.mentions > PICKLE_VALUES {
+                return Err(format!("the pickle mentions more than {PICKLE_VALUES} values"));
             }
             let op = self.take(1)?[0];
             match op {
@@ -211,7 +220,7 @@ impl Machine<'_> {
                 let (Node::Str(module), Node::Str(name)) = (&self.nodes[parts[0]], &self.nodes[parts[1]]) else {
                     return Err("a global without a name".into());
                 };
-                let name = format!("{module}.{name}");
+                let name = format!("{}.{}", short(module)?, short(name)?);
                 self.push(Node::Global(name));
             }
             b'R' => self.reduce()?,
@@ -233,7 +242,7 @@ impl Machine<'_> {
             "numpy.dtype" => {
                 let code = self.tuple(parts[1]).and_then(|t| t.first().copied()).map(|id| &self.nodes[id]);
                 let Some(Node::Str(code)) = code else { return Err("a NumPy type without a code".into()) };
-                Node::Dtype(format!("|{code}"))
+                Node::Dtype(format!("|{}", short(code)?))
             }
             other => return Err(format!("the pickle calls `{}`, which is not taken", other.escape_debug())),
         };
@@ -245,15 +254,16 @@ impl Machine<'_> {
     fn build(&mut self) -> Result<(), String> {
         let state = self.pop()?;
         let id = *self.stack.last().ok_or("the stack is empty")?;
-        let state = self.tuple(state).ok_or("a state that is no tuple")?.to_vec();
+        let state = self.tuple(state).filter(|s| s.len() <= MAX_PARTS).ok_or("a state that is no short tuple")?.to_vec();
         let node = match &self.nodes[id] {
             Node::Dtype(code) => match state.get(1).map(|s| &self.nodes[*s]) {
-                Some(Node::Str(order)) => Node::Dtype(format!("{order}{}", &code[1..])),
+                Some(Node::Str(order)) => Node::Dtype(format!("{}{}", short(order)?, code.get(1..).unwrap_or_default())),
                 _ => return Err("a NumPy type without byte order".into()),
             },
             Node::Array { .. } => {
                 let [_, shape, dtype, fortran, data] = state[..] else { return Err("an array with an unknown state".into()) };
-                let shape: Option<Vec<usize>> = self.tuple(shape).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
+                let shape: Option<Vec<usize>> =
+                    self.tuple(shape).filter(|t| t.len() <= MAX_PARTS).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
                 let Node::Dtype(dtype) = self.nodes[dtype].clone() else { return Err("an array without type".into()) };
                 Node::Array { shape: shape.ok_or("an array without shape")?, dtype, data, fortran: self.nodes[fortran] == Node::Int(1) }
             }
@@ -272,6 +282,7 @@ impl Machine<'_> {
     }
 
     fn push(&mut self, node: Node) {
+        self.mentions += 1;
         self.nodes.push(node);
         self.stack.push(self.nodes.len() - 1);
     }
@@ -311,6 +322,7 @@ impl Machine<'_> {
 
     fn recall(&mut self, key: usize) -> Result<(), String> {
         let id = self.memo.get(&key).copied().ok_or("an unknown memo")?;
+        self.mentions += 1;
         self.stack.push(id);
         Ok(())
     }
@@ -345,5 +357,36 @@ impl Machine<'_> {
         let end = rest.iter().position(|b| *b == b'\n').ok_or("the pickle is cut")?;
         self.at += end + 1;
         Ok(String::from_utf8_lossy(&rest[..end]).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(of: &[u8]) -> Vec<u8> {
+        [b"X", &(of.len() as u32).to_le_bytes()[..], of].concat()
+    }
+
+    #[test]
+    fn long_types_are_refused_before_they_are_copied() {
+        let long = text(&vec![b'f'; 20 << 20]);
+        let dtype = [b"\x80\x03cnumpy\ndtype\n", &long[..], b"\x85R."].concat();
+        assert!(Pickle::read(&dtype).unwrap_err().contains("a name of 20971520 characters; 256 are the limit"));
+        let order =
+            [b"\x80\x03cnumpy\ndtype\n", &text(b"i8")[..], b"\x85R(K\x03", &long, b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb."].concat();
+        assert!(Pickle::read(&order).unwrap_err().contains("a name of"));
+        let global = [b"\x80\x04", &long[..], &text(b"x"), b"\x93."].concat();
+        assert!(Pickle::read(&global).unwrap_err().contains("a name of"));
+    }
+
+    #[test]
+    fn values_and_mentions_are_counted() {
+        let nones = [b"\x80\x03(", &vec![b'N'; 3_000_000][..], b"t."].concat();
+        assert!(Pickle::read(&nones).unwrap_err().contains("more than 2000000 values"));
+        let mentions = [b"\x80\x03]q\0(", &b"h\0".repeat(3_000_000)[..], b"e."].concat();
+        assert!(Pickle::read(&mentions).unwrap_err().contains("more than 2000000 values"));
+        let deep = [b"\x80\x03", &b"]".repeat(100_000)[..], &b"a".repeat(99_999), b"."].concat();
+        assert_eq!(Pickle::read(&deep).unwrap().items(0).unwrap(), [1]);
     }
 }

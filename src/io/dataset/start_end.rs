@@ -2,12 +2,15 @@
 //! as alpha. The published renders have no depth; copies that have it keep 16-bit PNGs in millimeters in
 //! `{start,end}/depth/` or `{start,end}/train/depth/`.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::files::{Entry, MAX_FRAMES, camera, image_error, optional, pose_from_opengl, read, read_text, refuse, spread};
+use super::files::{Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread};
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
     io::{image_codec as codec, pixels::limit_depth},
@@ -20,6 +23,7 @@ use crate::{
 pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
     let mut capture = Capture::of_states(2);
     capture.notes.push(format!("`{}` is a dataset of start and end; poses are turned from OpenGL to optical axes", folder.display()));
+    let mut found = Vec::new();
     for (state, name) in ["start", "end"].iter().enumerate() {
         let part = folder.join(name);
         let json = part.join("camera_train.json");
@@ -32,12 +36,16 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
             );
         };
         let kept = spread(entries, state, config, &mut capture.notes);
-        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(&part, &depth_folder, &json, &k, (state, e), config)).collect();
-        capture.states[state] = frames?;
+        found.push(Part { folder: part, depth_folder, json, k, kept });
     }
-    let sizes = capture.states.iter().flatten().map(|f| (f.intrinsics.width, f.intrinsics.height));
-    if sizes.collect::<std::collections::BTreeSet<_>>().len() > 1 {
-        return refuse(folder, "the images have different sizes");
+    let Some((part, first)) = found.iter().find_map(|part| Some((part, part.kept.first()?))) else {
+        return refuse(folder, "it has no frame");
+    };
+    let size = image_size(&part.color(first))?;
+    config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
+    for (state, part) in found.iter().enumerate() {
+        let frames: Result<Vec<_>, _> = part.kept.par_iter().map(|e| part.read_frame((state, e), size, config)).collect();
+        capture.states[state] = frames?;
     }
     Ok(capture)
 }
@@ -63,33 +71,41 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
     if entries.is_empty() { refuse(path, "it lists no frame") } else { Ok((k, entries)) }
 }
 
-fn read_frame(
-    part: &Path,
-    depth_folder: &Path,
-    json: &Path,
-    k: &[f64],
-    (state, entry): (usize, &Entry),
-    config: &CaptureConfig,
-) -> Result<RgbdFrame, CaptureError> {
-    let name = format!("{}.png", entry.id);
-    let color_file = part.join("train").join(&name);
-    let (color, alpha) = codec::color_with_alpha_file(&read(&color_file)?).map_err(|e| image_error(&color_file, e))?;
-    let depth_file = depth_folder.join(&name);
-    if optional(depth_file.clone()).is_none() {
-        return refuse(&depth_file, format!("frame {} has no depth image", entry.id));
+/// One of the two states.
+struct Part {
+    folder: PathBuf,
+    depth_folder: PathBuf,
+    json: PathBuf,
+    k: Vec<f64>,
+    kept: Vec<Entry>,
+}
+
+impl Part {
+    fn color(&self, entry: &Entry) -> PathBuf {
+        self.folder.join("train").join(format!("{}.png", entry.id))
     }
-    let depth = codec::depth_file(&read(&depth_file)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
-    let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
-    limit_depth(&mut depth_m, config);
-    Ok(RgbdFrame {
-        id: format!("{state}_{}", entry.id),
-        stamp_nanos: 0,
-        // Pixel centers of this layout are at half integers.
-        intrinsics: camera(json, k, (color.width, color.height), true)?,
-        world_from_camera: entry.world_from_camera,
-        rgb: color.pixels,
-        depth_m,
-        mask: alpha.filter(|_| config.isolate.use_masks),
-        readings: Vec::new(),
-    })
+
+    fn read_frame(&self, (state, entry): (usize, &Entry), size: (usize, usize), config: &CaptureConfig) -> Result<RgbdFrame, CaptureError> {
+        let color_file = self.color(entry);
+        let (color, alpha) =
+            codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
+        let depth_file = self.depth_folder.join(format!("{}.png", entry.id));
+        if optional(depth_file.clone()).is_none() {
+            return refuse(&depth_file, format!("frame {} has no depth image", entry.id));
+        }
+        let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+        let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
+        limit_depth(&mut depth_m, config);
+        Ok(RgbdFrame {
+            id: format!("{state}_{}", entry.id),
+            stamp_nanos: 0,
+            // Pixel centers of this layout are at half integers.
+            intrinsics: camera(&self.json, &self.k, (color.width, color.height), true)?,
+            world_from_camera: entry.world_from_camera,
+            rgb: color.pixels,
+            depth_m,
+            mask: alpha.filter(|_| config.isolate.use_masks),
+            readings: Vec::new(),
+        })
+    }
 }

@@ -1,0 +1,112 @@
+//! Where the links of a description are, at given positions of its joints. Time grows with the number of links.
+
+use std::collections::HashMap;
+
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+use super::description::{Description, JointText};
+use crate::geometry::Pose;
+
+/// The tree of a description, by places of links and joints.
+pub(super) struct Placement<'a> {
+    description: &'a Description,
+    /// The joint that a joint follows.
+    pub leader: Vec<Option<usize>>,
+    /// The joint whose child a link is.
+    carrier: Vec<Option<usize>>,
+    /// The link of the carrier's parent.
+    parent: Vec<Option<usize>>,
+    /// Parents before children; links that hang in a ring are left out.
+    order: Vec<usize>,
+    children: Vec<Option<usize>>,
+}
+
+/// Places of names; the first of equal ones.
+fn places<'a>(names: impl Iterator<Item = &'a str>) -> HashMap<&'a str, usize> {
+    let mut places = HashMap::new();
+    for (place, name) in names.enumerate() {
+        places.entry(name).or_insert(place);
+    }
+    places
+}
+
+impl<'a> Placement<'a> {
+    pub fn new(description: &'a Description) -> Self {
+        let links = places(description.links.iter().map(|l| l.name.as_str()));
+        let joints = places(description.joints.iter().map(|j| j.name.as_str()));
+        let carriers = places(description.joints.iter().map(|j| j.child.as_str()));
+        let leader = |joint: &JointText| {
+            let leader = &joint.mimic.as_ref()?.joint;
+            joints.get(leader.as_str()).copied().filter(|_| *leader != joint.name)
+        };
+        let carrier: Vec<_> = description.links.iter().map(|l| carriers.get(l.name.as_str()).copied()).collect();
+        let parent_of = |joint: &Option<usize>| links.get(description.joints[(*joint)?].parent.as_str()).copied();
+        let parent: Vec<_> = carrier.iter().map(parent_of).collect();
+        let mut below = vec![Vec::new(); parent.len()];
+        parent.iter().enumerate().for_each(|(link, parent)| parent.iter().for_each(|p| below[*p].push(link)));
+        let mut order: Vec<usize> = (0..parent.len()).filter(|l| parent[*l].is_none()).collect();
+        let mut at = 0;
+        while at < order.len() {
+            order.extend(&below[order[at]]);
+            at += 1;
+        }
+        Self {
+            description,
+            leader: description.joints.iter().map(leader).collect(),
+            carrier,
+            parent,
+            order,
+            children: description.joints.iter().map(|j| links.get(j.child.as_str()).copied()).collect(),
+        }
+    }
+
+    /// The child link of a joint.
+    pub fn child(&self, joint: usize) -> Option<usize> {
+        self.children[joint]
+    }
+
+    /// Poses of all links in the root's frame; joints that follow another one have its position.
+    pub fn poses(&self, positions: &[f64]) -> Vec<Pose> {
+        let mut poses = vec![Pose::identity(); self.parent.len()];
+        for &link in &self.order {
+            let Some(j) = self.carrier[link] else { continue };
+            let joint = &self.description.joints[j];
+            let position = match (self.leader[j], &joint.mimic) {
+                (Some(l), Some(mimic)) => mimic.multiplier * positions[l] + mimic.offset,
+                _ => positions[j],
+            };
+            let parent = self.parent[link].map_or_else(Pose::identity, |p| poses[p]);
+            poses[link] = parent * joint.parent_from_joint * step(joint, position);
+        }
+        poses
+    }
+
+    /// Which links are these or hang on them.
+    pub fn hanging_on(&self, links: &[usize]) -> Vec<bool> {
+        let mut hangs = vec![false; self.parent.len()];
+        links.iter().for_each(|l| hangs[*l] = true);
+        for &link in &self.order {
+            hangs[link] |= self.parent[link].is_some_and(|p| hangs[p]);
+        }
+        hangs
+    }
+
+    /// Of every link, the nearest one above it that satisfies a test.
+    pub fn nearest_above(&self, test: impl Fn(usize) -> bool) -> Vec<Option<usize>> {
+        let mut nearest = vec![None; self.parent.len()];
+        for &link in &self.order {
+            nearest[link] = self.parent[link].and_then(|p| if test(p) { Some(p) } else { nearest[p] });
+        }
+        nearest
+    }
+}
+
+/// Motion of a joint to a position.
+fn step(joint: &JointText, position: f64) -> Pose {
+    let axis = joint.axis.unwrap_or_else(Vector3::x).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    match joint.kind.as_str() {
+        "prismatic" => Pose::from_parts(Translation3::from(axis * position), UnitQuaternion::identity()),
+        "fixed" => Pose::identity(),
+        _ => Pose::rotation(axis * position),
+    }
+}

@@ -1,0 +1,107 @@
+//! Files that are read: regular ones, up to a limit. Every file that somebody names is opened here.
+
+use std::{
+    fs::{File, Metadata, OpenOptions},
+    io::{self, ErrorKind, Read as _},
+    path::Path,
+};
+
+use crate::limits::FileLimit;
+
+/// Opens a file to be read. Links are followed; a device, pipe or socket is refused and not waited for.
+///
+/// # Errors
+/// What the system says, or what the file is.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Opening alone may do something to a device.
+    regular(&std::fs::metadata(path)?)?;
+    let mut options = OpenOptions::new();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt as _;
+        // A pipe that took the file's place since is not waited for.
+        options.custom_flags(nix::fcntl::OFlag::O_NONBLOCK.bits());
+    }
+    let file = options.open(path)?;
+    regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+fn regular(metadata: &Metadata) -> io::Result<()> {
+    match metadata {
+        m if m.is_file() => Ok(()),
+        m if m.is_dir() => Err(ErrorKind::IsADirectory.into()),
+        _ => Err(io::Error::new(ErrorKind::InvalidInput, "it is a device, pipe or socket; give a regular file")),
+    }
+}
+
+/// The whole of a file.
+///
+/// # Errors
+/// As [`open`]; a file beyond the limit.
+pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit.bytes {
+        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("more than {} bytes, the limit of {}", limit.bytes, limit.what)));
+    }
+    Ok(bytes)
+}
+
+/// The whole of a text file.
+///
+/// # Errors
+/// As [`read`]; what is no UTF-8.
+pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
+    String::from_utf8(read(path, limit)?).map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::{os::unix::fs::symlink, path::PathBuf};
+
+    use super::*;
+
+    const SMALL: FileLimit = FileLimit { what: "a test", bytes: 10 };
+
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new() -> Self {
+            let path = std::env::temp_dir().join(format!("artitwin-files-{}", std::process::id()));
+            std::fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            std::fs::remove_dir_all(&self.0).ok();
+        }
+    }
+
+    #[test]
+    fn regular_files_are_read_up_to_their_limit_and_nothing_else_is() {
+        let folder = Folder::new();
+        let path = |name: &str| folder.0.join(name);
+        std::fs::write(path("ten"), "0123456789").unwrap();
+        std::fs::write(path("eleven"), "0123456789x").unwrap();
+        symlink(path("ten"), path("link")).unwrap();
+        symlink("/dev/zero", path("zero")).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(path("pipe")).status().unwrap();
+        assert!(made.success());
+        symlink(path("pipe"), path("pipe_link")).unwrap();
+        assert_eq!(read_text(&path("ten"), SMALL).unwrap(), "0123456789");
+        assert_eq!(read_text(&path("link"), SMALL).unwrap(), "0123456789");
+        let told = |name: &str| read(&path(name), SMALL).unwrap_err().to_string();
+        assert_eq!(told("eleven"), "more than 10 bytes, the limit of a test");
+        for odd in ["zero", "pipe", "pipe_link"] {
+            assert!(told(odd).contains("device, pipe or socket"), "{}", told(odd));
+        }
+        assert!(told("gone").contains("No such file"));
+        assert!(told("").contains("directory"));
+        std::fs::write(path("ten"), [0xff]).unwrap();
+        assert!(read_text(&path("ten"), SMALL).unwrap_err().to_string().contains("not UTF-8"));
+    }
+}

@@ -1,0 +1,77 @@
+//! How much a bag may unpack to.
+
+use std::io::{self, Read};
+
+use crate::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
+
+/// Decompressed bytes that one reading of a bag has left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expansion {
+    total: u64,
+    left: u64,
+}
+
+impl Expansion {
+    /// For a bag of so many bytes.
+    #[must_use]
+    pub const fn of(bytes: u64) -> Self {
+        let total = EXPANDED_FREE.saturating_add(bytes.saturating_mul(EXPANSION));
+        Self { total, left: total }
+    }
+
+    /// Takes what a piece says that it unpacks to.
+    ///
+    /// # Errors
+    /// A sentence where that is far more than its bytes can hold, or all pieces together are beyond the budget.
+    pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), String> {
+        let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));
+        if unpacked > most {
+            return Err(format!("{packed} bytes would unpack to {unpacked}, more than the limit of {most}"));
+        }
+        self.left = self.left.checked_sub(unpacked).ok_or_else(|| self.exhausted())?;
+        Ok(())
+    }
+
+    fn exhausted(&self) -> String {
+        format!("the bag unpacks to more than {} bytes, {EXPANSION} times its size; cut it with `ros2 bag convert`", self.total)
+    }
+}
+
+/// A decompressed stream that ends with an error where the budget does.
+pub struct Within<'a, R> {
+    /// The stream.
+    pub source: R,
+    /// The budget.
+    pub expansion: &'a mut Expansion,
+}
+
+impl<R: Read> Read for Within<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.source.read(buffer)?;
+        match self.expansion.left.checked_sub(count as u64) {
+            Some(left) => self.expansion.left = left,
+            None => return Err(io::Error::other(self.expansion.exhausted())),
+        }
+        Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bag_unpacks_to_so_much_and_no_more() {
+        let mut expansion = Expansion::of(1 << 20);
+        assert!(expansion.take(20_000, 256 << 20).unwrap_err().contains("20000 bytes would unpack to 268435456"));
+        assert_eq!(expansion, Expansion::of(1 << 20));
+        // 1 GiB and 256 MiB, in chunks of 16 MiB that hold next to nothing.
+        for _ in 0..80 {
+            expansion.take(0, 16 << 20).unwrap();
+        }
+        assert!(expansion.take(1, 1).unwrap_err().contains("256 times its size"));
+        let mut within = Within { source: io::repeat(0).take(10), expansion: &mut Expansion { total: 4, left: 4 } };
+        assert!(within.read_exact(&mut [0; 4]).is_ok());
+        assert!(within.read_exact(&mut [0; 1]).unwrap_err().to_string().contains("more than 4 bytes"));
+    }
+}

@@ -1,0 +1,190 @@
+//! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is allocated for.
+
+/// Longest name of a topic, type or compression, bytes; ROS takes 255.
+const MAX_NAME: usize = 4096;
+
+/// Fields from the front of a record.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], String> {
+        let (front, rest) =
+            self.0.split_at_checked(count).ok_or_else(|| format!("a record names a field of {count} bytes and has {}", self.0.len()))?;
+        self.0 = rest;
+        Ok(front)
+    }
+
+    fn number(&mut self, bytes: usize) -> Result<u64, String> {
+        Ok(self.bytes(bytes)?.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)))
+    }
+
+    fn id(&mut self) -> Result<u16, String> {
+        Ok(self.number(2)? as u16)
+    }
+
+    /// Bytes behind their length.
+    fn counted(&mut self) -> Result<&'a [u8], String> {
+        let count = self.number(4)? as usize;
+        self.bytes(count)
+    }
+
+    fn text(&mut self) -> Result<String, String> {
+        let bytes = self.counted()?;
+        if bytes.len() > MAX_NAME {
+            return Err(format!("a record holds a name of {} bytes; {MAX_NAME} are the limit", bytes.len()));
+        }
+        std::str::from_utf8(bytes).map(str::to_owned).map_err(|e| format!("a record holds a name that is no text ({e})"))
+    }
+}
+
+/// What is needed of a schema.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SchemaRecord {
+    /// Its id.
+    pub id: u16,
+    /// Name of the type.
+    pub name: String,
+}
+
+impl SchemaRecord {
+    /// Reads the body of a schema record.
+    ///
+    /// # Errors
+    /// A sentence on what is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, String> {
+        let mut fields = Fields(body);
+        let schema = Self { id: fields.id()?, name: fields.text()? };
+        // Encoding and definition must be whole.
+        fields.counted()?;
+        fields.counted()?;
+        Ok(schema)
+    }
+}
+
+/// What is needed of a channel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChannelRecord {
+    /// Its id.
+    pub id: u16,
+    /// Schema of its messages.
+    pub schema_id: u16,
+    /// Topic name.
+    pub topic: String,
+    /// `cdr` for ROS 2.
+    pub message_encoding: String,
+}
+
+impl ChannelRecord {
+    /// Reads the body of a channel record.
+    ///
+    /// # Errors
+    /// A sentence on what is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, String> {
+        let mut fields = Fields(body);
+        let (id, schema_id) = (fields.id()?, fields.id()?);
+        let channel = Self { id, schema_id, topic: fields.text()?, message_encoding: fields.text()? };
+        // The metadata must be whole.
+        fields.counted()?;
+        Ok(channel)
+    }
+}
+
+/// A message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageRecord<'a> {
+    /// Its channel.
+    pub channel_id: u16,
+    /// When it was recorded, nanoseconds.
+    pub log_time: u64,
+    /// Payload.
+    pub data: &'a [u8],
+}
+
+impl<'a> MessageRecord<'a> {
+    /// Reads the body of a message record.
+    ///
+    /// # Errors
+    /// A sentence on what is damaged.
+    pub fn read(body: &'a [u8]) -> Result<Self, String> {
+        let mut fields = Fields(body);
+        let channel_id = fields.id()?;
+        fields.number(4)?;
+        let log_time = fields.number(8)?;
+        fields.number(8)?;
+        Ok(Self { channel_id, log_time, data: fields.0 })
+    }
+}
+
+/// What is needed of the front of a chunk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChunkRecord<'a> {
+    /// Bytes of its records.
+    pub uncompressed_size: u64,
+    /// Their checksum; 0 = none.
+    pub uncompressed_crc: u32,
+    /// Name of the compression; empty = none.
+    pub compression: String,
+    /// Bytes of its compressed records.
+    pub compressed_size: u64,
+    /// What there is of them.
+    pub data: &'a [u8],
+}
+
+impl<'a> ChunkRecord<'a> {
+    /// Reads the body of a chunk record, which may be cut within its records.
+    ///
+    /// # Errors
+    /// A sentence on what is damaged.
+    pub fn read(body: &'a [u8]) -> Result<Self, String> {
+        let mut fields = Fields(body);
+        fields.bytes(16)?;
+        let (uncompressed_size, uncompressed_crc) = (fields.number(8)?, fields.number(4)? as u32);
+        let (compression, compressed_size) = (fields.text()?, fields.number(8)?);
+        Ok(Self { uncompressed_size, uncompressed_crc, compression, compressed_size, data: fields.0 })
+    }
+}
+
+/// Where the summary of a file begins, by the body of its footer.
+///
+/// # Errors
+/// A sentence on what is damaged.
+pub fn summary_start(footer: &[u8]) -> Result<u64, String> {
+    Fields(footer).number(8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(of: &str) -> Vec<u8> {
+        [&(of.len() as u32).to_le_bytes()[..], of.as_bytes()].concat()
+    }
+
+    #[test]
+    fn records_are_read() {
+        let schema = [&[7, 0][..], &text("std_msgs/msg/String"), &text("ros2msg"), &text("string data")].concat();
+        assert_eq!(SchemaRecord::read(&schema), Ok(SchemaRecord { id: 7, name: "std_msgs/msg/String".into() }));
+        let channel = [&[1, 1, 7, 0][..], &text("/a"), &text("cdr"), &text("")].concat();
+        let read = ChannelRecord::read(&channel).unwrap();
+        assert_eq!((read.id, read.schema_id, read.topic.as_str(), read.message_encoding.as_str()), (257, 7, "/a", "cdr"));
+        let message = [&[1, 1][..], &[9; 4], &5u64.to_le_bytes(), &[9; 8], b"payload"].concat();
+        assert_eq!(MessageRecord::read(&message), Ok(MessageRecord { channel_id: 257, log_time: 5, data: b"payload" }));
+    }
+
+    #[test]
+    fn lengths_beyond_the_record_are_refused() {
+        let huge = u32::MAX.to_le_bytes();
+        for body in [
+            [&[7, 0][..], &huge].concat(),
+            [&[7, 0][..], &text("a"), &huge].concat(),
+            [&[7, 0][..], &text("a"), &text("b"), &huge, b"short"].concat(),
+        ] {
+            assert!(SchemaRecord::read(&body).unwrap_err().contains("a field of 4294967295 bytes"));
+        }
+        assert!(ChannelRecord::read(&[&[0; 4][..], &text("/a"), &text("cdr"), &huge].concat()).is_err());
+        assert!(MessageRecord::read(&[0; 21]).is_err());
+        assert!(ChunkRecord::read(&[&[0; 28][..], &huge].concat()).is_err());
+        assert!(SchemaRecord::read(&[&[7, 0][..], &2u32.to_le_bytes(), &[0xff, 0xfe]].concat()).unwrap_err().contains("no text"));
+        assert!(summary_start(&[0; 7]).is_err());
+    }
+}

@@ -1,0 +1,88 @@
+//! What an input may cost: one constant a limit with its reason, and the checks of texts whose parsers have none.
+//!
+//! A limit is generous: no recording, twin or dataset that is known comes near it. What is beyond is refused with the limit in
+//! the message, before it is held in memory or worked on.
+
+mod xml;
+mod yaml;
+
+pub use xml::{check_xml, parse_xml};
+pub use yaml::parse_yaml;
+
+/// Most bytes of a kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileLimit {
+    /// The kind, with its article.
+    pub what: &'static str,
+    /// Most bytes.
+    pub bytes: u64,
+}
+
+const fn limit(what: &'static str, bytes: u64) -> FileLimit {
+    FileLimit { what, bytes }
+}
+
+/// Settings; those of all groups with comments have 20 kB.
+pub const CONFIG: FileLimit = limit("a configuration", 1 << 20);
+/// Parameters of ROS 2 nodes.
+pub const PARAMETERS: FileLimit = limit("a parameter file", 1 << 20);
+/// Of a rosbag2 folder; a bag of 10,000 files has 800 kB.
+pub const METADATA: FileLimit = limit("a metadata.yaml", 4 << 20);
+/// A URDF; 10,000 links have 5 MB.
+pub const URDF: FileLimit = limit("a URDF", 16 << 20);
+/// An SDF that stands beside a twin.
+pub const SDF: FileLimit = limit("an SDF", 16 << 20);
+/// A USD layer in text, which holds its meshes.
+pub const USD: FileLimit = limit("a USD layer", 1 << 30);
+/// A mesh of 20 million elements.
+pub const MESH: FileLimit = limit("a mesh", 1 << 30);
+/// All files of a folder that is checked.
+pub const MODEL_FOLDER: FileLimit = limit("a model folder", 1 << 30);
+/// An array of numbers.
+pub const NPY: FileLimit = limit("a NumPy array", 1 << 30);
+/// A text, image or archive of a dataset folder; 100,000 frames are listed in 40 MB, an image of 8192 x 8192 has at most 200 MB.
+pub const DATASET: FileLimit = limit("a file of a dataset", 256 << 20);
+/// Truth of a recording.
+pub const TRUTH: FileLimit = limit("a truth.json", 16 << 20);
+/// Report of a run, which holds its series.
+pub const REPORT: FileLimit = limit("a report", 256 << 20);
+
+/// Elements within elements of an XML text. Readers go down by recursion: measured, they end the process at some thousands. URDF and
+/// SDF need about ten.
+pub const XML_DEPTH: usize = 128;
+/// Elements of an XML text; a URDF of [`LINKS`] links has 200,000.
+pub const XML_ELEMENTS: usize = 1_000_000;
+/// Lists within lists of a YAML text, which is what its reader takes; finding that out costs it the square of the depth.
+pub const YAML_DEPTH: usize = 128;
+/// Scalars and groups of a YAML text: 100,000 frames of a dataset have 2.3 million. A reader keeps about 100 bytes of each.
+pub const YAML_EVENTS: usize = 4_000_000;
+/// Links of a twin; the largest robots have some hundreds.
+pub const LINKS: usize = 10_000;
+
+/// Decompressed bytes that a bag may have beside [`EXPANSION`] times its own: a small bag of black images.
+pub const EXPANDED_FREE: u64 = 1 << 30;
+/// Decompressed bytes for each byte of a bag. Measured: raw depth and color expand 2 to 8 times, raw masks up to 200 times.
+pub const EXPANSION: u64 = 256;
+/// Decompressed bytes of a chunk beside [`EXPANSION`] times its compressed ones; rosbag2 writes chunks of 768 kB.
+pub const CHUNK_FREE: u64 = 16 << 20;
+
+/// Bytes of all members of a NumPy archive together; the matches of a frame have some megabytes.
+pub const ARCHIVE: u64 = 256 << 20;
+/// Values of a pickle, with every mention of one: 30 pairs of frames have 1,000. A value has 72 bytes.
+pub const PICKLE_VALUES: usize = 2_000_000;
+/// Characters of a NumPy type or of a function's name in a pickle.
+pub const PICKLE_NAME: usize = 256;
+
+/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4.
+pub const BYTES_PER_PIXEL: u64 = 12;
+
+/// Bytes of the meshes that the shapes of a URDF name, each counted as often as it is named. Text is read at some 100 MB/s.
+pub const NAMED_MESHES: u64 = 1 << 30;
+/// Collision shapes of a URDF, of each of which the hull is made; a decomposed robot has 2,000.
+pub const SHAPES: usize = 20_000;
+/// Lines of a list that is shown: topics, transforms, warnings of one kind.
+pub const SHOWN: usize = 200;
+/// Findings of a URDF.
+pub const FINDINGS: usize = 10_000;
+/// Names in a sentence.
+pub const NAMED: usize = 20;

@@ -1,0 +1,105 @@
+//! XML texts looked through before a reader that goes down by recursion gets them.
+
+use roxmltree::Document;
+
+use super::{XML_DEPTH, XML_ELEMENTS};
+
+/// The document of a text that [`check_xml`] accepts.
+///
+/// # Errors
+/// A sentence: too deep, too large, entities, or no XML.
+pub fn parse_xml(text: &str) -> Result<Document<'_>, String> {
+    check_xml(text)?;
+    Document::parse(text).map_err(|e| e.to_string())
+}
+
+/// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared entities. What is no XML may
+/// pass: the reader refuses it.
+///
+/// # Errors
+/// A sentence with the place and the limit.
+pub fn check_xml(text: &str) -> Result<(), String> {
+    let (mut at, mut depth, mut elements) = (0, 0usize, 0);
+    while let Some(start) = text[at..].find('<').map(|k| at + k) {
+        let rest = &text[start..];
+        let line = || text[..start].matches('\n').count() + 1;
+        let length = if rest.starts_with("<!--") {
+            rest.find("-->")
+        } else if rest.starts_with("<![CDATA[") {
+            rest.find("]]>")
+        } else if rest.starts_with("<!ENTITY") {
+            return Err(format!("line {}: it declares entities, which are not read; write out what they stand for", line()));
+        } else if rest.starts_with("<!") {
+            // Declarations may hold others.
+            Some(1)
+        } else if rest.starts_with("</") {
+            depth = depth.saturating_sub(1);
+            rest.find('>')
+        } else if rest.starts_with("<?") {
+            rest.find("?>")
+        } else {
+            elements += 1;
+            let end = tag_end(rest);
+            depth += usize::from(end.is_some_and(|e| !rest[..e].ends_with('/')));
+            end
+        };
+        if depth > XML_DEPTH {
+            return Err(format!("line {}: elements are nested deeper than {XML_DEPTH}; no model needs that", line()));
+        }
+        if elements > XML_ELEMENTS {
+            return Err(format!("it has more than {XML_ELEMENTS} elements; split the model"));
+        }
+        let Some(length) = length else { break };
+        at = start + length + 1;
+    }
+    Ok(())
+}
+
+/// Place of the `>` that ends a tag; those in quotes do not.
+fn tag_end(tag: &str) -> Option<usize> {
+    let mut quote = None;
+    for (at, byte) in tag.bytes().enumerate() {
+        match (quote, byte) {
+            (None, b'"' | b'\'') => quote = Some(byte),
+            (None, b'>') => return Some(at),
+            (Some(open), _) if open == byte => quote = None,
+            _ => {}
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ordinary_texts_pass() {
+        let text = "<?xml version='1.0'?><!DOCTYPE a><!-- <b><b> --><a x='<' y=\"/>\"><b/><![CDATA[<c>]]><b c='>'></b></a>";
+        assert_eq!(check_xml(text), Ok(()));
+        assert_eq!(parse_xml("<a><b/></a>").unwrap().root_element().children().count(), 1);
+        // Siblings are no depth.
+        assert_eq!(check_xml(&format!("<a>{}</a>", "<b x='1'></b><c/>".repeat(10_000))), Ok(()));
+        let deep = |n: usize| format!("{}{}", "<x>".repeat(n), "</x>".repeat(n));
+        assert!(parse_xml(&deep(XML_DEPTH)).is_ok());
+    }
+
+    #[test]
+    fn deep_texts_are_refused_however_they_are_dressed() {
+        for n in [XML_DEPTH + 1, 20_000, 100_000] {
+            for open in ["<x>", "<x a='/'>", "<x a=\"'/>\">", "<x\n>", "<!-- </x> --><x>", "<x><![CDATA[</x>]]>", "<x a='</x>'>"] {
+                let error = parse_xml(&format!("{}{}", open.repeat(n), "</x>".repeat(n))).unwrap_err();
+                assert!(error.contains("nested deeper than 128"), "{error}");
+            }
+        }
+        assert!(check_xml("<x>\n<y>\n").is_ok());
+        assert!(check_xml(&"<x>\n".repeat(200)).unwrap_err().starts_with("line 129:"));
+    }
+
+    #[test]
+    fn many_elements_and_entities_are_refused() {
+        assert!(check_xml(&"<x/>".repeat(XML_ELEMENTS + 1)).unwrap_err().contains("1000000 elements"));
+        let laughs = "<!DOCTYPE r [<!ENTITY a 'aaaa'><!ENTITY b '&a;&a;'>]><r>&b;</r>";
+        assert!(check_xml(laughs).unwrap_err().contains("entities"));
+    }
+}

@@ -1,0 +1,133 @@
+//! YAML texts looked through before they are read.
+//!
+//! The reader scans a list within lists in time that grows with the square of the depth, before it refuses the depth: 200 kB of
+//! brackets cost minutes (measured). Its own scanner, stopped in time, tells the depth in linear time and is never of another
+//! opinion about what a bracket is.
+
+use std::mem::MaybeUninit;
+
+use serde::de::DeserializeOwned;
+use unsafe_libyaml_norway as sys;
+
+use super::{YAML_DEPTH, YAML_EVENTS};
+
+/// Reads a YAML text.
+///
+/// # Errors
+/// A sentence: nested deeper than [`YAML_DEPTH`], more than [`YAML_EVENTS`] values, or not what is wanted.
+pub fn parse_yaml<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    check(text)?;
+    serde_norway::from_str(text).map_err(|e| e.to_string())
+}
+
+fn check(text: &str) -> Result<(), String> {
+    let mut scanner = Scanner::new(text);
+    let mut depth = 0usize;
+    for _ in 0..YAML_EVENTS {
+        // What is no YAML, the reader refuses in better words.
+        let Some((kind, line)) = scanner.next() else { return Ok(()) };
+        match kind {
+            sys::YAML_STREAM_END_EVENT => return Ok(()),
+            sys::YAML_SEQUENCE_START_EVENT | sys::YAML_MAPPING_START_EVENT => depth += 1,
+            sys::YAML_SEQUENCE_END_EVENT | sys::YAML_MAPPING_END_EVENT => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > YAML_DEPTH {
+            return Err(format!("line {line}: lists and groups are nested deeper than {YAML_DEPTH}; no file of this kind needs that"));
+        }
+    }
+    Err(format!("it has more than {YAML_EVENTS} values; split it"))
+}
+
+/// libyaml's scanner on a text.
+struct Scanner<'a> {
+    /// It points into itself and must not move.
+    parser: Box<MaybeUninit<sys::yaml_parser_t>>,
+    _text: &'a str,
+}
+
+impl<'a> Scanner<'a> {
+    fn new(text: &'a str) -> Self {
+        let mut parser = Box::new(MaybeUninit::<sys::yaml_parser_t>::uninit());
+        // SAFETY: `initialize` writes the whole parser (it can fail only by ending the process for want of memory); the text is
+        // borrowed as long as the parser lives.
+        unsafe {
+            let parser = parser.as_mut_ptr();
+            _ = sys::yaml_parser_initialize(parser).ok;
+            sys::yaml_parser_set_encoding(parser, sys::YAML_UTF8_ENCODING);
+            sys::yaml_parser_set_input_string(parser, text.as_ptr(), text.len() as u64);
+        }
+        Self { parser, _text: text }
+    }
+
+    /// Kind and line of the next event; `None` where the text is no YAML. Not to be called after that.
+    fn next(&mut self) -> Option<(sys::yaml_event_type_t, u64)> {
+        let mut event = MaybeUninit::<sys::yaml_event_t>::uninit();
+        // SAFETY: the parser was initialized; a successful call writes the event, which is freed once.
+        unsafe {
+            let event = event.as_mut_ptr();
+            if sys::yaml_parser_parse(self.parser.as_mut_ptr(), event).fail {
+                return None;
+            }
+            let told = ((*event).type_, (*event).start_mark.line + 1);
+            sys::yaml_event_delete(event);
+            Some(told)
+        }
+    }
+}
+
+impl Drop for Scanner<'_> {
+    fn drop(&mut self) {
+        // SAFETY: the parser was initialized, and nothing uses it afterwards.
+        unsafe { sys::yaml_parser_delete(self.parser.as_mut_ptr()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use serde_norway::Value;
+
+    use super::*;
+
+    #[test]
+    fn ordinary_texts_are_read() {
+        let text = "a: [1, {b: '[[['}] # ]]]\nc: |\n  [[[[\nd: \"]]\"\n";
+        let value: Value = parse_yaml(text).unwrap();
+        assert_eq!(value["a"][1]["b"], Value::from("[[["));
+        assert_eq!(parse_yaml::<Value>(""), Ok(Value::Null));
+        assert!(parse_yaml::<Value>(&format!("{}{}", "[".repeat(120), "]".repeat(120))).is_ok());
+        assert!(parse_yaml::<Value>(&"[1]\n".repeat(3)).is_err());
+        assert!(parse_yaml::<Value>("a: [").unwrap_err().contains("line"));
+    }
+
+    #[test]
+    fn depth_costs_no_time() {
+        let begun = Instant::now();
+        let n = 200_000;
+        let texts = [
+            format!("x: {}{}", "[".repeat(n), "]".repeat(n)),
+            "[".repeat(n),
+            format!("x: {}1{}", "{a: ".repeat(n), "}".repeat(n)),
+            "[\"]\",".repeat(n),
+            "[ # ]\n".repeat(n),
+            "- ".repeat(n),
+            "? ".repeat(n),
+        ];
+        for text in texts {
+            let error = parse_yaml::<Value>(&text).unwrap_err();
+            assert!(error.contains("nested deeper than 128"), "{error}");
+        }
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    }
+
+    #[test]
+    fn aliases_and_many_values_are_refused() {
+        let nine = |of: &str| [of; 9].join(",");
+        let mut bomb = format!("a0: &a0 [{}]\n", nine("x"));
+        (1..12).for_each(|i| bomb += &format!("a{i}: &a{i} [{}]\n", nine(&format!("*a{}", i - 1))));
+        assert!(parse_yaml::<Value>(&bomb).unwrap_err().contains("repetition limit"));
+        assert!(parse_yaml::<Value>(&format!("[{}]", "1,".repeat(YAML_EVENTS))).unwrap_err().contains("more than 4000000 values"));
+    }
+}
