@@ -174,6 +174,8 @@ fn pose(origin: &urdf_rs::Pose) -> Pose {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::{export::urdf_package, io::RunDir, model::example::cabinet};
 

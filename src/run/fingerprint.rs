@@ -178,7 +178,7 @@ mod tests {
     fn a_large_file_is_sampled_to_its_end() {
         let path = std::env::temp_dir().join(format!("artitwin-large-{}.bin", std::process::id()));
         let digest = |tail: u8| {
-            let mut file = File::create(&path).unwrap();
+            let mut file = fs::File::create(&path).unwrap();
             file.set_len(3 * WHOLE_BYTES).unwrap();
             file.seek(SeekFrom::End(-1)).unwrap();
             io::Write::write_all(&mut file, &[tail]).unwrap();
