@@ -173,9 +173,6 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), String> {
             _ => {}
         }
     }
-    if let Some(empty) = elements.iter().find(|e| e.count > 0 && e.properties.is_empty()) {
-        return Err(format!("{} elements {} have no properties", empty.count, empty.name));
-    }
     if elements.iter().filter(|e| e.name == "vertex").count() > 1 {
         return Err("the file names its vertices twice".into());
     }
@@ -270,7 +267,6 @@ mod tests {
             (&ASCII.replace("9 4 0 1", "9 4 -1 1"), "face 0: -1 is no index"),
             (&ASCII.replace("9 4 0 1", "9 9999 0 1"), "a list of 9999"),
             (&ASCII.replace("double y", "quad y"), "'quad'"),
-            (&ASCII.replace("element face", "element nothing 20000000\nelement face"), "20000000 elements nothing have no properties"),
             (&ASCII.replace("element face", "element vertex 2\nproperty float x\nelement face"), "vertices twice"),
         ] {
             let error = parse_ply(text.as_bytes()).unwrap_err();

@@ -130,7 +130,7 @@ fn metadata() {
              compression_format: '{format}'\n  compression_mode: '{mode}'\n  relative_file_paths:\n    - bag.mcap\n  custom_data: ~\n"
         )
     };
-    scratch.put("bag.mcap", bag(&frames(Style::Raw, 1, 1)));
+    scratch.put("bag.mcap", bag(&frames(Style::Raw, 3, 1)));
     let shipped = include_str!("../../bags/drawer/state0/metadata.yaml").replace("state0.mcap", "bag.mcap");
     let seeds = whole([yaml("", ""), yaml("none", "zstd"), yaml("file", "zstd"), shipped]);
     let words = ["sqlite3", "mcap", "message", "MESSAGE", "file", "zstd", "../bag.mcap", "/bag.mcap", "bag.db3", "[", "{", "&a ", "*a"];
