@@ -58,6 +58,7 @@ fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>) -> Result<Vec<Res
         config: resolved.config.clone(),
         origins: resolved.origins.clone(),
         resume: args.resume,
+        keep: true,
     };
     let monitor = Monitor::new(events.clone(), stop_on_request(events.clone())?);
     let Some(jobs) = args.jobs else {

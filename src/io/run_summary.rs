@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     fs,
+    io::{BufReader, Read as _},
     path::{Path, PathBuf},
 };
 
@@ -112,6 +113,19 @@ impl RunSummary {
         let base = base.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
+}
+
+/// The fingerprint of the run that made a result, empty where its report tells none; `None` where there is no result.
+#[must_use]
+pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Made {
+        fingerprint: String,
+    }
+    let report = fs::File::open(folder.join("report.json")).ok()?;
+    let made: Made = serde_json::from_reader(BufReader::new(report.take(MAX_BYTES))).unwrap_or_default();
+    Some(made.fingerprint)
 }
 
 #[derive(Deserialize)]

@@ -110,7 +110,15 @@ impl Reconstructor {
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
         write_settings(&out.join("settings.yaml"), &config)?;
-        Ok(ReconstructRequest { sources: recordings.into(), out, name: Some(name), config, origins: self.origins.clone(), resume: false })
+        Ok(ReconstructRequest {
+            sources: recordings.into(),
+            out,
+            name: Some(name),
+            config,
+            origins: self.origins.clone(),
+            resume: false,
+            keep: false,
+        })
     }
 
     fn finish(&self, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {

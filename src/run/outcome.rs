@@ -26,6 +26,8 @@ pub struct ReconstructRequest {
     pub origins: Origins,
     /// Whether an interrupted run is continued.
     pub resume: bool,
+    /// Whether what this one has finished is kept when it is stopped.
+    pub keep: bool,
 }
 
 /// What a finished run gives back.
@@ -39,6 +41,8 @@ pub struct Outcome {
     pub warnings: Vec<String>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
+    /// Whether the folder is of an earlier run that was to be continued; nothing was done then, and nothing else is told of it.
+    pub stood: bool,
 }
 
 /// A joint as it stands in state 0, in the world frame of the recording.
@@ -70,6 +74,16 @@ pub enum RunError {
     /// The checkpoint cannot be used or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// There is nothing to continue, and another run's result has the name.
+    #[error(
+        "{} is the result of other inputs, settings or another version, and no run is there to continue; \
+         give another --name, or start anew without --resume",
+        folder.display()
+    )]
+    OtherResult {
+        /// The run folder.
+        folder: PathBuf,
+    },
     /// A stage failed.
     #[error("{stage}")]
     Stage {
@@ -92,7 +106,7 @@ impl RunError {
     pub fn can_continue(&self) -> bool {
         match self {
             Self::Cancelled(_) | Self::Checkpoint(_) => true,
-            Self::Config(_) => false,
+            Self::Config(_) | Self::OtherResult { .. } => false,
             Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
         }
     }
