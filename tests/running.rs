@@ -8,7 +8,7 @@ mod common;
 mod program;
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     io::{BufRead as _, BufReader},
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -49,20 +49,25 @@ fn uninterrupted() -> &'static (Vec<Value>, Vec<Vec<u8>>) {
 
 /// Starts a run and sends it a signal at the first step of a stage.
 fn stopped_in(stage: &str, signal: &str, out: &Path) -> Ended {
-    let mut child = drawer(out, &[]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    stopped_when(drawer(out, &[]), signal, |event| event["event"] == "step" && event["stage"] == stage)
+}
+
+/// Starts a run and sends it a signal at an event; a run that was killed has the code -1.
+fn stopped_when(mut command: Command, signal: &str, when: impl Fn(&Value) -> bool) -> Ended {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut stdout = String::new();
     let mut asked = false;
     for line in BufReader::new(child.stdout.take().unwrap()).lines() {
         let line = line.unwrap();
         let event: Value = serde_json::from_str(&line).unwrap();
         stdout += &(line + "\n");
-        if !asked && event["event"] == "step" && event["stage"] == stage {
+        if !asked && when(&event) {
             let sent = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap();
             asked = sent.success();
         }
     }
     let rest = child.wait_with_output().unwrap();
-    Ended { code: rest.status.code().unwrap(), stdout, stderr: String::from_utf8(rest.stderr).unwrap() }
+    Ended { code: rest.status.code().unwrap_or(-1), stdout, stderr: String::from_utf8(rest.stderr).unwrap() }
 }
 
 fn checkpoint(out: &Path) -> PathBuf {
@@ -145,6 +150,152 @@ fn continuing_another_run_is_refused_and_its_checkpoint_kept() {
         assert!(ended.stderr.contains(word), "`{word}` is not in {}", ended.stderr);
     }
     assert!(checkpoint(&out).join("field-state0.ckpt").is_file() && !out.join("drawer").exists());
+}
+
+/// `bags/drawer` as the default settings take it, only smaller, and events as JSON.
+fn plain(out: &Path, options: &[&str]) -> Command {
+    reconstruct(&[&shipped("drawer")], out, &[&["--json"], options].concat())
+}
+
+/// All files of a run by name; of the report what does not tell times.
+fn all_files(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    fn read(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
+        for path in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+            match path.is_dir() {
+                true => read(&path, files),
+                false => drop(files.insert(path.clone(), std::fs::read(path).unwrap())),
+            }
+        }
+    }
+    let root = out.join("drawer");
+    let mut files = BTreeMap::new();
+    read(&root, &mut files);
+    // The page shows the times of the report.
+    files.retain(|path, _| !path.ends_with("report.html"));
+    let report = files.get_mut(&root.join("report.json")).unwrap();
+    let mut parsed: Value = serde_json::from_slice(report).unwrap();
+    parsed["stages"] = Value::Null;
+    *report = parsed.to_string().into_bytes();
+    files.into_iter().map(|(path, bytes)| (path.strip_prefix(&root).unwrap().to_owned(), bytes)).collect()
+}
+
+/// All files of a plain run that nothing interrupts.
+fn plain_uninterrupted() -> &'static BTreeMap<PathBuf, Vec<u8>> {
+    static RUN: OnceLock<BTreeMap<PathBuf, Vec<u8>>> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let folder = TempDir::new("plain-uninterrupted");
+        let ended = end(&mut plain(&folder.join("runs"), &[]));
+        assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+        all_files(&folder.join("runs"))
+    })
+}
+
+/// Stages that were kept, and stages that were done anew.
+fn kept_and_done(events: &[Value]) -> (Vec<String>, Vec<String>) {
+    let text = |e: &Value, key: &str| e[key].as_str().unwrap_or_default().to_owned();
+    let kept = |e: &Value| text(e, "message").strip_suffix(" was kept from the run that was stopped").map(str::to_owned);
+    let kept: Vec<String> = events.iter().filter(|e| e["event"] == "note").filter_map(kept).collect();
+    let started = events.iter().filter(|e| e["event"] == "stage_started").map(|e| text(e, "stage"));
+    let done = started.filter(|stage| !kept.contains(stage)).collect();
+    (kept, done)
+}
+
+/// Continues a plain run: the same files must come out. Gives the stages that were kept and those that were not.
+fn plain_continued(out: &Path) -> (Vec<String>, Vec<String>) {
+    let continued = end(&mut plain(out, &["--resume"]));
+    assert!([0, 3].contains(&continued.code), "{}", continued.stderr);
+    let files = all_files(out);
+    assert_eq!(files.keys().collect::<Vec<_>>(), plain_uninterrupted().keys().collect::<Vec<_>>());
+    for (name, bytes) in plain_uninterrupted() {
+        assert!(files[name] == *bytes, "{} differs from that of an uninterrupted run", name.display());
+    }
+    assert!(!checkpoint(out).exists());
+    kept_and_done(&events(&continued.stdout))
+}
+
+/// Stages of a plain run.
+const STAGES: [&str; 13] = [
+    "capture",
+    "match",
+    "align",
+    "fusion/state0",
+    "surface/state0",
+    "fusion/state1",
+    "surface/state1",
+    "register",
+    "joints",
+    "assemble",
+    "pictures",
+    "export",
+    "check",
+];
+
+#[test]
+fn what_a_stopped_run_has_finished_is_not_done_again() {
+    // Asked to stop, a run ends the stage; killed, it does not.
+    for (stage, signal) in
+        [("fusion/state1", "KILL"), ("surface/state1", "INT"), ("register", "KILL"), ("joints", "TERM"), ("export", "KILL")]
+    {
+        let folder = TempDir::new(&format!("kept-{}-{signal}", stage.replace('/', "-")));
+        let out = folder.join("runs");
+        let stopped = stopped_when(plain(&out, &[]), signal, |e| e["event"] == "stage_started" && e["stage"] == stage);
+        assert_eq!(stopped.code, if signal == "KILL" { -1 } else { 130 }, "{}", stopped.stderr);
+        let told = ["what it finished is kept in ", ".artitwin-drawer.checkpoint", "continue with --resume"];
+        assert!(signal == "KILL" || told.iter().all(|t| stopped.stderr.contains(t)), "{}", stopped.stderr);
+        let at = STAGES.iter().position(|s| *s == stage).unwrap() + usize::from(signal != "KILL");
+        // A volume goes into its surface, and pictures are a moment's work.
+        let kept: Vec<&str> = STAGES[..at].iter().copied().filter(|s| !s.starts_with("fusion") && *s != "pictures").collect();
+        let (found, done) = plain_continued(&out);
+        assert_eq!(found, kept, "{stage}, {signal}");
+        let of_kept = |s: &str| kept.contains(&s.replace("fusion", "surface").as_str());
+        let rest: Vec<&str> = STAGES.iter().copied().filter(|s| !of_kept(s)).collect();
+        assert_eq!(done, rest, "{stage}, {signal}");
+    }
+}
+
+#[test]
+fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
+    let folder = TempDir::new("killed-writing");
+    let out = folder.join("runs");
+    let mut child = plain(&out, &[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let writing = checkpoint(&out).join("surface.state0.tmp");
+    while !writing.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "the run ended before it was seen writing");
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let (kept, done) = plain_continued(&out);
+    assert!(kept.contains(&"align".to_owned()) && done.contains(&"register".to_owned()), "{kept:?}, {done:?}");
+}
+
+#[test]
+fn a_finished_run_says_so_and_stays_as_it_is() {
+    let folder = TempDir::new("finished");
+    let out = folder.join("runs");
+    assert!([0, 3].contains(&end(&mut plain(&out, &[])).code));
+    let report = out.join("drawer/report.json");
+    let before = (all_files(&out), std::fs::metadata(&report).unwrap().modified().unwrap());
+    let ended = end(&mut plain(&out, &["--resume"]));
+    assert_eq!(ended.code, 0, "{}", ended.stderr);
+    let events = events(&ended.stdout);
+    assert!(events.iter().all(|e| e["event"] != "stage_started"), "{}", ended.stdout);
+    let last = events.last().unwrap();
+    assert!(last["event"] == "artifact" && last["path"].as_str().unwrap().ends_with("runs/drawer"), "{last}");
+    let ended = end(&mut reconstruct(&[&shipped("drawer")], &out, &["--resume"]));
+    assert!(ended.code == 0 && ended.stdout.contains("runs/drawer\n  finished already"), "{}", ended.stdout);
+    assert!(before == (all_files(&out), std::fs::metadata(&report).unwrap().modified().unwrap()) && !checkpoint(&out).exists());
+    // Of other settings it is not the result.
+    let ended = end(&mut plain(&out, &["--resume", "--seed", "7"]));
+    assert!(ended.code == 1 && ended.stderr.contains("is the result of other inputs, settings or another version"), "{}", ended.stderr);
+    assert!(before.0 == all_files(&out) && !checkpoint(&out).exists());
+    // Of several objects those that are finished are left alone.
+    let both = [&*shipped("drawer"), &*shipped("laptop")];
+    let ended = end(&mut reconstruct(&both, &out, &["--jobs", "2", "--json", "--resume"]));
+    assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+    let events: Vec<Value> = ended.stdout.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let started: Vec<&str> = events.iter().filter(|e| e["event"] == "stage_started").map(|e| e["stage"].as_str().unwrap()).collect();
+    assert!(started.contains(&"laptop/capture") && started.iter().all(|s| !s.starts_with("drawer/")), "{started:?}");
+    assert!(before.0 == all_files(&out) && out.join("laptop/report.json").is_file());
 }
 
 /// Names of an event's fields.

@@ -1,9 +1,10 @@
 //! What the search for parts and motions works on.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// A surface point seen in both states: a pixel match lifted to 3D by both depths.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiftedMatch {
     /// World point in state 0, metres.
     pub point0: Point3<f64>,
@@ -18,13 +19,16 @@ pub struct LiftedMatch {
 }
 
 /// Points on the surface of one state.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SurfaceSamples {
     /// World points, metres.
+    #[serde(with = "crate::geometry::bytes")]
     pub points: Vec<Point3<f64>>,
     /// Unit normals, outward.
+    #[serde(with = "crate::geometry::bytes")]
     pub normals: Vec<Vector3<f64>>,
     /// Colour in `[0, 1]`.
+    #[serde(with = "crate::geometry::bytes")]
     pub colors: Vec<[f32; 3]>,
 }
 

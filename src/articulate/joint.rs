@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, SMatrix, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::{
     joint_motion::{Carried, PrismaticMotion, RevoluteMotion, ScrewMotion, foot, frame_across},
@@ -36,7 +37,7 @@ impl ParentMotion {
 }
 
 /// A joint between a parent and a moving part, in the world frame as it stands in state 0.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointEstimate {
     /// Type with the best evidence.
     pub kind: JointKind,

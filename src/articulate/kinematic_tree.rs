@@ -6,6 +6,7 @@
 //! qualifies: of the explanations it is the one with the shortest chains.
 
 use nalgebra::Matrix6;
+use serde::{Deserialize, Serialize};
 
 use super::{
     JointConfig, JointEstimate, ObservedState, ParentMotion, PartEvidence, SurfaceSamples,
@@ -27,7 +28,7 @@ use crate::{
 const CONTACT_SHARE: f64 = 0.06;
 
 /// A joint and what it hangs on.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TreeJointEstimate {
     /// Part that carries it: 0 is the static one, k the k-th moving part.
     pub parent: usize,

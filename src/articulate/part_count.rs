@@ -9,7 +9,7 @@ use std::{
 };
 
 use nalgebra::Point3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     RegisterError,
@@ -67,7 +67,7 @@ const ALIKE: f64 = 0.9;
 const UNEXPLAINED_SHARE: f64 = 0.02;
 
 /// Evidence for a number of parts.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EvidencePoint {
     /// Number of parts, the static one included.
     pub parts: usize,

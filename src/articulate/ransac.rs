@@ -38,7 +38,7 @@ impl Default for RansacConfig {
 }
 
 /// A rigid motion that some matches support.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
     /// The motion in the world.
     pub state1_from_state0: Pose,

@@ -49,7 +49,7 @@ impl Default for RegisterConfig {
 }
 
 /// What supports a motion.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionSupport {
     /// Surface samples of state 0 and of state 1 that follow the motion.
     pub samples: [usize; 2],
@@ -62,7 +62,7 @@ pub struct MotionSupport {
 }
 
 /// Parts and motions.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Registration {
     /// Motion of every part from state 0 to state 1 in the world; the first is the static part's identity.
     pub motions: Vec<Pose>,

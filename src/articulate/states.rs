@@ -6,6 +6,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::{
     LiftedMatch, RegisterConfig, RegisterError, Registration, SurfaceSamples,
     labeling::{Evidence, FreeSpace},
@@ -40,7 +42,7 @@ pub struct StatePair<'a> {
 }
 
 /// Parts of all states.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct United {
     /// Motion of every part to each state behind state 0, by state; the first part is the static one.
     pub motions: Vec<Vec<Pose>>,

@@ -1,12 +1,13 @@
 //! One RGB-D view with its camera and pose.
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 
 use super::{NoiseConfig, PoseFindings};
 use crate::geometry::{Intrinsics, Pose};
 
 /// One view: colour and depth share one undistorted camera.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RgbdFrame {
     /// Name for reports and match files: `<state>_<index>`, four digits, e.g. `0_0007`.
     pub id: String,
@@ -17,12 +18,16 @@ pub struct RgbdFrame {
     /// Pose of the optical frame in the world frame.
     pub world_from_camera: Pose,
     /// Colour, row-major.
+    #[serde(with = "crate::geometry::bytes")]
     pub rgb: Vec<[u8; 3]>,
     /// z-depth in metres, row-major; 0 = unknown; never NaN.
+    #[serde(with = "crate::geometry::bytes")]
     pub depth_m: Vec<f32>,
     /// Object pixels, row-major; `None` until the object was isolated.
+    #[serde(with = "crate::geometry::bytes::option")]
     pub mask: Option<Vec<bool>>,
     /// How many independent readings of the sensor each pixel's depth is worth; empty = one each.
+    #[serde(with = "crate::geometry::bytes")]
     pub readings: Vec<f32>,
 }
 
@@ -68,7 +73,7 @@ pub fn median_over_object<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, value
 }
 
 /// The recording: frames of every state, and what was found or lost on the way.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Capture {
     /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
@@ -104,7 +109,7 @@ impl Capture {
 pub const MAX_STATES: usize = 16;
 
 /// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PixelMatch {
     /// Index of the frame in `states[0]` and its pixel (u right, v down).
     pub frame0: usize,

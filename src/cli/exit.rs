@@ -62,7 +62,10 @@ pub enum CliError {
     #[error("{0}")]
     Usage(&'static str),
     /// Some objects of several have no result; why was told.
-    #[error("{failed} of {total} objects failed, the others are in their folders")]
+    #[error(
+        "{failed} of {total} objects {}",
+        if *cancelled { "were stopped or failed, the others are in their folders; continue with --resume" } else { "failed, the others are in their folders" }
+    )]
     Batch {
         /// Objects without a result.
         failed: usize,
@@ -111,7 +114,7 @@ mod tests {
     #[test]
     fn errors_have_their_codes() {
         let code = |error: CliError| error.exit() as i32;
-        assert_eq!(code(RunError::Cancelled(Cancelled).into()), 130);
+        assert_eq!(code(RunError::Cancelled(Cancelled::default()).into()), 130);
         assert_eq!(code(RunError::stage("field/state0", "no memory").into()), 1);
         assert_eq!(code(ConfigError::UnknownPreset { name: String::new(), known: String::new() }.into()), 2);
     }

@@ -60,9 +60,10 @@ fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>, stop: &Arc<Atomic
         config: resolved.config.clone(),
         origins: resolved.origins.clone(),
         resume: args.resume,
+        keep: true,
         force: args.output.force,
         // Of other objects too.
-        kept: args.bags.iter().chain(&args.settings.config).cloned().collect(),
+        beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
     };
     stop_on_request(events.clone(), Arc::clone(stop))?;
     let monitor = Monitor::new(events.clone(), Arc::clone(stop));

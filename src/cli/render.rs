@@ -10,6 +10,9 @@ use crate::{
 /// Where the result lies, its joints, whether it is degraded. Warnings were told at the end of the run.
 pub fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
+    if outcome.stood {
+        text += "  finished already by the same inputs, settings and version; nothing was done\n";
+    }
     // Writing to a String cannot fail.
     outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint(j)).unwrap_or_default());
     if outcome.degraded {

@@ -24,11 +24,12 @@ pub struct ExportConfig {
 }
 
 /// A file in memory.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ExportFile {
     /// Path relative to the model's folder, with `/`.
     pub path: String,
     /// Contents.
+    #[serde(with = "crate::geometry::bytes")]
     pub bytes: Vec<u8>,
 }
 

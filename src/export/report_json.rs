@@ -237,6 +237,9 @@ pub struct RunFacts {
     pub preset: String,
     /// Digest of the effective configuration.
     pub config_digest: String,
+    /// Digest of recordings, settings, seed and version: runs in which it is the same compute the same.
+    #[serde(default)]
+    pub fingerprint: String,
     /// What computed: processor or graphics adapter, threads.
     pub device: String,
     /// Sentences about what was found and chosen.

@@ -49,7 +49,7 @@ pub struct TrainerCheckpoint {
     /// Steps done.
     pub done: usize,
     /// Trust in every ray of the pool, of 255.
-    #[serde(with = "serde_bytes")]
+    #[serde(with = "crate::geometry::bytes")]
     pub trust: Vec<u8>,
 }
 

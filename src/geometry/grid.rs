@@ -3,10 +3,11 @@
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::SceneBox;
+use super::{SceneBox, bytes::Plain};
 
 /// Values at the nodes `origin + spacing_m * (x, y, z)`; x varies fastest: `index = x + nx * (y + ny * z)`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound(serialize = "T: Plain", deserialize = "T: Plain"))]
 pub struct Grid3<T> {
     /// World position of node (0, 0, 0), metres.
     pub origin: Point3<f64>,
@@ -15,6 +16,7 @@ pub struct Grid3<T> {
     /// Number of nodes along x, y, z.
     pub dims: [usize; 3],
     /// One value a node.
+    #[serde(with = "crate::geometry::bytes")]
     pub values: Vec<T>,
 }
 

@@ -1,6 +1,7 @@
 //! Pure geometry: cameras, rigid motions, screw axes, node-aligned grids.
 
 mod bounds;
+pub mod bytes;
 mod camera;
 mod grid;
 mod nearest;

@@ -2,7 +2,6 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -115,6 +114,19 @@ impl RunSummary {
         let base = escape_xml(&base);
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
+}
+
+/// The fingerprint of the run that made a result, empty where its report tells none; `None` where there is no result.
+#[must_use]
+pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Made {
+        fingerprint: String,
+    }
+    let report = files::read_text(&folder.join("report.json"), REPORT).ok()?;
+    let made: Made = serde_json::from_str(&report).unwrap_or_default();
+    Some(made.fingerprint)
 }
 
 #[derive(Deserialize)]

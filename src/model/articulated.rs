@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::{
     geometry::Pose,
@@ -10,7 +11,7 @@ use crate::{
 };
 
 /// What a joint lets its child do.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum JointKind {
     /// Turns about the axis; positions in radians.
     Revolute,
@@ -64,7 +65,7 @@ impl JointKind {
 }
 
 /// Where a limit comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LimitSource {
     /// The interval between the observed states: the joint reaches at least this far.
     Observed,
@@ -73,7 +74,7 @@ pub enum LimitSource {
 }
 
 /// Interval of joint positions, radians or metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Lowest position.
     pub lower: f64,
@@ -90,7 +91,7 @@ pub struct Limit {
 }
 
 /// What resists a joint's motion; SI units per radian or metre. Zero where nothing is known.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointDynamics {
     /// Coulomb friction, N m or N.
     pub friction: f64,
@@ -107,7 +108,7 @@ pub struct JointDynamics {
 }
 
 /// Mass properties in the link frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Inertial {
     /// Mass, kg.
     pub mass_kg: f64,
@@ -122,7 +123,7 @@ pub struct Inertial {
 }
 
 /// A rigid part.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Link {
     /// Unique name, `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
@@ -135,7 +136,7 @@ pub struct Link {
 }
 
 /// How well a link would carry a part.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParentScore {
     /// Score of the best joint of one freedom against that of the free motion: the lower, the simpler the part moves
     /// against the link.
@@ -145,7 +146,7 @@ pub struct ParentScore {
 }
 
 /// What a joint's estimate rests on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointEvidence {
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and metres. Of several motions it
     /// is the farthest from state 0's position.
@@ -179,7 +180,7 @@ pub struct JointEvidence {
 }
 
 /// An axis by the motion of its part alone.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisAlone {
     /// Unit direction, world, in state 0.
     pub axis: Unit<Vector3<f64>>,
@@ -188,7 +189,7 @@ pub struct AxisAlone {
 }
 
 /// A joint; its frame is the child link's frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Joint {
     /// Unique name, `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
@@ -211,7 +212,7 @@ pub struct Joint {
 }
 
 /// Links in a tree of joints. Link 0 is the root; its frame is the world frame of the recording.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ArticulatedModel {
     /// Robot name, `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,

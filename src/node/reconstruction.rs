@@ -94,8 +94,9 @@ impl Reconstructor {
             config,
             origins: self.origins.clone(),
             resume: false,
+            keep: false,
             force: false,
-            kept: Vec::new(),
+            beside: Vec::new(),
         })
     }
 

@@ -6,6 +6,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use crate::io::open_plain;
+
 const LOCK_FILE: &str = ".node.lock";
 
 /// The right to write to a session's folder. It is given back when it is dropped, also by a crash.
@@ -40,12 +42,7 @@ impl SessionLock {
     pub fn take(folder: &Path) -> Result<Self, SessionLockError> {
         let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(fails)?;
-        let mut options = OpenOptions::new();
-        options.write(true).create(true).truncate(false);
-        // A link planted under the lock's name is refused, not followed.
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, nix::fcntl::OFlag::O_NOFOLLOW.bits());
-        let file = options.open(folder.join(LOCK_FILE)).map_err(fails)?;
+        let file = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true).truncate(false)).map_err(fails)?;
         match file.try_lock() {
             Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
             Err(TryLockError::WouldBlock) => Err(SessionLockError::InUse(folder.to_owned())),

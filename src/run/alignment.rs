@@ -1,6 +1,7 @@
 //! The step that brings a state into the world frame of state 0.
 
 use nalgebra::Matrix6;
+use serde::{Deserialize, Serialize};
 
 use super::{RunError, stage_rng};
 use crate::{
@@ -10,10 +11,9 @@ use crate::{
     geometry::{Pose, SceneBox},
 };
 
-/// A state in the frame of state 0.
+/// How a state is brought into the frame of state 0; [`moved_back`] moves its frames.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Aligned {
-    /// Frames of the state.
-    pub frames: Vec<RgbdFrame>,
     /// Matches with state 0, their ends in the state moved along.
     pub matches: Vec<LiftedMatch>,
     /// Takes what stands still from state 0's world frame to the state's, as recorded.
@@ -56,7 +56,7 @@ pub(super) fn align(
             a.state1_from_state0 *= fine.right_from_told.inverse();
             covariance = fine.covariance;
         }
-        apply(&a, covariance, state, frames[1], matches, scene)
+        apply(&a, covariance, state, matches, scene)
     }))
 }
 
@@ -72,14 +72,7 @@ pub(super) fn moved_back(frames: &[RgbdFrame], world_from_world0: &Pose) -> Vec<
     frames.iter().map(|f| RgbdFrame { world_from_camera: back * f.world_from_camera, ..f.clone() }).collect()
 }
 
-fn apply(
-    alignment: &StateAlignment,
-    covariance: Option<Matrix6<f64>>,
-    state: usize,
-    frames: &[RgbdFrame],
-    matches: &[LiftedMatch],
-    scene: &SceneBox,
-) -> Aligned {
+fn apply(alignment: &StateAlignment, covariance: Option<Matrix6<f64>>, state: usize, matches: &[LiftedMatch], scene: &SceneBox) -> Aligned {
     let back = alignment.state1_from_state0.inverse();
     let center = scene.center;
     let shift_mm = 1e3 * (alignment.state1_from_state0 * center - center).norm();
@@ -94,6 +87,5 @@ fn apply(
         alignment.cells
     );
     let matches = matches.iter().map(|m| LiftedMatch { point1: back * m.point1, ..*m }).collect();
-    let world_from_world0 = alignment.state1_from_state0;
-    Aligned { frames: moved_back(frames, &world_from_world0), matches, world_from_world0, covariance, note }
+    Aligned { matches, world_from_world0: alignment.state1_from_state0, covariance, note }
 }

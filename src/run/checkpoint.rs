@@ -1,10 +1,14 @@
 //! Results of finished stages on disk, so that a stopped run continues where it was.
 //!
 //! One file per stage: a header (magic, version, fingerprint, length, checksum) and the postcard bytes of the value. A
-//! file appears under its name only when whole. A damaged file counts as absent: the stage is computed again.
+//! file appears under its name only when whole. A damaged file counts as absent: the stage is computed again. So nothing waits
+//! until the disk has it: what a power cut takes is computed again, too.
+//!
+//! Values go to the file and come from it piece by piece, so they are never twice in memory, and a file is summed before any of
+//! it is decoded. A folder with a link in it, or with what was not written here, is refused.
 
 use std::{
-    fs::{self, File, TryLockError},
+    fs::{self, File, OpenOptions, TryLockError},
     io::{self, BufReader, BufWriter, Read, Seek as _, SeekFrom, Write},
     path::{Path, PathBuf},
 };
@@ -12,15 +16,23 @@ use std::{
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{Fingerprint, Monitor, checksum::Checksum};
+use crate::{
+    geometry::bytes::PIECE_BYTES,
+    io::{create_plain, open_plain},
+};
 
 const MAGIC: [u8; 8] = *b"ARTITWIN";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Magic 8, version 4, fingerprint 8, length 8, checksum 8.
 const HEADER_BYTES: usize = 36;
-/// Largest value of one stage, bytes.
-const MAX_BYTES: u64 = 2 << 30;
+/// Largest value of one stage, bytes: 16 states of 80 color and depth images of 1280 x 720 pixels each.
+const MAX_BYTES: u64 = 16 << 30;
+/// End of the name of a stage's file.
+const STAGE_FILE: &str = ".ckpt";
 /// Largest fingerprint file, bytes.
 const MAX_FINGERPRINT_BYTES: u64 = 1 << 20;
+/// What is written or read at once, bytes.
+const BUFFER_BYTES: usize = 1 << 20;
 const FINGERPRINT_FILE: &str = "fingerprint.json";
 const LOCK_FILE: &str = "lock";
 
@@ -53,17 +65,17 @@ pub enum CheckpointError {
         /// The checkpoint folder.
         folder: PathBuf,
     },
-    /// The folder holds something else.
-    #[error("{} is not a checkpoint of artitwin; move it away or give another --name", folder.display())]
+    /// The folder is something else, or holds something else.
+    #[error("{} is a link, or not of a checkpoint of artitwin; move it away or give another --name", path.display())]
     Foreign {
-        /// The folder.
-        folder: PathBuf,
+        /// The folder, or what is in it.
+        path: PathBuf,
     },
     /// A stage has no valid name.
     #[error("stage name {0:?}: use a-z, 0-9, '_', '-' and '/'")]
     StageName(String),
     /// The value is larger than a checkpoint may be.
-    #[error("stage {stage} is larger than {MAX_BYTES} bytes: lower train.field.log2_table_size")]
+    #[error("stage {stage} is larger than {MAX_BYTES} bytes")]
     TooLarge {
         /// Name of the stage.
         stage: String,
@@ -93,12 +105,14 @@ impl Checkpoint {
     pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
         let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
         let made_parent = folder.parent().is_some_and(|out| !out.as_os_str().is_empty() && !out.exists());
-        fs::create_dir_all(folder).map_err(fails)?;
-        let names = file_names(folder).map_err(fails)?;
-        if !names.is_empty() && !names.iter().any(|n| n == LOCK_FILE) {
-            return Err(CheckpointError::Foreign { folder: folder.to_owned() });
+        if fs::symlink_metadata(folder).is_ok_and(|found| !found.is_dir()) {
+            return Err(CheckpointError::Foreign { path: folder.to_owned() });
         }
-        let lock = File::create(folder.join(LOCK_FILE)).map_err(fails)?;
+        fs::create_dir_all(folder).map_err(fails)?;
+        if let Some(path) = foreign(folder).map_err(fails)? {
+            return Err(CheckpointError::Foreign { path });
+        }
+        let lock = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true)).map_err(fails)?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(CheckpointError::InUse { folder: folder.to_owned() }),
@@ -110,10 +124,12 @@ impl Checkpoint {
             return Err(CheckpointError::OtherRun { folder: folder.to_owned(), differences });
         }
         let continued = resume && earlier.is_some();
+        // What a killed run was writing is of no use either way.
+        let useless = |name: &&String| is_ours(name) && (!continued || name.ends_with(".tmp"));
+        for name in file_names(folder).map_err(fails)?.iter().filter(useless) {
+            fs::remove_file(folder.join(name)).map_err(fails)?;
+        }
         if !continued {
-            for name in names.iter().filter(|n| is_ours(n)) {
-                fs::remove_file(folder.join(name)).map_err(fails)?;
-            }
             let write = |file: &mut BufWriter<File>| serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from);
             write_whole(&folder.join(FINGERPRINT_FILE), write).map_err(fails)?;
         }
@@ -131,11 +147,11 @@ impl Checkpoint {
     /// # Errors
     /// If the name is not valid, the value is too large, or the disk refuses; an earlier result stays as it was then.
     pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
-        let path = self.path(stage)?;
+        let path = self.file(stage)?;
         let mut too_large = false;
         let written = write_whole(&path, |file| {
             file.write_all(&[0; HEADER_BYTES])?;
-            let mut payload = Summed { inner: file, sum: self.sum(stage), length: 0 };
+            let mut payload = Summed { inner: &mut *file, sum: self.sum(stage), length: 0 };
             let outcome = postcard::to_io(value, &mut payload).map(|_| ()).map_err(io::Error::other);
             too_large = payload.length > MAX_BYTES;
             outcome?;
@@ -152,7 +168,7 @@ impl Checkpoint {
 
     /// The result of a stage, if there is a whole one. Damage is told to `monitor`.
     pub fn load<T: DeserializeOwned>(&self, stage: &str, monitor: &Monitor) -> Option<T> {
-        let path = self.path(stage).ok()?;
+        let path = self.file(stage).ok()?;
         match self.read(stage, &path) {
             Ok(value) => Some(value),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -161,6 +177,21 @@ impl Checkpoint {
                 None
             }
         }
+    }
+
+    /// Sum of the sizes of all results that are kept, bytes.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn bytes(&self) -> io::Result<u64> {
+        let stages = file_names(&self.folder)?.into_iter().filter(|name| name.ends_with(STAGE_FILE));
+        stages.map(|name| Ok(fs::symlink_metadata(self.folder.join(name))?.len())).sum()
+    }
+
+    /// Where it lies.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.folder
     }
 
     /// Deletes the checkpoint: the run is complete.
@@ -188,12 +219,12 @@ impl Checkpoint {
         Ok(())
     }
 
-    fn path(&self, stage: &str) -> Result<PathBuf, CheckpointError> {
+    fn file(&self, stage: &str) -> Result<PathBuf, CheckpointError> {
         let valid = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "_-/".contains(c);
         if stage.is_empty() || stage.len() > 64 || !stage.chars().all(valid) {
             return Err(CheckpointError::StageName(stage.to_owned()));
         }
-        Ok(self.folder.join(format!("{}.ckpt", stage.replace('/', "."))))
+        Ok(self.folder.join(stage.replace('/', ".") + STAGE_FILE))
     }
 
     /// The checksum starts with what the bytes belong to, so that a renamed file is found out.
@@ -205,26 +236,26 @@ impl Checkpoint {
     }
 
     fn read<T: DeserializeOwned>(&self, stage: &str, path: &Path) -> io::Result<T> {
-        let file = File::open(path)?;
-        let length = file.metadata()?.len().saturating_sub(HEADER_BYTES as u64);
-        let mut file = BufReader::new(file);
-        let mut head = [0; HEADER_BYTES];
-        file.read_exact(&mut head)?;
-        if length > MAX_BYTES {
+        let file = open_plain(path, OpenOptions::new().read(true))?;
+        if file.metadata()?.len() > MAX_BYTES + HEADER_BYTES as u64 {
             return Err(io::Error::other("too large"));
         }
-        let mut payload = Vec::with_capacity(length as usize);
-        file.take(MAX_BYTES).read_to_end(&mut payload)?;
-        let mut sum = self.sum(stage);
-        sum.update(&payload);
-        if head != header(self.digest, payload.len() as u64, sum.value()) {
+        let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
+        let mut head = [0; HEADER_BYTES];
+        file.read_exact(&mut head)?;
+        let mut summed = Summed { inner: io::sink(), sum: self.sum(stage), length: 0 };
+        io::copy(&mut file, &mut summed)?;
+        if head != header(self.digest, summed.length, summed.sum.value()) {
             return Err(io::Error::other("damaged, or of another run or version"));
         }
-        match postcard::take_from_bytes(&payload) {
-            Ok((value, [])) => Ok(value),
-            Ok(_) => Err(io::Error::other("holds more than was asked for")),
-            Err(error) => Err(io::Error::other(error)),
+        file.seek(SeekFrom::Start(HEADER_BYTES as u64))?;
+        // Longer pieces and texts are not written.
+        let mut piece = vec![0; PIECE_BYTES];
+        let (value, (mut rest, _)) = postcard::from_io((file, &mut piece)).map_err(io::Error::other)?;
+        if rest.read(&mut [0])? > 0 {
+            return Err(io::Error::other("holds more than was asked for"));
         }
+        Ok(value)
     }
 }
 
@@ -239,13 +270,13 @@ fn header(digest: u64, length: u64, checksum: u64) -> [u8; HEADER_BYTES] {
 }
 
 /// Counts and sums what passes; refuses more than [`MAX_BYTES`].
-struct Summed<'a> {
-    inner: &'a mut BufWriter<File>,
+struct Summed<W> {
+    inner: W,
     sum: Checksum,
     length: u64,
 }
 
-impl Write for Summed<'_> {
+impl<W: Write> Write for Summed<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.length += bytes.len() as u64;
         if self.length > MAX_BYTES {
@@ -261,13 +292,13 @@ impl Write for Summed<'_> {
     }
 }
 
-/// Writes a file under a temporary name, flushes it to the disk, gives it its name.
+/// Writes a file under a temporary name, then gives it its name.
 fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     let temporary = path.with_extension("tmp");
-    let written = File::create(&temporary).and_then(|file| {
-        let mut file = BufWriter::with_capacity(1 << 20, file);
+    let written = create_plain(&temporary).and_then(|file| {
+        let mut file = BufWriter::with_capacity(BUFFER_BYTES, file);
         write(&mut file)?;
-        file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+        file.into_inner().map_err(io::IntoInnerError::into_error).map(drop)
     });
     match written {
         Ok(()) => fs::rename(&temporary, path),
@@ -279,7 +310,7 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Resu
 }
 
 fn read_fingerprint(path: &Path) -> Option<Fingerprint> {
-    let file = File::open(path).ok()?;
+    let file = open_plain(path, OpenOptions::new().read(true)).ok()?;
     serde_json::from_reader(BufReader::new(file.take(MAX_FINGERPRINT_BYTES))).ok()
 }
 
@@ -292,9 +323,23 @@ fn file_names(folder: &Path) -> io::Result<Vec<String>> {
     Ok(names)
 }
 
+/// Something in a checkpoint folder that was not put there by this program; the folder itself, if it holds things and no lock.
+fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
+    let entries: Vec<fs::DirEntry> = fs::read_dir(folder)?.collect::<io::Result<_>>()?;
+    let is_lock = |entry: &fs::DirEntry| entry.file_name() == LOCK_FILE;
+    for entry in &entries {
+        let known = is_lock(entry) || is_ours(&entry.file_name().to_string_lossy());
+        if !known || !entry.file_type()?.is_file() {
+            return Ok(Some(entry.path()));
+        }
+    }
+    let locked = entries.is_empty() || entries.iter().any(is_lock);
+    Ok((!locked).then(|| folder.to_owned()))
+}
+
 /// Whether a file was written here; nothing else is ever deleted.
 fn is_ours(name: &str) -> bool {
-    name == FINGERPRINT_FILE || name.ends_with(".ckpt") || name.ends_with(".tmp")
+    name == FINGERPRINT_FILE || name.ends_with(STAGE_FILE) || name.ends_with(".tmp")
 }
 
 #[cfg(test)]
@@ -397,6 +442,66 @@ mod tests {
         assert!(held.remove().is_err());
         assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
         assert_eq!(fs::read_to_string(fixture.folder.join("notes.txt")).unwrap(), "mine");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn what_a_planted_link_leads_to_is_neither_emptied_nor_deleted() {
+        for name in [LOCK_FILE, FINGERPRINT_FILE, "capture.ckpt", "capture.tmp"] {
+            for resume in [false, true] {
+                let fixture = Fixture::new(&format!("link-{name}-{resume}"));
+                let victim = fixture.folder.with_extension("victim");
+                fs::write(&victim, "precious").unwrap();
+                drop(fixture.open(1, false).unwrap());
+                let link = fixture.folder.join(name);
+                fs::remove_file(&link).unwrap_or_default();
+                std::os::unix::fs::symlink(&victim, &link).unwrap();
+                assert!(matches!(fixture.open(1, resume), Err(CheckpointError::Foreign { path }) if path == link), "{name}");
+                assert_eq!(fs::read_to_string(&victim).unwrap(), "precious", "{name}");
+                assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+                fs::remove_file(victim).unwrap();
+            }
+        }
+        let fixture = Fixture::new("link-folder");
+        let victim = fixture.folder.with_extension("victims");
+        fs::create_dir_all(&victim).unwrap();
+        fs::write(victim.join("lock"), "precious").unwrap();
+        fs::write(victim.join("fingerprint.json"), "precious").unwrap();
+        std::os::unix::fs::symlink(&victim, &fixture.folder).unwrap();
+        assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
+        assert_eq!(file_names(&victim).unwrap(), ["fingerprint.json", "lock"]);
+        assert_eq!(fs::read_to_string(victim.join("lock")).unwrap(), "precious");
+        fs::remove_file(&fixture.folder).unwrap();
+        fs::remove_dir_all(victim).unwrap();
+    }
+
+    #[test]
+    fn what_a_killed_run_was_writing_is_cleared_away() {
+        let fixture = Fixture::new("killed");
+        fixture.open(1, false).unwrap().save("a", &7u8).unwrap();
+        fs::write(fixture.folder.join("b.tmp"), "half").unwrap();
+        let again = fixture.open(1, true).unwrap();
+        assert_eq!(again.load("a", &Monitor::silent()), Some(7u8));
+        assert_eq!(file_names(&fixture.folder).unwrap(), ["a.ckpt", FINGERPRINT_FILE, LOCK_FILE]);
+        assert_eq!(again.bytes().unwrap(), HEADER_BYTES as u64 + 1);
+    }
+
+    /// A file whose checksum is right, whatever it holds.
+    #[test]
+    fn a_length_that_a_file_claims_reserves_nothing() {
+        let fixture = Fixture::new("hostile");
+        let checkpoint = fixture.open(1, false).unwrap();
+        // Lengths of 2^62 and of 2^35, then three bytes.
+        for length in [&[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40][..], &[0x80, 0x80, 0x80, 0x80, 0x80, 0x01]] {
+            let payload = [length, &[1, 2, 3]].concat();
+            let mut sum = checkpoint.sum("a");
+            sum.update(&payload);
+            let head = header(checkpoint.digest, payload.len() as u64, sum.value());
+            fs::write(fixture.folder.join("a.ckpt"), [&head[..], &payload].concat()).unwrap();
+            assert_eq!(checkpoint.load::<Vec<[f64; 8]>>("a", &Monitor::silent()), None);
+            assert_eq!(checkpoint.load::<String>("a", &Monitor::silent()), None);
+            assert!(checkpoint.load::<crate::surface::TriangleMesh>("a", &Monitor::silent()).is_none());
+        }
     }
 
     #[test]

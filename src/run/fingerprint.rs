@@ -86,6 +86,12 @@ impl Fingerprint {
         sum.value()
     }
 
+    /// The digest as text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        format!("{:016x}", self.digest())
+    }
+
     fn add(&mut self, name: &str, value: &serde_json::Value) {
         match value {
             serde_json::Value::Object(map) => map.iter().for_each(|(key, inner)| self.add(&format!("{name}.{key}"), inner)),

@@ -63,9 +63,10 @@ pub(super) fn found_in_all(
     surfaces: &[StateSurface],
     matches: &[Vec<LiftedMatch>],
     config: &Config,
+    checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
 ) -> Result<Found, RunError> {
-    let united = stages.run("unite", None, |_| unite_states(surfaces, matches, registrations, config))?;
+    let united = stages.kept(checkpoint, "unite", None, |_| unite_states(surfaces, matches, registrations, config))?;
     let said = |of: fn(&Registration) -> &Vec<String>| {
         // Of a pair without motion nothing is told here.
         let moving = registrations.iter().enumerate().filter(|(_, r)| r.motions.len() > 1);

@@ -7,6 +7,7 @@ mod checkpoint;
 mod checksum;
 mod diagnose;
 mod diagnose_frames;
+mod earlier;
 mod fields;
 mod fingerprint;
 mod found;

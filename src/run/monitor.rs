@@ -77,9 +77,12 @@ pub enum Event {
 }
 
 /// The run was asked to stop.
-#[derive(Debug, thiserror::Error)]
-#[error("stopped on request; continue with --resume")]
-pub struct Cancelled;
+#[derive(Debug, Default, thiserror::Error)]
+#[error("stopped on request{}{kept}", if kept.is_empty() { "" } else { "; " })]
+pub struct Cancelled {
+    /// What is kept, where, and how to go on; empty where nothing is.
+    pub kept: String,
+}
 
 /// Passed to every stage loop.
 #[derive(Clone)]
@@ -138,6 +141,6 @@ impl Monitor {
     /// # Errors
     /// [`Cancelled`], so that `monitor.check()?` ends the stage.
     pub fn check(&self) -> Result<(), Cancelled> {
-        if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
+        if self.cancel.load(Ordering::Relaxed) { Err(Cancelled::default()) } else { Ok(()) }
     }
 }

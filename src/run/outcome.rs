@@ -27,17 +27,19 @@ pub struct ReconstructRequest {
     pub origins: Origins,
     /// Whether an interrupted run is continued.
     pub resume: bool,
+    /// Whether what this one has finished is kept when it is stopped.
+    pub keep: bool,
     /// Whether what may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// Files and folders beside the sources that the result must not take the place of.
-    pub kept: Vec<PathBuf>,
+    pub beside: Vec<PathBuf>,
 }
 
 impl ReconstructRequest {
     /// Where the result goes.
     pub(super) fn place(&self, name: &str) -> Place {
         let matcher = self.config.matching.onnx.iter();
-        let inputs = self.sources.iter().chain(&self.kept).chain(matcher).cloned().collect();
+        let inputs = self.sources.iter().chain(&self.beside).chain(matcher).cloned().collect();
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
 
@@ -58,6 +60,8 @@ pub struct Outcome {
     pub warnings: Vec<String>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
+    /// Whether the folder is of an earlier run that was to be continued; nothing was done then, and nothing else is told of it.
+    pub stood: bool,
 }
 
 /// A joint as it stands in state 0, in the world frame of the recording.
@@ -89,6 +93,16 @@ pub enum RunError {
     /// The checkpoint cannot be used or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// There is nothing to continue, and another run's result has the name.
+    #[error(
+        "{} is the result of other inputs, settings or another version, and no run is there to continue; \
+         give another --name, or start anew without --resume",
+        folder.display()
+    )]
+    OtherResult {
+        /// The run folder.
+        folder: PathBuf,
+    },
     /// A stage failed.
     #[error("{stage}")]
     Stage {
@@ -111,7 +125,7 @@ impl RunError {
     pub fn can_continue(&self) -> bool {
         match self {
             Self::Cancelled(_) | Self::Checkpoint(_) => true,
-            Self::Config(_) => false,
+            Self::Config(_) | Self::OtherResult { .. } => false,
             Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
         }
     }

@@ -8,6 +8,8 @@ use super::{
     Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     alignment::{Aligned, align, moved_back},
     articulation::Search,
+    chain,
+    earlier::{Earlier, ended, stands},
     fields::train_field,
     found::{Found, found_in_all, found_in_pair, more_views, stage_of},
     least_bytes::least_reconstruction,
@@ -61,23 +63,30 @@ pub struct Twin {
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     let name = checked_name(request)?;
     let matcher = matcher(&request.config)?;
-    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint(request)?, request.resume)?;
+    let fingerprint = fingerprint(request)?;
+    // What is moved away by force need not be as it was written.
+    let earlier = if request.resume && !request.force { Earlier::of(&request.out.join(&name), &fingerprint) } else { Earlier::Nothing };
+    if let Earlier::Same(folder) = earlier {
+        return Ok(stands(folder, &Checkpoint::folder(&request.out, &name), &fingerprint, monitor));
+    }
+    let checkpoint = Checkpoint::open(&Checkpoint::folder(&request.out, &name), &fingerprint, request.resume)?;
     if request.resume && !checkpoint.is_continued() {
+        if let Earlier::Other(folder) = earlier {
+            checkpoint.discard()?;
+            return Err(RunError::OtherResult { folder });
+        }
         let message = format!("there is no usable checkpoint of {name} in {}; the run starts anew", request.out.display());
         monitor.tell(Event::Note { message });
     }
-    match reconstruct_files(&name, matcher.as_ref(), request, &checkpoint, monitor) {
+    match reconstruct_files(&name, matcher.as_ref(), request, (&fingerprint, &checkpoint), monitor) {
         Ok(outcome) => {
-            checkpoint.remove()?;
+            if let Err(error) = checkpoint.remove() {
+                monitor.warn(format!("the result is whole, but what was kept on the way is not deleted: {}", chain(&error)));
+            }
             monitor.tell(Event::Artifact { path: outcome.folder.display().to_string() });
             Ok(outcome)
         }
-        Err(error) => {
-            if !error.can_continue() {
-                checkpoint.discard()?;
-            }
-            Err(error)
-        }
+        Err(error) => Err(ended(error, checkpoint, request.keep, monitor)),
     }
 }
 
@@ -118,31 +127,33 @@ fn reconstruct_files(
     name: &str,
     matcher: Option<&io::OnnxMatcher>,
     request: &ReconstructRequest,
-    checkpoint: &Checkpoint,
+    (fingerprint, checkpoint): (&Fingerprint, &Checkpoint),
     monitor: &Monitor,
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::new(monitor);
-    let mut capture = stages.run("capture", None, |_| {
+    let keep = request.keep.then_some(checkpoint);
+    let mut capture = stages.kept(keep, "capture", None, |_| {
         io::open(&request.sources, &config.capture, config.run.seed).map_err(|e| RunError::stage("capture", e))
     })?;
     capture.notes.iter().for_each(|n| monitor.tell(Event::Note { message: n.clone() }));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
-    let twin = reconstruct_twin(name, &capture, matcher, config, Some(checkpoint), &mut stages)?;
+    let twin = reconstruct_twin(name, &capture, matcher, config, keep, &mut stages)?;
     for (frames, drift) in capture.states.iter_mut().skip(1).zip(&twin.drifts) {
         if let Some(drift) = drift {
             *frames = moved_back(frames, drift);
         }
     }
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
-    let files = stages
-        .run("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export)))?;
+    let files = stages.kept(keep, "export", None, |_| {
+        Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export))
+    })?;
     let found = stages
         .run("check", None, |_| Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect())))?;
-    let report = Report::new(&twin.model, facts(request, &capture, &twin, &images, &stages));
+    let report = Report::new(&twin.model, facts(request, fingerprint, &capture, &twin, &images, &stages));
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
-    Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings })
+    Ok(Outcome { folder, joints: JointSummary::of(&twin.model), degraded: !warnings.is_empty(), warnings, stood: false })
 }
 
 /// From frames to a model; touches no disk but the checkpoint's.
@@ -164,10 +175,13 @@ pub fn reconstruct_twin(
     let noise = &config.capture.noise;
     let no_depth = || RunError::stage("scene", "no depth reading of the object can be used; check masks, depth and workspace");
     let scene = scene_box(&recorded, noise).ok_or_else(no_depth)?;
-    let pairs = (1..count).map(|state| match_pair(state, capture, matcher, &scene, config, stages)).collect::<Result<Vec<_>, _>>()?;
+    let pairs =
+        (1..count).map(|state| match_pair(state, capture, matcher, &scene, config, checkpoint, stages)).collect::<Result<Vec<_>, _>>()?;
     let (matches, aligned): (Vec<Vec<LiftedMatch>>, Vec<Option<Aligned>>) = pairs.into_iter().unzip();
     let drifts: Vec<Option<Pose>> = aligned.iter().map(|a| a.as_ref().map(|a| a.world_from_world0)).collect();
-    let own = aligned.iter().zip(&recorded[1..]).map(|(a, frames)| a.as_ref().map_or(*frames, |a| &a.frames[..]));
+    let moved: Vec<Option<Vec<RgbdFrame>>> =
+        drifts.iter().zip(&recorded[1..]).map(|(drift, frames)| drift.as_ref().map(|drift| moved_back(frames, drift))).collect();
+    let own = moved.iter().zip(&recorded[1..]).map(|(moved, frames)| moved.as_deref().unwrap_or(frames));
     let frames: Vec<&[RgbdFrame]> = recorded[..1].iter().copied().chain(own).collect();
     let scene = scene_box(&frames, noise).unwrap_or(scene);
     let band = Band::of(&frames, &scene, noise, &config.surface);
@@ -185,14 +199,14 @@ pub fn reconstruct_twin(
     let mut registrations = Vec::with_capacity(count - 1);
     for state in 1..count {
         let stage = stage_of("register", state, count);
-        registrations.push(stages.run(&stage, None, |_| search(state).register(state, &stage, config))?);
+        registrations.push(stages.kept(checkpoint, &stage, None, |_| search(state).register(state, &stage, config))?);
     }
     let found = match registrations.as_slice() {
         [one] => found_in_pair(one, &search(1), config, checkpoint, stages)?,
-        several => found_in_all(several, &surfaces, &matches, config, stages)?,
+        several => found_in_all(several, &surfaces, &matches, config, checkpoint, stages)?,
     };
     let Found { articulation, registered, curve, mut notes, warnings } = found;
-    let joints = stages.run("joints", None, |_| {
+    let joints = stages.kept(checkpoint, "joints", None, |_| {
         // Corrections of poses leave each state a world frame that is a little its own.
         let moved: Vec<bool> = drifts.iter().map(|d| d.is_some() || capture.poses.changed()).collect();
         let still: Vec<_> = aligned.iter().enumerate().map(|(k, a)| still(a.as_ref(), &capture.poses, k)).collect();
@@ -201,7 +215,7 @@ pub fn reconstruct_twin(
         Ok::<_, RunError>(joints(&seen, &articulation, &scene, config))
     })?;
     let parts = joints.len() + 1;
-    let model = stages.run("assemble", None, |_| assemble(name, &surfaces, &articulation, joints, &band, config))?;
+    let model = stages.kept(checkpoint, "assemble", None, |_| assemble(name, &surfaces, &articulation, joints, &band, config))?;
     let findings = validate(&model);
     if !findings.is_empty() {
         let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
@@ -252,10 +266,8 @@ fn observe(
     let mut all =
         Observed { surfaces: Vec::with_capacity(frames.len()), fields: Vec::with_capacity(frames.len()), replaced_engines: Vec::new() };
     for (state, frames) in frames.iter().enumerate() {
-        let input = TrainInput { frames, scene, occupancy: &occupancy };
-        let volume = stages
-            .run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, &scene, band, noise, config.surface.nodes)))?;
         let field = if config.trains_fields() {
+            let input = TrainInput { frames, scene, occupancy: &occupancy };
             let stage = format!("field/state{state}");
             let train = |m: &Monitor| train_field(state, &input, band, config, checkpoint, m);
             let trained = stages.run(&stage, Some(config.train.steps), train)?;
@@ -265,9 +277,17 @@ fn observe(
             None
         };
         let geometry = field.as_ref().filter(|_| config.surface.source == SurfaceSource::Field);
-        let surface = stages.run(&format!("surface/state{state}"), None, |_| {
-            state_surface(frames, &volume, geometry, &scene, band, noise, &config.surface)
-        })?;
+        let stage = format!("surface/state{state}");
+        // The volume is not kept: it takes twice the room of what is made of it, and as long to write as a tenth of its fusion.
+        let surface = match stages.recall::<_, RunError>(checkpoint, &stage)? {
+            Some(kept) => kept,
+            None => {
+                let fuse = |_: &Monitor| Ok::<_, RunError>(fuse(frames, &scene, band, noise, config.surface.nodes));
+                let volume = stages.run(&format!("fusion/state{state}"), None, fuse)?;
+                let surface = |_: &Monitor| state_surface(frames, &volume, geometry, &scene, band, noise, &config.surface);
+                stages.kept(checkpoint, &stage, None, surface)?
+            }
+        };
         all.fields.push(field);
         all.surfaces.push(surface);
     }
@@ -281,15 +301,16 @@ fn match_pair(
     matcher: Option<&io::OnnxMatcher>,
     scene: &SceneBox,
     config: &Config,
+    checkpoint: Option<&Checkpoint>,
     stages: &mut Stages,
 ) -> Result<(Vec<LiftedMatch>, Option<Aligned>), RunError> {
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
     let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
-    let matches = stages.run(&stage_of("match", state, count), steps, found)?;
+    let matches = stages.kept(checkpoint, &stage_of("match", state, count), steps, found)?;
     let matches = lift(frames, &matches, &config.capture.noise);
-    let mut aligned = stages.run(&stage_of("align", state, count), None, |_| align(state, frames, &matches, scene, config))?;
+    let mut aligned = stages.kept(checkpoint, &stage_of("align", state, count), None, |_| align(state, frames, &matches, scene, config))?;
     aligned.iter().for_each(|a| stages.monitor.warn(&a.note));
     let moved = aligned.as_mut().map(|a| std::mem::take(&mut a.matches));
     Ok((moved.unwrap_or(matches), aligned))
@@ -321,7 +342,14 @@ fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     Ok(all)
 }
 
-fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &ReportPictures, stages: &Stages) -> RunFacts {
+fn facts(
+    request: &ReconstructRequest,
+    fingerprint: &Fingerprint,
+    capture: &Capture,
+    twin: &Twin,
+    images: &ReportPictures,
+    stages: &Stages,
+) -> RunFacts {
     let initialization = match request.config.run.init {
         Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
         Init::Identity => {
@@ -348,6 +376,7 @@ fn facts(request: &ReconstructRequest, capture: &Capture, twin: &Twin, images: &
         seed: request.config.run.seed,
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
+        fingerprint: fingerprint.text(),
         device: device(request.config.run.engine, twin.replaced_engines.len(), capture.states.len()),
         notes: capture.notes.iter().chain(&twin.notes).chain(&twin.replaced_engines).cloned().collect(),
         warnings: capture.warnings.iter().cloned().chain(twin.warnings.iter().cloned()).chain(cautions(&twin.model)).collect(),

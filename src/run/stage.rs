@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
-use super::{Event, Monitor};
+use serde::{Serialize, de::DeserializeOwned};
+
+use super::{Checkpoint, Event, Monitor};
 
 /// The clock of a run.
 pub struct Stages<'a> {
@@ -33,9 +35,58 @@ impl<'a> Stages<'a> {
         self.monitor.tell(Event::StageStarted { stage: name.to_owned(), steps });
         let start = Instant::now();
         let result = stage(self.monitor)?;
+        self.finished(name, start);
+        Ok(result)
+    }
+
+    /// Runs a stage whose result outlives a stopped run: takes it from the checkpoint, or computes and keeps it.
+    ///
+    /// A disk that does not take the result costs no more than the comfort: the run goes on.
+    ///
+    /// # Errors
+    /// Those of [`Self::run`].
+    pub fn kept<T: Serialize + DeserializeOwned, E: From<super::Cancelled>>(
+        &mut self,
+        checkpoint: Option<&Checkpoint>,
+        name: &str,
+        steps: Option<usize>,
+        stage: impl FnOnce(&Monitor) -> Result<T, E>,
+    ) -> Result<T, E> {
+        if let Some(found) = self.recall(checkpoint, name)? {
+            return Ok(found);
+        }
+        self.run(name, steps, |monitor| {
+            let result = stage(monitor)?;
+            if let Some(Err(error)) = checkpoint.map(|c| c.save(name, &result)) {
+                let message = format!("{}; the run goes on, but --resume would begin before {name}", super::chain(&error));
+                monitor.tell(Event::Note { message });
+            }
+            Ok(result)
+        })
+    }
+
+    /// The result of a stage from a stopped run, if it is there; the stage is then told as begun, as kept and as done.
+    ///
+    /// # Errors
+    /// [`super::Cancelled`].
+    pub fn recall<T: DeserializeOwned, E: From<super::Cancelled>>(
+        &mut self,
+        checkpoint: Option<&Checkpoint>,
+        name: &str,
+    ) -> Result<Option<T>, E> {
+        self.monitor.check()?;
+        let start = Instant::now();
+        let Some(result) = checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
+        self.monitor.tell(Event::StageStarted { stage: name.to_owned(), steps: None });
+        self.monitor.tell(Event::Note { message: format!("{name} was kept from the run that was stopped") });
+        self.finished(name, start);
+        Ok(Some(result))
+    }
+
+    /// Tells the end of a stage and keeps its time.
+    fn finished(&mut self, name: &str, start: Instant) {
         let seconds = start.elapsed().as_secs_f64();
         self.seconds.push((name.to_owned(), seconds));
         self.monitor.tell(Event::StageFinished { stage: name.to_owned(), seconds });
-        Ok(result)
     }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::RunError;
 use crate::{
@@ -40,6 +41,7 @@ impl Band {
 }
 
 /// Everything later stages need of one state.
+#[derive(Serialize, Deserialize)]
 pub struct StateSurface {
     /// Truncated signed distance, metres, NaN where unobserved.
     pub tsdf: Grid3<f32>,

@@ -1,17 +1,21 @@
 //! Triangle meshes.
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
 
 /// An indexed triangle mesh; triangles turn counter-clockwise seen from outside.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TriangleMesh {
     /// Vertex positions, metres.
+    #[serde(with = "crate::geometry::bytes")]
     pub vertices: Vec<Point3<f32>>,
     /// Vertex indices.
+    #[serde(with = "crate::geometry::bytes")]
     pub triangles: Vec<[u32; 3]>,
     /// sRGB colour per vertex; empty where there is none.
+    #[serde(with = "crate::geometry::bytes")]
     pub colors: Vec<[u8; 3]>,
 }
 

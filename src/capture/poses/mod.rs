@@ -41,7 +41,7 @@ pub enum RefinePoses {
 }
 
 /// Errors of a pose along and about each axis, one standard deviation.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseNoise {
     /// Metres.
     pub translation_m: f64,
@@ -71,7 +71,7 @@ impl PoseNoise {
 }
 
 /// What was found of the poses of a state.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseCorrection {
     /// Whether it is used.
     pub used: bool,
@@ -109,7 +109,7 @@ const GAIN_SIGMAS: f64 = 4.0;
 const LEAST_FRAMES: usize = 3;
 
 /// What was found of the poses of all states.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseFindings {
     /// Of each state; `None` where it was not looked for, or too little is seen to tell.
     pub states: Vec<Option<PoseCorrection>>,

@@ -5,6 +5,8 @@ use std::fmt;
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
+use serde::{Deserialize, Serialize};
+
 use super::{
     PoseNoise,
     pairs::{Comparison, Gain, PairSums},
@@ -24,7 +26,7 @@ const OBSERVED: f64 = 0.03;
 const STEP_M: f64 = 1e-5;
 
 /// A correction of state 1's world frame by surfaces that stand still.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldCorrection {
     /// To be applied to state 1's poses from the left.
     pub right_from_told: Pose,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::{geometry::Pose, surface::TriangleMesh};
 
@@ -27,7 +28,7 @@ impl Plane {
 }
 
 /// A convex polyhedron, metres. Faces turn counter-clockwise seen from outside.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ConvexSolid {
     /// Corners.
     pub vertices: Vec<Point3<f64>>,

@@ -1,0 +1,64 @@
+//! Files under names that anybody can foresee: what was planted there is never followed, emptied or waited for.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io,
+    path::Path,
+};
+
+/// Opens a plain file. A link is refused, not followed; a pipe or device is refused, not waited for. What the file holds stays.
+///
+/// # Errors
+/// If it is something else, or the system refuses.
+pub fn open_plain(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(options, nix::libc::O_NOFOLLOW | nix::libc::O_NONBLOCK);
+    let file = options.open(path)?;
+    if file.metadata()?.is_file() && fs::symlink_metadata(path)?.is_file() {
+        return Ok(file);
+    }
+    Err(io::Error::other("it is no plain file"))
+}
+
+/// Creates a plain file in place of what has that name; of a link the link goes, not what it leads to.
+///
+/// # Errors
+/// If a folder has that name, or the system refuses.
+pub fn create_plain(path: &Path) -> io::Result<File> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    File::create_new(path)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::{io::Write as _, os::unix::fs::symlink};
+
+    use super::*;
+
+    #[test]
+    fn links_pipes_and_folders_are_not_opened_and_nothing_is_emptied() {
+        let root = std::env::temp_dir().join(format!("artitwin-plain-{}", std::process::id()));
+        fs::remove_dir_all(&root).ok();
+        fs::create_dir_all(root.join("folder")).unwrap();
+        let [victim, link, pipe] = ["victim", "link", "pipe"].map(|n| root.join(n));
+        fs::write(&victim, "precious").unwrap();
+        symlink(&victim, &link).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let open = |path: &Path| open_plain(path, OpenOptions::new().write(true).create(true));
+        for path in [&link, &pipe, &root.join("folder")] {
+            assert!(open(path).is_err(), "{}", path.display());
+            assert!(open_plain(path, OpenOptions::new().read(true)).is_err(), "{}", path.display());
+        }
+        drop(open(&victim).unwrap());
+        assert!(open(&root.join("new")).is_ok());
+        create_plain(&link).unwrap().write_all(b"new").unwrap();
+        create_plain(&pipe).unwrap();
+        assert!(create_plain(&root.join("folder")).is_err());
+        assert_eq!(fs::read_to_string(&victim).unwrap(), "precious");
+        assert_eq!(fs::read_to_string(&link).unwrap(), "new");
+        fs::remove_dir_all(&root).unwrap();
+    }
+}
