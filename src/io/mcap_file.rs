@@ -74,8 +74,10 @@ pub struct RawMessage<'a> {
     /// When it was recorded, nanoseconds.
     pub log_time_nanos: u64,
     /// When it was sent, nanoseconds.
+    #[cfg_attr(not(test), allow(dead_code, reason = "the conformance sets name it"))]
     pub publish_time_nanos: u64,
     /// Number that its sender gave it; 0 where it gave none.
+    #[cfg_attr(not(test), allow(dead_code, reason = "the conformance sets name it"))]
     pub sequence: u32,
     /// Payload with its CDR header.
     pub data: &'a [u8],
