@@ -13,6 +13,7 @@ use serde_json::Value;
 
 use super::{
     bag::Bag,
+    expansion::Expansion,
     inspect,
     mcap_file::{Channels, RawMessage, read_messages, summary_channels},
     read_joint_log,
@@ -101,7 +102,8 @@ fn every_file_of_mcaps_conformance_set_gives_its_records() {
             let mut source = Cursor::new(bytes.as_slice());
             let mut channels = if known { summary_channels(&mut source).unwrap() } else { Channels::default() };
             let mut told = Vec::new();
-            let report = read_messages::<_, Infallible>(source, &mut channels, &mut |m| {
+            let mut expansion = Expansion::of(bytes.len() as u64);
+            let report = read_messages::<_, Infallible>(source, &mut channels, &mut expansion, &mut |m| {
                 told.push(Told::of(m));
                 Ok(())
             });

@@ -170,8 +170,9 @@ mod tests {
         let channel = [&[1, 1, 7, 0][..], &text("/a"), &text("cdr"), &text("")].concat();
         let read = ChannelRecord::read(&channel).unwrap();
         assert_eq!((read.id, read.schema_id, read.topic.as_str(), read.message_encoding.as_str()), (257, 7, "/a", "cdr"));
-        let message = [&[1, 1][..], &[9; 4], &5u64.to_le_bytes(), &[9; 8], b"payload"].concat();
-        assert_eq!(MessageRecord::read(&message), Ok(MessageRecord { channel_id: 257, log_time: 5, data: b"payload" }));
+        let message = [&[1, 1][..], &3u32.to_le_bytes(), &5u64.to_le_bytes(), &4u64.to_le_bytes(), b"payload"].concat();
+        let expected = MessageRecord { channel_id: 257, sequence: 3, log_time: 5, publish_time: 4, data: b"payload" };
+        assert_eq!(MessageRecord::read(&message), Ok(expected));
     }
 
     #[test]

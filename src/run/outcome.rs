@@ -184,8 +184,9 @@ mod tests {
             config,
             origins: Origins::default(),
             resume: false,
+            keep: false,
             force: true,
-            kept: vec!["mine.yaml".into()],
+            beside: vec!["mine.yaml".into()],
         };
         let (place, rejected) = (request.place("box"), request.rejected_place("box"));
         assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));

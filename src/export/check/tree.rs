@@ -29,7 +29,9 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         found.error("tree", "robot", format!("has {} root links{named}; one is needed", roots.len()));
     }
     for ring in rings(&carrier) {
-        let names: Vec<&str> = ring.iter().rev().map(|&l| links[l].name.as_str()).collect();
+        // From parent to child, beginning as the ring does.
+        let from_parent = ring.iter().take(1).chain(ring.iter().skip(1).rev());
+        let names: Vec<&str> = from_parent.map(|&l| links[l].name.as_str()).collect();
         found.error("tree", names[0], format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)));
     }
     mimics(description, found);
