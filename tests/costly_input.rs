@@ -279,6 +279,12 @@ fn examined(folder: &Path, code: i32, checked: &[&str], diagnosed: &[&str]) {
     ends(1, &["diagnose", text(&folder.join("t.urdf")), text(&shipped("drawer/state0")), "--out", text(&out)], diagnosed);
 }
 
+/// `diagnose` of the URDF by frames, which reads its meshes.
+fn seen(folder: &TempDir, twin: &Path, words: &[&str]) {
+    let (urdf, bag, out) = (twin.join("t.urdf"), shipped("drawer/state0"), folder.join("out"));
+    ends(1, &["diagnose", text(&urdf), "--frames", text(&bag), "--out", text(&out)], words);
+}
+
 #[test]
 fn nested_xml_elements() {
     let folder = TempDir::new("costly-xml");
@@ -286,8 +292,8 @@ fn nested_xml_elements() {
         let inner = "<x>".repeat(depth) + &"</x>".repeat(depth);
         let twin = model(&folder, "deep", &format!("<robot name='r'><link name='a'/>{inner}</robot>"));
         examined(&twin, 1, &["nested deeper than 128"], &["nested deeper than 128"]);
-        let sdf = model(&folder, "deep_link", &format!("<robot name='r'><link name='a'>{inner}</link></robot>"));
-        ends(1, &["diagnose", text(&sdf.join("t.urdf")), "--frames", "/nowhere", "--out", text(&folder.join("out"))], &["nested deeper"]);
+        let within = model(&folder, "deep_link", &format!("<robot name='r'><link name='a'>{inner}</link></robot>"));
+        seen(&folder, &within, &["nested deeper"]);
     }
     let entities: String = (1..10).map(|i| format!("<!ENTITY a{i} \"{}\">", format!("&a{};", i - 1).repeat(10))).collect();
     let laughs = format!("<!DOCTYPE r [<!ENTITY a0 \"aaaaaaaaaa\">{entities}]><robot name='&a9;'/>");
@@ -412,7 +418,7 @@ fn devices_and_pipes_in_place_of_files() {
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let told = "device, pipe or socket";
     for (kind, odd) in [("zero", Path::new("/dev/zero")), ("pipe", &pipe)] {
-        let data = folder.join(kind);
+        let data = folder.join(&format!("data_{kind}"));
         write_keyframes(&data);
         for file in ["cam_K.txt", "init_keyframes.yml", "depth_filtered/0_0001.png"] {
             let path = data.join(file);
@@ -430,9 +436,7 @@ fn devices_and_pipes_in_place_of_files() {
         let twin = model(&folder, &format!("twin_{kind}"), &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"));
         symlink(odd, twin.join("m.obj")).unwrap();
         ends(1, &["check", text(&twin)], &["the file is missing"]);
-        let frames =
-            ["diagnose", text(&twin.join("t.urdf")), "--frames", text(&shipped("drawer/state0")), "--out", text(&folder.join("out"))];
-        ends(1, &frames, &[told, "m.obj"]);
+        seen(&folder, &twin, &[told, "m.obj"]);
         let bag = state(&folder, &format!("bag_{kind}"), |_| true);
         std::fs::remove_file(bag.join("metadata.yaml")).unwrap();
         symlink(odd, bag.join("metadata.yaml")).unwrap();
@@ -457,9 +461,7 @@ fn meshes_that_claim_much() {
     ] {
         for format in ["ascii", "binary_little_endian"] {
             std::fs::write(twin.join("m.ply"), format!("ply\nformat {format} 1.0\n{elements}end_header\n")).unwrap();
-            let frames =
-                ["diagnose", text(&twin.join("t.urdf")), "--frames", text(&shipped("drawer/state0")), "--out", text(&folder.join("out"))];
-            ends(1, &frames, &[words, "m.ply"]);
+            seen(&folder, &twin, &[words, "m.ply"]);
         }
     }
     // One mesh of 200 MB, named often, is not read often.

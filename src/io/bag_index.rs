@@ -337,8 +337,8 @@ mod tests {
         for i in 0..MAX_CAMERAS + 10 {
             info.k[2] = i as f64;
             let more = index.add_info("/info", info.clone());
-            assert_eq!(more.is_err(), i >= MAX_CAMERAS);
             // One that is not equal to itself is one.
+            assert_eq!(more.is_err(), i >= MAX_CAMERAS - 1);
             info.k[2] = f64::NAN;
             if i < MAX_CAMERAS - 1 {
                 index.add_info("/info", info.clone()).unwrap();
