@@ -456,7 +456,8 @@ fn meshes_that_claim_much() {
     let nothing: String = (0..20_000).map(|i| format!("element q{i} 20000000\n")).collect();
     for (elements, words) in [
         (format!("{nothing}element vertex 20000000\n{axes}"), "20000000 elements vertex: the file ends early"),
-        ("element vertex 20000000\n".repeat(50), "no vertices with x, y and z"),
+        ("element vertex 20000000\n".to_owned(), "no vertices with x, y and z"),
+        ("element vertex 20000000\n".repeat(50), "names its vertices twice"),
         (format!("element vertex 0\n{axes}element face 20000000\nproperty list uchar int vertex_indices\n"), "20000000 elements face"),
     ] {
         for format in ["ascii", "binary_little_endian"] {

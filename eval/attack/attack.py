@@ -37,28 +37,34 @@ def main():
     binary, work = args.binary.resolve(), args.work.resolve()
     (work / "kept").mkdir(parents=True, exist_ok=True)
     begin, found = time.time(), []
+    version = subprocess.run([binary, "--version"], capture_output=True, text=True).stdout.strip()
+
+    def add(*families):
+        """What is whole is written, so that a run that is stopped has told something."""
+        found.extend(families)
+        heading = (
+            f"{version}, {time.strftime('%Y-%m-%d')}, {platform.machine()}, seed {args.seed}, {(time.time() - begin) / 60:.0f} minutes. "
+            "Outcomes are exit codes; `held` and `broken` are demands that no process answers by its exit code."
+        )
+        table = outcomes.markdown(found, heading)
+        if args.table:
+            args.table.write_text("# Attacks\n\nWritten by `eval/attack/attack.py`.\n\n" + table)
+        return table
+
+    if "costly" in args.only:
+        add(costly.all_of(binary, work))
+    if "twins" in args.only:
+        add(twins.refused(binary, work), twins.names(binary, work))
+    if "files" in args.only:
+        add(files.all_of(binary, work))
+    if "kills" in args.only:
+        add(kills.all_of(binary, work, args.kills, args.seed))
+    if "node" in args.only:
+        add(*node.all_of(binary, work))
     if "inputs" in args.only:
         for share, attack in ((0.5, inputs.bags), (0.2, inputs.datasets), (0.15, inputs.urdfs), (0.15, inputs.joint_logs)):
-            found.append(attack(binary, work, round(share * args.inputs), args.seed))
-    if "costly" in args.only:
-        found.append(costly.all_of(binary, work))
-    if "twins" in args.only:
-        found += [twins.refused(binary, work), twins.names(binary, work)]
-    if "files" in args.only:
-        found.append(files.all_of(binary, work))
-    if "kills" in args.only:
-        found.append(kills.all_of(binary, work, args.kills, args.seed))
-    if "node" in args.only:
-        found += node.all_of(binary, work)
-    version = subprocess.run([binary, "--version"], capture_output=True, text=True).stdout.strip()
-    heading = (
-        f"{version}, {time.strftime('%Y-%m-%d')}, {platform.machine()}, seed {args.seed}, {(time.time() - begin) / 60:.0f} minutes. "
-        "Outcomes are exit codes; `held` and `broken` are demands that no process answers by its exit code."
-    )
-    table = outcomes.markdown(found, heading)
-    print(table)
-    if args.table:
-        args.table.write_text("# Attacks\n\nWritten by `eval/attack/attack.py`.\n\n" + table)
+            add(attack(binary, work, round(share * args.inputs), args.seed))
+    print(add())
     sys.exit(1 if any(f.bad for f in found) else 0)
 
 

@@ -68,14 +68,14 @@ class Costly:
         self.log = mcap_file.write(work / "costly_log/log.mcap", log()).parent
         self.sound = mcap_file.read(inputs.ROOT / "bags/drawer/state0/state0.mcap")
 
-    def ends(self, name, *args, codes=(1, 2), said=""):
+    def ends(self, name, *args, codes=(1, 2), said="", memory_mb=MEMORY_MB):
         ended = run([self.binary, *args], seconds=90, memory_mb=6000)
         wrong = ""
         if ended.code not in codes:
             wrong = f"exit code {ended.code}"
         elif said and said not in ended.text:
             wrong = f"does not say `{said}`"
-        elif ended.memory_mb > MEMORY_MB:
+        elif ended.memory_mb > memory_mb:
             wrong = f"took {ended.memory_mb:.0f} MB"
         elif ended.seconds > SECONDS:
             wrong = f"took {ended.seconds:.0f} s"
@@ -128,7 +128,19 @@ class Costly:
             for state in (0, 1):
                 for view in range(3):
                     (folder / part / f"{state}_{view:02d}.png").write_bytes(data)
-        self.ends("six views of 8192 x 8192", *self.reconstruct(folder), codes=(0, 1, 2, 3))
+        # Within what the settings allow frames to take; sixty are not.
+        self.ends("six views of 8192 x 8192", *self.reconstruct(folder), codes=(0, 1, 2, 3), memory_mb=4500)
+        first = (folder / "init_keyframes.yml").read_text()
+        more = ""
+        for state in (0, 1):
+            for view in range(3, 30):
+                name = f"{state}_{view:02d}"
+                for part in ("color_segmented", "depth_filtered", "mask"):
+                    os.link(folder / part / f"{state}_00.png", folder / part / f"{name}.png")
+                pose = [1, 0, 0, 0.1 * view, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+                more += f"frame_{name}:\n  cam_in_ob: {pose}\n  time: {float(state)}\n"
+        (folder / "init_keyframes.yml").write_text(first + more)
+        self.ends("sixty views of 8192 x 8192", *self.reconstruct(folder))
 
     def bags(self):
         for field, begin in (("name", b""), ("encoding", mcap_file.text("a")), ("text", mcap_file.text("a") + mcap_file.text("ros2msg"))):
