@@ -23,13 +23,16 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         }
     }
     let children: BTreeSet<&str> = joints.iter().map(|j| j.child.as_str()).collect();
-    let roots: Vec<&str> = index.keys().copied().filter(|name| !children.contains(name)).collect();
+    let first = links.iter().enumerate().filter(|(place, link)| index.get(link.name.as_str()) == Some(place));
+    let roots: Vec<&str> = first.map(|(_, link)| link.name.as_str()).filter(|name| !children.contains(name)).collect();
     if roots.len() != 1 && !links.is_empty() {
         let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened(&roots)) };
         found.error("tree", "robot", format!("has {} root links{named}; one is needed", roots.len()));
     }
     for ring in rings(&carrier) {
-        let names: Vec<&str> = ring.iter().rev().map(|&l| links[l].name.as_str()).collect();
+        // From parent to child, beginning as the ring does.
+        let from_parent = ring.iter().take(1).chain(ring.iter().skip(1).rev());
+        let names: Vec<&str> = from_parent.map(|&l| links[l].name.as_str()).collect();
         found.error("tree", names[0], format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)));
     }
     mimics(description, found);
