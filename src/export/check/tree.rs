@@ -23,7 +23,8 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         }
     }
     let children: BTreeSet<&str> = joints.iter().map(|j| j.child.as_str()).collect();
-    let roots: Vec<&str> = index.keys().copied().filter(|name| !children.contains(name)).collect();
+    let first = links.iter().enumerate().filter(|(place, link)| index.get(link.name.as_str()) == Some(place));
+    let roots: Vec<&str> = first.map(|(_, link)| link.name.as_str()).filter(|name| !children.contains(name)).collect();
     if roots.len() != 1 && !links.is_empty() {
         let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened(&roots)) };
         found.error("tree", "robot", format!("has {} root links{named}; one is needed", roots.len()));
