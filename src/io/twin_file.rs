@@ -16,7 +16,7 @@ use crate::{
     files,
     gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
     geometry::Pose,
-    limits::URDF,
+    limits::{CHAIN_WORK, URDF},
 };
 
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
@@ -60,6 +60,13 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
     let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());
     for j in &robot.joints {
         joints.push(joint(j, &index)?);
+    }
+    let moving = joints.iter().filter(|j| j.motion != Motion::Fixed).count();
+    if moving * robot.links.len() > CHAIN_WORK {
+        let links = robot.links.len();
+        return Err(format!(
+            "{moving} joints move {links} links, whose product is beyond the limit of {CHAIN_WORK}: give the part that was recorded"
+        ));
     }
     let mut is_child = vec![false; robot.links.len()];
     for j in &joints {
@@ -151,6 +158,30 @@ mod tests {
         let expected = ["box.urdf", "model.sdf", "box.usda", "meshes/a.obj", "m/b.obj"].map(|f| Path::new("runs/box").join(f));
         assert_eq!(files[..5], expected);
         assert_eq!(files[5..], [PathBuf::from("/c.obj")]);
+    }
+
+    #[test]
+    fn a_chain_that_would_take_minutes_is_refused() {
+        let chain = |links: usize, kind: &str| {
+            let bodies: String = (0..links)
+                .map(|i| {
+                    format!("<link name='l{i}'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link>")
+                })
+                .collect();
+            let joints: String = (1..links)
+                .map(|i| {
+                    let p = i - 1;
+                    format!(
+                        "<joint name='j{i}' type='{kind}'><parent link='l{p}'/><child link='l{i}'/><axis xyz='0 0 1'/>\
+                         <limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"
+                    )
+                })
+                .collect();
+            twin_of(&format!("<robot name='r'>{bodies}{joints}</robot>"), [0.0; 3]).map(|t| t.joints.len())
+        };
+        assert_eq!(chain(100, "revolute"), Ok(99));
+        assert_eq!(chain(400, "fixed"), Ok(399));
+        assert!(chain(400, "revolute").is_err_and(|why| why.contains("399 joints move 400 links")));
     }
 
     const TEXT: &str = "<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' \
