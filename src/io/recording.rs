@@ -80,13 +80,14 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
         let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
         let chosen: Vec<_> =
             spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config).into_iter().map(|v| (state, v)).collect();
-        capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", chosen.len(), views.views.len()));
-        found.push((bag, views, chosen));
+        let note = format!("state {state}: {} of {} views kept, by the spread of their poses", chosen.len(), views.views.len());
+        found.push((bag, views, chosen, note));
     }
     // Before anything is decoded.
-    config.check_memory(&found.iter().map(|(_, views, chosen)| views.sizes(chosen.len())).collect::<Vec<_>>())?;
-    let worlds: Vec<String> = found.iter().map(|(_, views, _)| views.world_frame.clone()).collect();
-    for (bag, views, chosen) in found {
+    config.check_memory(&found.iter().map(|(_, views, chosen, _)| views.sizes(chosen.len())).collect::<Vec<_>>())?;
+    let worlds: Vec<String> = found.iter().map(|(_, views, ..)| views.world_frame.clone()).collect();
+    for (bag, views, chosen, note) in found {
+        capture.notes.push(note);
         add_frames(&mut capture, &bag, views, &chosen, config)?;
     }
     match (1..worlds.len()).find(|&k| worlds[k] != worlds[0]) {

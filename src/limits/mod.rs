@@ -77,7 +77,8 @@ pub const PICKLE_VALUES: usize = 2_000_000;
 /// Characters of a NumPy type or of a function's name in a pickle.
 pub const PICKLE_NAME: usize = 256;
 
-/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4.
+/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4. Measured: each further frame of 1920x480 adds 17
+/// bytes a pixel to the most that a run holds.
 pub const BYTES_PER_PIXEL: u64 = 12;
 
 /// Bytes of the meshes that the shapes of a URDF name, each counted as often as it is named. Text is read at some 100 MB/s.

@@ -7,7 +7,7 @@
 use std::mem::MaybeUninit;
 
 use serde::de::DeserializeOwned;
-use unsafe_libyaml_norway as sys;
+use unsafe_libyaml_norway as unsafe_sys;
 
 use super::{YAML_DEPTH, YAML_EVENTS};
 
@@ -27,9 +27,9 @@ fn check(text: &str) -> Result<(), String> {
         // What is no YAML, the reader refuses in better words.
         let Some((kind, line)) = scanner.next() else { return Ok(()) };
         match kind {
-            sys::YAML_STREAM_END_EVENT => return Ok(()),
-            sys::YAML_SEQUENCE_START_EVENT | sys::YAML_MAPPING_START_EVENT => depth += 1,
-            sys::YAML_SEQUENCE_END_EVENT | sys::YAML_MAPPING_END_EVENT => depth = depth.saturating_sub(1),
+            unsafe_sys::YAML_STREAM_END_EVENT => return Ok(()),
+            unsafe_sys::YAML_SEQUENCE_START_EVENT | unsafe_sys::YAML_MAPPING_START_EVENT => depth += 1,
+            unsafe_sys::YAML_SEQUENCE_END_EVENT | unsafe_sys::YAML_MAPPING_END_EVENT => depth = depth.saturating_sub(1),
             _ => {}
         }
         if depth > YAML_DEPTH {
@@ -42,35 +42,35 @@ fn check(text: &str) -> Result<(), String> {
 /// libyaml's scanner on a text.
 struct Scanner<'a> {
     /// It points into itself and must not move.
-    parser: Box<MaybeUninit<sys::yaml_parser_t>>,
+    parser: Box<MaybeUninit<unsafe_sys::yaml_parser_t>>,
     _text: &'a str,
 }
 
 impl<'a> Scanner<'a> {
     fn new(text: &'a str) -> Self {
-        let mut parser = Box::new(MaybeUninit::<sys::yaml_parser_t>::uninit());
+        let mut parser = Box::new(MaybeUninit::<unsafe_sys::yaml_parser_t>::uninit());
         // SAFETY: `initialize` writes the whole parser (it can fail only by ending the process for want of memory); the text is
         // borrowed as long as the parser lives.
         unsafe {
             let parser = parser.as_mut_ptr();
-            _ = sys::yaml_parser_initialize(parser).ok;
-            sys::yaml_parser_set_encoding(parser, sys::YAML_UTF8_ENCODING);
-            sys::yaml_parser_set_input_string(parser, text.as_ptr(), text.len() as u64);
+            _ = unsafe_sys::yaml_parser_initialize(parser).ok;
+            unsafe_sys::yaml_parser_set_encoding(parser, unsafe_sys::YAML_UTF8_ENCODING);
+            unsafe_sys::yaml_parser_set_input_string(parser, text.as_ptr(), text.len() as u64);
         }
         Self { parser, _text: text }
     }
 
     /// Kind and line of the next event; `None` where the text is no YAML. Not to be called after that.
-    fn next(&mut self) -> Option<(sys::yaml_event_type_t, u64)> {
-        let mut event = MaybeUninit::<sys::yaml_event_t>::uninit();
+    fn next(&mut self) -> Option<(unsafe_sys::yaml_event_type_t, u64)> {
+        let mut event = MaybeUninit::<unsafe_sys::yaml_event_t>::uninit();
         // SAFETY: the parser was initialized; a successful call writes the event, which is freed once.
         unsafe {
             let event = event.as_mut_ptr();
-            if sys::yaml_parser_parse(self.parser.as_mut_ptr(), event).fail {
+            if unsafe_sys::yaml_parser_parse(self.parser.as_mut_ptr(), event).fail {
                 return None;
             }
             let told = ((*event).type_, (*event).start_mark.line + 1);
-            sys::yaml_event_delete(event);
+            unsafe_sys::yaml_event_delete(event);
             Some(told)
         }
     }
@@ -79,7 +79,7 @@ impl<'a> Scanner<'a> {
 impl Drop for Scanner<'_> {
     fn drop(&mut self) {
         // SAFETY: the parser was initialized, and nothing uses it afterwards.
-        unsafe { sys::yaml_parser_delete(self.parser.as_mut_ptr()) }
+        unsafe { unsafe_sys::yaml_parser_delete(self.parser.as_mut_ptr()) }
     }
 }
 
