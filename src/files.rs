@@ -57,7 +57,8 @@ pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
+#[cfg(unix)]
 mod tests {
     use std::{os::unix::fs::symlink, path::PathBuf};
 

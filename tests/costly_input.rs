@@ -60,7 +60,6 @@ fn ends(code: i32, arguments: &[&str], words: &[&str]) -> String {
     };
     let text: String = readers.into_iter().map(|r| String::from_utf8_lossy(&r.join().unwrap()).into_owned()).collect();
     let Some(status) = status else { panic!("{arguments:?} did not end in {PATIENCE:?}:\n{text}") };
-    eprintln!("{:?} after {:.1} s", arguments[0], begun.elapsed().as_secs_f64());
     assert_eq!(status.code(), Some(code), "{status}:\n{}", &text[..text.len().min(4000)]);
     words.iter().for_each(|word| assert!(text.contains(word), "`{word}` is not in:\n{}", &text[..text.len().min(4000)]));
     text

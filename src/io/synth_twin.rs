@@ -16,7 +16,7 @@ use crate::{
 /// A disk that refuses.
 pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirError> {
     let mut text =
-        format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n", escape_xml(&object.family));
+        format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n", escape_xml(object.family));
     // Writing to a String cannot fail.
     for (k, part) in object.parts.iter().enumerate() {
         // The frame of a part is that of its joint, so that the joint turns about its origin.

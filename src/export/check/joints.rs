@@ -38,7 +38,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
     for (what, value) in [("effort", limit.effort), ("velocity", limit.velocity)] {
         match value {
             None => found.error("limit", name, format!("has no {what}; urdfdom refuses the whole model")),
-            Some(v) if v == 0.0 => found.error("limit", name, format!("the {what} is 0; it must be positive")),
+            Some(0.0) => found.error("limit", name, format!("the {what} is 0; it must be positive")),
             _ => {}
         }
     }
