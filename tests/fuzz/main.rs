@@ -1,7 +1,7 @@
 //! Fuzz targets: every reader of what comes from a file or the network, on mutated inputs. How to run them, run one input
 //! again and add a target: docs/fuzzing.md.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic, and tells what it saw")]
 #![cfg(unix)]
 
 mod bags;
