@@ -304,7 +304,7 @@ pub struct ReconstructArgs {
     /// What trains the fields
     #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
     pub engine: Option<String>,
-    /// Continue the run that was stopped
+    /// Continue the run that was stopped, from its last finished stage; a finished run is left as it is
     #[arg(long)]
     pub resume: bool,
     /// Print events as JSON lines to stdout, and nothing else

@@ -81,7 +81,11 @@ fn stop_on_request(events: Sender<Event>) -> Result<Arc<AtomicBool>, CliError> {
         if asked.swap(true, Ordering::Relaxed) {
             std::process::exit(Exit::Cancelled as i32);
         }
-        events.send(Event::Note { message: "stopping after this step; ask again to stop at once".to_owned() }).ok();
+        events
+            .send(Event::Note {
+                message: "stopping after this step; ask again to stop at once: finished stages are kept either way".to_owned(),
+            })
+            .ok();
     })?;
     Ok(stop)
 }

@@ -61,6 +61,7 @@ mod tests {
             folder: "runs/box".into(),
             joints: vec![joint(JointKind::Revolute, -0.5), joint(JointKind::Prismatic, 0.1234)],
             warnings: vec!["12 frames lost".to_owned()],
+            stood: false,
             degraded: true,
         };
         let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through (0.2500, 0.5000, 0.0000) m\n  \

@@ -90,3 +90,41 @@ impl<'a> Stages<'a> {
         self.monitor.tell(Event::StageFinished { stage: name.to_owned(), seconds });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, mpsc};
+
+    use super::*;
+    use crate::run::{Fingerprint, RunError};
+
+    #[test]
+    fn a_stage_is_computed_once_and_a_disk_that_refuses_stops_no_run() {
+        let folder = std::env::temp_dir().join(format!("artitwin-stages-{}", std::process::id()));
+        std::fs::remove_dir_all(&folder).ok();
+        let checkpoint = Checkpoint::open(&folder, &Fingerprint::default(), false).unwrap();
+        let run = |times: usize, gives: u32| {
+            let (sender, events) = mpsc::channel();
+            let monitor = Monitor::new(sender, Arc::default());
+            let mut stages = Stages::new(&monitor);
+            let mut done = 0;
+            let stage = |_: &Monitor| {
+                done += 1;
+                Ok::<_, RunError>(gives)
+            };
+            let result = stages.kept(Some(&checkpoint), "a", None, stage).unwrap();
+            assert_eq!((done, stages.seconds.len(), stages.seconds[0].0.as_str()), (times, 1, "a"));
+            drop(monitor);
+            let told: Vec<Event> = events.iter().collect();
+            let stages = told.iter().filter(|e| matches!(e, Event::StageStarted { .. } | Event::StageFinished { .. }));
+            assert_eq!(stages.count(), 2);
+            let note = told.iter().find_map(|e| if let Event::Note { message } = e { Some(message.clone()) } else { None });
+            (result, note.unwrap_or_default())
+        };
+        assert_eq!(run(1, 5), (5, String::new()));
+        assert_eq!(run(0, 6), (5, "a was kept from the run that was stopped".to_owned()));
+        std::fs::remove_dir_all(&folder).unwrap();
+        let (result, note) = run(1, 7);
+        assert!(result == 7 && note.contains("the run goes on, but --resume would begin before a"), "{note}");
+    }
+}
