@@ -14,6 +14,7 @@ use mcap::records::{MessageHeader, Metadata};
 
 use super::{
     bag_metadata::{BagFacts, TopicFacts},
+    create_plain,
     ros2msg::definitions::definition,
 };
 
@@ -164,7 +165,7 @@ impl BagWriter {
         let path = self.folder.join("metadata.yaml");
         let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
         let temporary = self.folder.join(".metadata.yaml.part");
-        let written = File::create(&temporary).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+        let written = create_plain(&temporary).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
         written.and_then(|()| fs::rename(&temporary, &path)).map_err(|source| BagWriteError::Io { path, source })?;
         Ok(self.facts.messages())
     }
