@@ -8,6 +8,7 @@ use super::{
     report::{ExportNote, JointReport},
     twin_tree::TwinTree,
 };
+use crate::limits::parse_xml;
 
 /// Namespace of the elements that other readers skip.
 const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
@@ -23,7 +24,7 @@ pub(super) fn exported(joint: &JointReport) -> impl Iterator<Item = &super::verd
 /// # Errors
 /// A text that is no XML.
 pub fn urdf(text: &str, tree: &TwinTree, joints: &[JointReport], file: &str) -> Result<(String, Vec<ExportNote>), String> {
-    let document = Document::parse(text).map_err(|e| e.to_string())?;
+    let document = parse_xml(text)?;
     let (mut edits, mut notes) = (Vec::new(), Vec::new());
     let mut foreign = text.contains("<gap:");
     for joint in joints {

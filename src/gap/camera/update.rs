@@ -2,7 +2,7 @@
 //! readers skip.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 
 use super::{
     assess::FrameDiagnosis,
@@ -15,6 +15,7 @@ use crate::{
         update::{element, namespace_edit},
     },
     geometry::Pose,
+    limits::parse_xml,
     model::escape_xml,
 };
 
@@ -34,7 +35,7 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
             continue;
         }
         let mut edits: Vec<Edit> = Vec::new();
-        let document = Document::parse(&updated).map_err(|e| e.to_string())?;
+        let document = parse_xml(&updated)?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
         drop(document);
         updated = edited(&updated, edits);
@@ -55,7 +56,7 @@ pub fn urdf(text: &str, diagnosis: &FrameDiagnosis, original: &[SeenJoint], file
             rmse: (f.in_urdf == "native").then_some(diagnosis.gap.after),
         });
     }
-    let document = Document::parse(&updated).map_err(|e| e.to_string())?;
+    let document = parse_xml(&updated)?;
     let foreign = updated.contains("<gap:") || !elements.is_empty();
     let mut edits: Vec<Edit> = namespace_edit(&updated, &document).filter(|_| foreign).into_iter().collect();
     edits.push((before_end(&updated, document.root_element()), elements));
