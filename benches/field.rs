@@ -2,8 +2,10 @@
 //!
 //! `cargo bench --bench field`. The speed target is stated for 65,536 points on 16 levels of 2^17 entries.
 
-use artitwin::field::{CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget};
-use artitwin::run::stage_rng;
+use artitwin::internal::field::{
+    CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget,
+};
+use artitwin::internal::random::stage_rng;
 use divan::Bencher;
 use rand_core::Rng;
 
@@ -15,7 +17,7 @@ fn uniform(rng: &mut impl Rng) -> f32 {
     (rng.next_u32() >> 8) as f32 / (1u32 << 24) as f32
 }
 
-/// Points at random places (the worst case for the caches), all with TSDF and colour loss.
+/// Points at random places (the worst case for the caches), all with TSDF and color loss.
 fn batch(rays: usize, samples_per_ray: usize) -> SampleBatch {
     let mut rng = stage_rng(1, "bench", 0);
     let n = rays * samples_per_ray;
@@ -34,7 +36,10 @@ fn batch(rays: usize, samples_per_ray: usize) -> SampleBatch {
 fn engine(config: &FieldConfig, isa: InstructionSet) -> CpuEngine {
     let params = FieldParams::init(config, &mut stage_rng(1, "bench/field", 0));
     let n = params.parameters();
-    CpuEngine::with_instructions(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, isa)
+    CpuEngine::with_instructions(
+        EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
+        isa,
+    )
 }
 
 fn steps(bencher: Bencher<'_, '_>, config: &FieldConfig, isa: InstructionSet) {
@@ -49,7 +54,13 @@ fn steps(bencher: Bencher<'_, '_>, config: &FieldConfig, isa: InstructionSet) {
 /// 65,536 points, 16 levels of 2^17.
 #[divan::bench(args = InstructionSet::available().into_iter().map(InstructionSet::name))]
 fn step_16_levels_of_2_17(bencher: Bencher<'_, '_>, isa: &str) {
-    let config = FieldConfig { levels: 16, base_resolution: 16, finest_resolution: 512, log2_table_size: 17, hidden: 64 };
+    let config = FieldConfig {
+        levels: 16,
+        base_resolution: 16,
+        finest_resolution: 512,
+        log2_table_size: 17,
+        hidden: 64,
+    };
     steps(bencher, &config, named(isa));
 }
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures everything of README's performance tables in one run and prints them as Markdown.
+"""Measures everything of the performance tables in docs/figures.md in one run and prints them as Markdown.
 
     benches/performance.py [--objects FOLDER:PARTS ...] [--preset NAME ...] [--seeds N] [--peers PYTHON] [--out DIR]
 

@@ -1,6 +1,6 @@
-//! One optimiser step of 65,536 points (16 levels of 2^17 entries, both networks) on every engine, in turn, so that the
-//! machine's noise hits all alike; and the processor's measured peak. One JSON object a line; `benches/performance.py`
-//! makes a table of it.
+//! One optimiser step of 65,536 points (16 levels of 2^17 entries, both networks) on every engine, in turn,
+//! so that the machine's noise hits all alike; and the processor's measured peak. One JSON object a line;
+//! `benches/performance.py` makes a table of it.
 //!
 //! `cargo bench --bench step`; with `--features gpu` also on the GPU.
 
@@ -8,9 +8,12 @@
 
 use std::{hint::black_box, time::Instant};
 
-use artitwin::{
-    field::{BurnEngine, CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget, StepPhase},
-    run::stage_rng,
+use artitwin::internal::{
+    field::{
+        BurnEngine, CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet,
+        SampleBatch, SdfTarget, StepPhase,
+    },
+    random::stage_rng,
 };
 use rand_core::Rng as _;
 use rayon::prelude::*;
@@ -21,7 +24,13 @@ const SAMPLES_PER_RAY: usize = 16;
 const ROUNDS: usize = 5;
 
 fn main() {
-    let config = FieldConfig { levels: 16, base_resolution: 16, finest_resolution: 512, log2_table_size: 17, hidden: 64 };
+    let config = FieldConfig {
+        levels: 16,
+        base_resolution: 16,
+        finest_resolution: 512,
+        log2_table_size: 17,
+        hidden: 64,
+    };
     let params = FieldParams::init(&config, &mut stage_rng(1, "bench/step", 0));
     let layers = params.geometry.iter().chain(&params.color);
     let weights: usize = layers.map(|l| l.weights.len()).sum();
@@ -31,9 +40,12 @@ fn main() {
     let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
     let batch = batch();
 
-    let mut cpu: Vec<(InstructionSet, CpuEngine, Vec<Step>)> =
-        InstructionSet::available().into_iter().map(|isa| (isa, CpuEngine::with_instructions(state.clone(), isa), Vec::new())).collect();
-    let burn = [("burn on the CPU", BurnEngine::flex(state.clone())), ("burn on the GPU", BurnEngine::wgpu(state))];
+    let mut cpu: Vec<(InstructionSet, CpuEngine, Vec<Step>)> = InstructionSet::available()
+        .into_iter()
+        .map(|isa| (isa, CpuEngine::with_instructions(state.clone(), isa), Vec::new()))
+        .collect();
+    let burn =
+        [("burn on the CPU", BurnEngine::flex(state.clone())), ("burn on the GPU", BurnEngine::wgpu(state))];
     let mut burn: Vec<(&str, BurnEngine, Vec<f64>)> =
         burn.into_iter().filter_map(|(name, engine)| Some((name, engine.ok()?, Vec::new()))).collect();
     let mut peaks: Vec<f64> = Vec::new();
@@ -50,22 +62,32 @@ fn main() {
         }
     }
     let peak = peaks.iter().copied().fold(0.0, f64::max);
-    println!("{}", serde_json::json!({"peak_gflops": peak, "threads": rayon::current_num_threads(), "points": RAYS * SAMPLES_PER_RAY}));
+    println!(
+        "{}",
+        serde_json::json!({"peak_gflops": peak, "threads": rayon::current_num_threads(),
+                           "points": RAYS * SAMPLES_PER_RAY})
+    );
     for (isa, _, steps) in &cpu {
         let best = |of: fn(&Step) -> f64| steps.iter().map(of).fold(f64::INFINITY, f64::min);
         let networks = best(|s| s.networks);
         println!(
             "{}",
             serde_json::json!({
-                "engine": isa.name(), "step_ms": 1e3 * best(|s| s.all), "median_ms": 1e3 * median(steps.iter().map(|s| s.all).collect()),
-                "encode_ms": 1e3 * best(|s| s.encode), "networks_ms": 1e3 * networks, "table_ms": 1e3 * best(|s| s.table),
+                "engine": isa.name(), "step_ms": 1e3 * best(|s| s.all),
+                "median_ms": 1e3 * median(steps.iter().map(|s| s.all).collect()),
+                "encode_ms": 1e3 * best(|s| s.encode), "networks_ms": 1e3 * networks,
+                "table_ms": 1e3 * best(|s| s.table),
                 "networks_share_of_peak": network_flops / networks / 1e9 / peak,
             })
         );
     }
     for (name, _, seconds) in &burn {
         let best = seconds[1..].iter().copied().fold(f64::INFINITY, f64::min);
-        println!("{}", serde_json::json!({"engine": name, "step_ms": 1e3 * best, "median_ms": 1e3 * median(seconds[1..].to_vec())}));
+        println!(
+            "{}",
+            serde_json::json!({"engine": name, "step_ms": 1e3 * best,
+                               "median_ms": 1e3 * median(seconds[1..].to_vec())})
+        );
     }
 }
 

@@ -1,11 +1,11 @@
 //! Times of the surface operations at the sizes of a run.
 
-use artitwin::{
+use artitwin::internal::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::{Grid3, Intrinsics, Pose},
     surface::{
-        DistanceOptions, MeshDistance, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes, render, sample_surface,
-        signed_distance, simplify,
+        DistanceOptions, MeshDistance, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes, render,
+        sample_surface, signed_distance, simplify,
     },
 };
 use nalgebra::{Point3, Vector3};
@@ -17,10 +17,17 @@ fn main() {
 /// A bumpy sphere in `[-1, 1]^3`.
 fn field(nodes: usize) -> Grid3<f32> {
     let spacing_m = 2.0 / (nodes - 1) as f64;
-    let mut grid = Grid3 { origin: Point3::new(-1.0, -1.0, -1.0), spacing_m, dims: [nodes; 3], values: vec![0.0; nodes.pow(3)] };
+    let mut grid = Grid3 {
+        origin: Point3::new(-1.0, -1.0, -1.0),
+        spacing_m,
+        dims: [nodes; 3],
+        values: vec![0.0; nodes.pow(3)],
+    };
     for i in 0..grid.values.len() {
         let p = grid.position(i);
-        grid.values[i] = (p.coords.norm() - 0.75 + 0.05 * ((9.0 * p.x).sin() * (9.0 * p.y).sin() * (9.0 * p.z).sin())) as f32;
+        grid.values[i] = (p.coords.norm() - 0.75
+            + 0.05 * ((9.0 * p.x).sin() * (9.0 * p.y).sin() * (9.0 * p.z).sin()))
+            as f32;
     }
     grid
 }
@@ -37,7 +44,7 @@ fn signed_distance_nodes(bencher: divan::Bencher, nodes: usize) {
     bencher.bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default()));
 }
 
-/// A view of a sphere of radius 0.2 m, one metre away.
+/// A view of a sphere of radius 0.2 m, one meter away.
 fn view() -> RgbdFrame {
     let intrinsics = Intrinsics { width: 640, height: 480, fx: 570.0, fy: 570.0, cx: 319.5, cy: 239.5 };
     let depth = |i: usize| {
@@ -63,10 +70,13 @@ fn view() -> RgbdFrame {
 fn tsdf_frame_nodes(bencher: divan::Bencher, nodes: usize) {
     let (frame, noise) = (view(), NoiseConfig::default());
     let weights = vec![1.0; frame.depth_m.len()];
-    let roles: Vec<PixelRole> =
-        (0..weights.len()).map(|i| if frame.is_object(i) { PixelRole::Surface } else { PixelRole::FreeOnly }).collect();
-    let mut volume = TsdfVolume::new(Point3::new(-0.25, -0.25, -0.25), 0.5 / (nodes - 1) as f64, [nodes; 3], 0.012);
-    let view = TsdfView { frame: &frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() };
+    let roles: Vec<PixelRole> = (0..weights.len())
+        .map(|i| if frame.is_object(i) { PixelRole::Surface } else { PixelRole::FreeOnly })
+        .collect();
+    let mut volume =
+        TsdfVolume::new(Point3::new(-0.25, -0.25, -0.25), 0.5 / (nodes - 1) as f64, [nodes; 3], 0.012);
+    let view =
+        TsdfView { frame: &frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() };
     bencher.bench_local(|| volume.integrate(&view, &noise));
 }
 
@@ -81,7 +91,11 @@ fn render_350k_triangles(bencher: divan::Bencher) {
 #[divan::bench(sample_count = 20)]
 fn closest_100k_points(bencher: divan::Bencher) {
     let tree = MeshDistance::new(&marching_cubes(&field(128), 0.0));
-    let samples = sample_surface(&marching_cubes(&field(64), 0.05), 100_000, &mut artitwin::run::stage_rng(0, "bench", 0));
+    let samples = sample_surface(
+        &marching_cubes(&field(64), 0.05),
+        100_000,
+        &mut artitwin::internal::random::stage_rng(0, "bench", 0),
+    );
     bencher.bench_local(|| tree.as_ref().map(|t| t.distances_m(&samples.points)));
 }
 

@@ -32,7 +32,10 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     match metadata {
         m if m.is_file() => Ok(()),
         m if m.is_dir() => Err(ErrorKind::IsADirectory.into()),
-        _ => Err(io::Error::new(ErrorKind::InvalidInput, "it is a device, pipe or socket; give a regular file")),
+        _ => Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "it is a device, pipe or socket; give a regular file",
+        )),
     }
 }
 
@@ -44,7 +47,10 @@ pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit.bytes {
-        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("more than {} bytes, the limit of {}", limit.bytes, limit.what)));
+        return Err(io::Error::new(
+            ErrorKind::FileTooLarge,
+            format!("more than {} bytes, the limit of {}", limit.bytes, limit.what),
+        ));
     }
     Ok(bytes)
 }
@@ -54,37 +60,23 @@ pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read`]; what is no UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
-    String::from_utf8(read(path, limit)?).map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
+    String::from_utf8(read(path, limit)?)
+        .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
 }
 
 #[cfg(test)]
 #[cfg(unix)]
 mod tests {
-    use std::{os::unix::fs::symlink, path::PathBuf};
+    use std::os::unix::fs::symlink;
 
     use super::*;
+    use crate::temp::Temp;
 
     const SMALL: FileLimit = FileLimit { what: "a test", bytes: 10 };
 
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new() -> Self {
-            let path = std::env::temp_dir().join(format!("artitwin-files-{}", std::process::id()));
-            std::fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            std::fs::remove_dir_all(&self.0).ok();
-        }
-    }
-
     #[test]
     fn regular_files_are_read_up_to_their_limit_and_nothing_else_is() {
-        let folder = Folder::new();
+        let folder = Temp::new("files");
         let path = |name: &str| folder.0.join(name);
         std::fs::write(path("ten"), "0123456789").unwrap();
         std::fs::write(path("eleven"), "0123456789x").unwrap();

@@ -1,32 +1,97 @@
-//! artitwin: RGB-D recordings of an articulated object in two states in, a simulator-ready digital twin out.
+//! artitwin: RGB-D recordings of an articulated object in two or more states in, a digital twin that
+//! simulators load out.
+//!
+//! [`reconstruct`] makes the twin and writes its run folder:
+//!
+//! ```no_run
+//! use artitwin::{Config, Monitor, ReconstructRequest, reconstruct};
+//!
+//! let mut request = ReconstructRequest::new(["bags/drawer"], "runs");
+//! request.config = Config::preset("preview")?;
+//! let outcome = reconstruct(&request, &Monitor::silent())?;
+//! assert_eq!(outcome.joints[0].kind.name(), "prismatic");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`read_run_summary`] reads its joints, and their uncertainty, back:
+//!
+//! ```no_run
+//! let twin = artitwin::read_run_summary("runs/drawer".as_ref())?;
+//! let [_, upper] = twin.joints[0].limits;
+//! println!("{}", twin.joints[0].parent_from_child(upper));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`diagnose`] compares a twin with recorded motion, [`diagnose_frames`] with recordings of further joint
+//! positions, and both name what the twin lacks:
+//!
+//! ```no_run
+//! use artitwin::{DiagnoseRequest, Monitor, Verdict, diagnose};
+//!
+//! let mut request = DiagnoseRequest::new("twin.urdf", "diagnosis");
+//! request.runs = vec!["run_0".into(), "run_1".into(), "run_2".into()];
+//! let outcome = diagnose(&request, &Monitor::silent())?;
+//! assert_eq!(outcome.verdict, Verdict::Named);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! `examples/` has whole programs. Settings and what comes out are documented in `docs/`.
 //!
 //! Data flows one way:
 //!
 //! ```text
-//! io (bag, dataset)  ->  capture (frames per state)  ->  field (one neural TSDF per state)
-//!     ->  surface (mesh, distance field, visibility)  ->  articulate (parts, motions, joints)
-//!     ->  model (links, joints, evidence)  ->  export (URDF, report)  ->  io (atomic run folder)
+//! io (bag, dataset) -> capture (frames of each state) -> surface (fusion, mesh, distance field, visibility)
+//!     -> articulate (parts, motions, joints) -> model (links, joints, evidence) -> export -> io (run folder)
 //! ```
 //!
 //! Conventions: SI units and radians; a transform `target_from_source` maps source coordinates to target
 //! coordinates; cameras are optical frames (x right, y down, z forward); integer pixel coordinates are pixel
-//! centres; depth is z-depth in metres and 0 means unknown; signed distances are negative inside.
+//! centers; depth is z-depth in meters and 0 means unknown; signed distances are negative inside.
 
-pub mod articulate;
-pub mod capture;
-pub mod cli;
-pub mod config;
-pub mod evaluate;
-pub mod export;
-pub mod field;
+#![allow(rustdoc::private_intra_doc_links, reason = "layers are private: --document-private-items has them")]
+#![cfg_attr(
+    not(feature = "node"),
+    allow(dead_code, unused_imports, reason = "the node uses more of the messages and of the bag writer")
+)]
+
+mod articulate;
+mod capture;
+mod cli;
+mod config;
+mod evaluate;
+mod export;
+mod field;
 mod files;
-pub mod gap;
-pub mod geometry;
-pub mod io;
+mod gap;
+mod geometry;
+#[doc(hidden)]
+pub mod internal;
+mod io;
 mod limits;
-pub mod model;
+mod model;
 #[cfg(feature = "node")]
-pub mod node;
-pub mod run;
-pub mod surface;
-pub mod synth;
+mod node;
+mod note;
+mod random;
+mod run;
+mod statistics;
+mod surface;
+mod synth;
+#[cfg(test)]
+mod temp;
+
+#[doc(hidden)]
+pub use cli::main;
+pub use config::{Config, ConfigError};
+pub use gap::{
+    camera::record::options::FrameOptions,
+    judge::verdict::Verdict,
+    record::{drive::Hold, tracks::Streams},
+};
+pub use io::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
+pub use model::JointKind;
+pub use note::{Note, NoteCode};
+pub use run::{
+    Cancelled, DiagnoseOutcome, DiagnoseRequest, Event, JointSummary, Monitor, Outcome, ReconstructRequest,
+    RunError, diagnose, diagnose_frames, reconstruct, reconstruct_all,
+};

@@ -1,5 +1,5 @@
 //! The `artitwin` command.
 
 fn main() -> std::process::ExitCode {
-    artitwin::cli::main()
+    artitwin::main()
 }

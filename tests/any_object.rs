@@ -1,11 +1,11 @@
-//! Objects of which nothing is told beforehand: the number of parts is found, an object at rest has one, states that drifted
-//! apart are aligned.
+//! Objects of which nothing is told beforehand: the number of parts is found, an object at rest has one,
+//! states that drifted apart are aligned.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic")]
 
 use std::path::Path;
 
-use artitwin::{
+use artitwin::internal::{
     capture::Capture,
     config::{Config, Layers},
     geometry::Pose,
@@ -28,7 +28,7 @@ fn recording(name: &str) -> Capture {
 
 fn twin(capture: &Capture) -> Twin {
     let monitor = Monitor::silent();
-    reconstruct_twin("object", capture, None, &config(), None, &mut Stages::new(&monitor)).unwrap()
+    reconstruct_twin("object", &mut capture.clone(), None, &config(), &mut Stages::new(&monitor)).unwrap()
 }
 
 #[test]
@@ -38,7 +38,9 @@ fn the_number_of_parts_is_found() {
         assert_eq!(twin.model.links.len(), 2, "{name}: {:?}", twin.part_count);
         assert_eq!((twin.model.joints[0].kind, twin.model.joints[0].parent), (kind, 0));
         assert_eq!((twin.part_count.given, twin.part_count.found), (None, 2));
-        let weakest = |parts: usize| twin.part_count.curve.iter().find(|p| p.parts == parts).and_then(|p| p.weakest).unwrap_or(0.0);
+        let weakest = |parts: usize| {
+            twin.part_count.curve.iter().find(|p| p.parts == parts).and_then(|p| p.weakest).unwrap_or(0.0)
+        };
         assert!(weakest(2) > 2.0 * weakest(3), "{name}: {:?}", twin.part_count.curve);
     }
 }
@@ -52,7 +54,11 @@ fn states_that_drifted_apart_are_aligned() {
         moved.states[1].iter_mut().for_each(|f| f.world_from_camera = drift * f.world_from_camera);
         let [expected, found] = [twin(&straight), twin(&moved)];
         assert!(expected.drifts == [None] && found.drifts[0].is_some(), "{name}");
-        assert!(found.warnings.iter().any(|w| w.contains("another world frame")), "{:?}", found.warnings);
+        assert!(
+            found.warnings.iter().any(|w| w.text.contains("another world frame")),
+            "{:?}",
+            found.warnings
+        );
         let [a, b] = [&expected.model.joints[0], &found.model.joints[0]];
         assert_eq!(a.kind, b.kind);
         let degrees = a.axis.angle(&b.axis).to_degrees();
@@ -74,5 +80,5 @@ fn an_object_at_rest_has_one_part() {
     capture.states = [even, odd].map(|half| half.into_iter().map(|(_, f)| f).collect()).into();
     let twin = twin(&capture);
     assert_eq!((twin.model.links.len(), twin.model.joints.len()), (1, 0), "{:?}", twin.part_count);
-    assert!(twin.notes.iter().any(|n| n.contains("no part moved")), "{:?}", twin.notes);
+    assert!(twin.notes.iter().any(|n| n.text.contains("no part moved")), "{:?}", twin.notes);
 }

@@ -1,5 +1,5 @@
-//! Recordings and options that cannot be used, given to the program: it says what, where and the remedy, ends with the
-//! right code, and leaves nothing behind. What can be used in part is used, and said.
+//! Recordings and options that cannot be used, given to the program: it says what, where and the remedy, ends
+//! with the right code, and leaves nothing behind. What can be used in part is used, and said.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
@@ -13,7 +13,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::io::{
+use artitwin::internal::io::{
     Place, ResultKind, RunDir,
     ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
 };
@@ -42,7 +42,8 @@ fn refused(folder: &TempDir, sources: &[&Path], options: &[&str], code: i32, wor
     let last = ended.stderr.lines().last().unwrap();
     assert!(last.starts_with("error: "), "the last line is: {last}");
     assert_eq!(ended.stdout, "");
-    let left: Vec<_> = std::fs::read_dir(&out).into_iter().flatten().flatten().map(|e| e.file_name()).collect();
+    let left: Vec<_> =
+        std::fs::read_dir(&out).into_iter().flatten().flatten().map(|e| e.file_name()).collect();
     assert!(!out.exists(), "left behind: {left:?}");
     ended
 }
@@ -61,7 +62,8 @@ fn degraded(folder: &TempDir, bag: &Path, words: &[&str]) {
     assert_eq!(ended.code, 3, "{}", ended.stderr);
     assert!(ended.stdout.contains("degraded: "), "{}", ended.stdout);
     says(&ended, words);
-    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("drawer/report.json")).unwrap()).unwrap();
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("drawer/report.json")).unwrap()).unwrap();
     let warnings = report["warnings"].to_string();
     words.iter().for_each(|word| assert!(warnings.contains(word), "`{word}` is not in {warnings}"));
     assert!(out.join("drawer/drawer.urdf").is_file());
@@ -74,7 +76,12 @@ fn change_tf(message: &mut Message, change: impl FnOnce(&mut TfMessage)) {
 }
 
 /// Replaces a compressed image by `change` of its header bytes and picture.
-fn change_picture(message: &mut Message, front: usize, format: image::ImageFormat, change: impl FnOnce(&mut image::DynamicImage)) {
+fn change_picture(
+    message: &mut Message,
+    front: usize,
+    format: image::ImageFormat,
+    change: impl FnOnce(&mut image::DynamicImage),
+) {
     let mut compressed: CompressedImage = decode(&message.data).unwrap();
     let mut picture = image::load_from_memory(&compressed.data[front..]).unwrap();
     change(&mut picture);
@@ -86,7 +93,13 @@ fn change_picture(message: &mut Message, front: usize, format: image::ImageForma
 
 #[test]
 fn no_depth_topic() {
-    let words = ["no depth topic", "drawer/state0", "candidates looked at: /camera/camera/color", "align_depth", "--topic depth=TOPIC"];
+    let words = [
+        "no depth topic",
+        "drawer/state0",
+        "candidates looked at: /camera/camera/color",
+        "align_depth",
+        "--topic depth=TOPIC",
+    ];
     refused_drawer("no-depth", &words, |_, m| !m.topic.contains("depth"));
 }
 
@@ -102,7 +115,11 @@ fn a_gap_in_the_transforms_costs_the_frames_in_it() {
 fn no_transforms_at_all() {
     let words = ["comes from static transforms alone", "camera_color_optical_frame", "--topic pose=TOPIC"];
     refused_drawer("no-tf", &words, |_, m| !m.is("/tf"));
-    let words = ["state 1: none of 16 frames has a camera pose", "begin at", "before the first to after the last image"];
+    let words = [
+        "state 1: none of 16 frames has a camera pose",
+        "begin at",
+        "before the first to after the last image",
+    ];
     refused_drawer("late-tf", &words, |state, m| {
         let late = |tf: &mut TfMessage| tf.transforms.iter_mut().for_each(|t| t.header.stamp.sec += 100);
         if state == 1 && m.is("/tf") {
@@ -114,7 +131,11 @@ fn no_transforms_at_all() {
 
 #[test]
 fn states_without_overlap() {
-    let words = ["states 0 and 1 have no place in common", "the static part must stand still", "check the camera poses"];
+    let words = [
+        "states 0 and 1 have no place in common",
+        "the static part must stand still",
+        "check the camera poses",
+    ];
     refused_drawer("apart", &words, |state, m| {
         if state == 1 && m.is("/tf") {
             change_tf(m, |tf| tf.transforms[0].transform.translation.x += 1.0);
@@ -128,7 +149,9 @@ fn one_state_only() {
     let folder = TempDir::new("one-state");
     rewrite(&shipped("drawer/state0"), &folder.join("drawer/state0"), |_| true);
     let words = ["two states are needed", "folder with `state0` and `state1`", "--split"];
-    for path in [folder.join("drawer"), folder.join("drawer/state0"), folder.join("drawer/state0/state0.mcap")] {
+    for path in
+        [folder.join("drawer"), folder.join("drawer/state0"), folder.join("drawer/state0/state0.mcap")]
+    {
         let told = path.display().to_string();
         let words = [&words[..], &[&*told]].concat();
         refused(&folder, &[&path], &["--parts", "2"], 1, &words);
@@ -139,7 +162,13 @@ fn one_state_only() {
 fn one_recording_given_twice() {
     let folder = TempDir::new("twice");
     let state = shipped("drawer/state0");
-    refused(&folder, &[&state, &state], &["--parts", "2"], 1, &["one recording was given twice", "after the joints were moved"]);
+    refused(
+        &folder,
+        &[&state, &state],
+        &["--parts", "2"],
+        1,
+        &["one recording was given twice", "after the joints were moved"],
+    );
 }
 
 #[test]
@@ -148,10 +177,16 @@ fn no_motion_between_the_states() {
     let folder = TempDir::new("no-motion");
     let bag = folder.join("drawer");
     for state in 0..2 {
-        let keep = |m: &mut Message| !(m.topic.contains("image_raw") || m.is("/object_mask")) || m.ordinal % 2 == state;
+        let keep = |m: &mut Message| {
+            !(m.topic.contains("image_raw") || m.is("/object_mask")) || m.ordinal % 2 == state
+        };
         rewrite(&shipped("drawer/state0"), &bag.join(format!("state{state}")), keep);
     }
-    let words = ["no part moved between the two states", "stands still", "record the second state with the joints moved"];
+    let words = [
+        "no part moved between the two states",
+        "stands still",
+        "record the second state with the joints moved",
+    ];
     refused(&folder, &[&bag], &["--parts", "2"], 1, &words);
 }
 
@@ -227,7 +262,11 @@ fn some_poses_that_are_not_a_number() {
         }
         true
     });
-    degraded(&folder, &bag, &["state 1: 2 of 16 frames have no camera pose", "state 1: 4 transforms from /tf are invalid (NaN"]);
+    degraded(
+        &folder,
+        &bag,
+        &["state 1: 2 of 16 frames have no camera pose", "state 1: 4 transforms from /tf are invalid (NaN"],
+    );
 }
 
 /// A drawer whose file of state 0 is changed as a whole.
@@ -254,7 +293,11 @@ fn a_corrupt_bag_is_used_but_for_its_damaged_chunks() {
         let middle = bytes.len() / 2;
         bytes[middle..middle + 40].iter_mut().for_each(|b| *b ^= 0xa5);
     });
-    degraded(&folder, &bag, &["state0.mcap` is damaged: 1 of ", "chunks left out as damaged", "messages were read"]);
+    degraded(
+        &folder,
+        &bag,
+        &["state0.mcap` is damaged: 1 of ", "chunks left out as damaged", "messages were read"],
+    );
 }
 
 #[test]
@@ -277,7 +320,8 @@ fn color_of_16_bits() {
             let data = vec![0; 6 * width * height];
             let (header, encoding) = (compressed.header, "rgb16".to_owned());
             let (w, h, step) = (width as u32, height as u32, 6 * width as u32);
-            m.data = encode(&Image { header, height: h, width: w, encoding, is_bigendian: 0, step, data }).unwrap();
+            m.data = encode(&Image { header, height: h, width: w, encoding, is_bigendian: 0, step, data })
+                .unwrap();
             m.topic = m.topic.trim_end_matches("/compressed").to_owned();
             m.type_name = "sensor_msgs/msg/Image".to_owned();
         }
@@ -290,7 +334,9 @@ fn images_of_changing_size() {
     let words = ["image of 160x120", "320x240", "one size", "record again with a fixed profile"];
     refused_drawer("sizes", &words, |state, m| {
         if state == 1 && m.is(COLOR) && m.ordinal >= 5 {
-            change_picture(m, 0, image::ImageFormat::Jpeg, |picture| *picture = picture.crop_imm(0, 0, 160, 120));
+            change_picture(m, 0, image::ImageFormat::Jpeg, |picture| {
+                *picture = picture.crop_imm(0, 0, 160, 120)
+            });
         }
         true
     });
@@ -306,7 +352,11 @@ fn a_bag_of_another_type() {
         writer.message("/chatter", "std_msgs/msg/String", START, &"hello");
         writer.finish();
     }
-    let words = ["is not an RGB-D recording", "/chatter (std_msgs/msg/String, 1)", "record color, aligned depth, camera_info and /tf"];
+    let words = [
+        "is not an RGB-D recording",
+        "/chatter (std_msgs/msg/String, 1)",
+        "record color, aligned depth, camera_info and /tf",
+    ];
     refused(&folder, &[&bag], &["--parts", "2"], 1, &words);
 }
 
@@ -322,10 +372,12 @@ fn a_bag_in_sqlite3_storage() {
     std::fs::write(folder.join("renamed.mcap"), b"SQLite format 3\0and its pages").unwrap();
     std::fs::create_dir_all(folder.join("listed")).unwrap();
     std::fs::write(folder.join("listed/a.bag"), b"SQLite format 3\0").unwrap();
-    let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: ''\n  relative_file_paths: [a.bag]\n";
+    let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: ''\n  \
+                    relative_file_paths: [a.bag]\n";
     std::fs::write(folder.join("listed/metadata.yaml"), metadata).unwrap();
     let twin = folder.join("twin.urdf");
-    let robot = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint></robot>";
+    let robot = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'>\
+                 <parent link='a'/><child link='b'/></joint></robot>";
     std::fs::write(&twin, robot).unwrap();
     let words = [
         "is an sqlite3 (.db3) bag",
@@ -342,8 +394,12 @@ fn a_bag_in_sqlite3_storage() {
         assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
         says(&ended, &words);
         if name != "old" {
-            let ended =
-                end(Command::new(PROGRAM).arg("diagnose").arg(&twin).args([&path, &path, &path]).arg("--out").arg(folder.join("gap")));
+            let ended = end(Command::new(PROGRAM)
+                .arg("diagnose")
+                .arg(&twin)
+                .args([&path, &path, &path])
+                .arg("--out")
+                .arg(folder.join("gap")));
             assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
             says(&ended, &words);
         }
@@ -358,9 +414,21 @@ fn a_folder_without_bags() {
     let words = ["papers` is not a recording: the folder is empty", "give a rosbag2 folder, an .mcap file"];
     refused(&folder, &[&papers], &["--parts", "2"], 1, &words);
     std::fs::write(papers.join("notes.txt"), "hello").unwrap();
-    refused(&folder, &[&papers], &["--parts", "2"], 1, &["papers` is not a recording: the folder holds notes.txt"]);
+    refused(
+        &folder,
+        &[&papers],
+        &["--parts", "2"],
+        1,
+        &["papers` is not a recording: the folder holds notes.txt"],
+    );
     refused(&folder, &[&papers.join("notes.txt")], &["--parts", "2"], 1, &["does not begin as an MCAP file"]);
-    let ended = refused(&folder, &[&folder.join("gone")], &["--parts", "2"], 1, &["cannot read `", "gone`", "No such file"]);
+    let ended = refused(
+        &folder,
+        &[&folder.join("gone")],
+        &["--parts", "2"],
+        1,
+        &["cannot read `", "gone`", "No such file"],
+    );
     assert_eq!(ended.stderr.matches("No such file").count(), 1, "{}", ended.stderr);
 }
 
@@ -391,7 +459,13 @@ fn what_stands_under_the_final_name_is_never_harmed() {
     std::fs::write(&mine, "mine").unwrap();
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &out, &["--parts", "2"]));
     assert_eq!(ended.code, 1, "{}", ended.stderr);
-    says(&ended, &["runs/drawer is left as it is: it holds notes.txt, and no manifest.json", "give another --out or --name, or --force"]);
+    says(
+        &ended,
+        &[
+            "runs/drawer is left as it is: it holds notes.txt, and no manifest.json",
+            "give another --out or --name, or --force",
+        ],
+    );
     assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     assert_eq!(std::fs::read_to_string(&mine).unwrap(), "mine");
     std::fs::remove_dir_all(out.join("drawer")).unwrap();
@@ -412,13 +486,27 @@ fn what_stands_under_the_final_name_is_never_harmed() {
 #[test]
 fn settings_that_no_run_can_use_are_refused_before_any_work() {
     let folder = TempDir::new("settings");
-    for (setting, key) in
-        [("train.rays=0", "train.rays: 0;"), ("surface.nodes=2", "surface.nodes: 2;"), ("model.effort=0", "model.effort: 0;")]
-    {
-        let ended = refused(&folder, &[&shipped("drawer")], &["--parts", "2", "--set", setting], 2, &[key, "(--set)"]);
+    for (setting, key) in [
+        ("train.rays=0", "train.rays: 0;"),
+        ("surface.nodes=2", "surface.nodes: 2;"),
+        ("model.effort=0", "model.effort: 0;"),
+    ] {
+        let ended = refused(
+            &folder,
+            &[&shipped("drawer")],
+            &["--parts", "2", "--set", setting],
+            2,
+            &[key, "(--set)"],
+        );
         assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     }
     for setting in ["train.noise.constant_m=1", "train.truncation_m=1", "capture.seed=1"] {
-        refused(&folder, &[&shipped("drawer")], &["--parts", "2", "--set", setting], 2, &["unknown key", "did you mean"]);
+        refused(
+            &folder,
+            &[&shipped("drawer")],
+            &["--parts", "2", "--set", setting],
+            2,
+            &["unknown key", "did you mean"],
+        );
     }
 }

@@ -1,6 +1,11 @@
 //! Bags that are damaged, row by row, and bags as others write them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stderr,
+    reason = "a test may panic, and says why it is left out"
+)]
 
 mod common;
 #[path = "common/program.rs"]
@@ -13,7 +18,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
+use artitwin::internal::{
     capture::{Capture, CaptureConfig, CaptureError},
     io::{inspect, open},
 };
@@ -119,16 +124,61 @@ const ONE_CHUNK: &[&str] = &["is damaged: 1 of ", "chunks left out as damaged", 
 /// What can happen to a file, and what then must happen here.
 const ROWS: &[Row] = &[
     // Every message stands before it.
-    Row { name: "no end magic", compression: None, damage: |b| b.truncate(b.len() - MAGIC), outcome: Outcome::Unseen },
-    Row { name: "no footer and summary", compression: None, damage: cut_at_data_end, outcome: Outcome::Whole(EARLY) },
-    Row { name: "no footer, zstd", compression: Some(Zstd), damage: cut_at_data_end, outcome: Outcome::Whole(EARLY) },
-    Row { name: "half", compression: None, damage: |b| b.truncate(b.len() / 2), outcome: Outcome::Part(EARLY) },
-    Row { name: "half, zstd", compression: Some(Zstd), damage: |b| b.truncate(b.len() / 2), outcome: Outcome::Part(EARLY) },
-    Row { name: "half, lz4", compression: Some(Lz4), damage: |b| b.truncate(b.len() / 2), outcome: Outcome::Part(EARLY) },
+    Row {
+        name: "no end magic",
+        compression: None,
+        damage: |b| b.truncate(b.len() - MAGIC),
+        outcome: Outcome::Unseen,
+    },
+    Row {
+        name: "no footer and summary",
+        compression: None,
+        damage: cut_at_data_end,
+        outcome: Outcome::Whole(EARLY),
+    },
+    Row {
+        name: "no footer, zstd",
+        compression: Some(Zstd),
+        damage: cut_at_data_end,
+        outcome: Outcome::Whole(EARLY),
+    },
+    Row {
+        name: "half",
+        compression: None,
+        damage: |b| b.truncate(b.len() / 2),
+        outcome: Outcome::Part(EARLY),
+    },
+    Row {
+        name: "half, zstd",
+        compression: Some(Zstd),
+        damage: |b| b.truncate(b.len() / 2),
+        outcome: Outcome::Part(EARLY),
+    },
+    Row {
+        name: "half, lz4",
+        compression: Some(Lz4),
+        damage: |b| b.truncate(b.len() / 2),
+        outcome: Outcome::Part(EARLY),
+    },
     Row { name: "flipped bytes", compression: None, damage: |b| flip(b), outcome: Outcome::Part(ONE_CHUNK) },
-    Row { name: "flipped bytes, zstd", compression: Some(Zstd), damage: |b| flip(b), outcome: Outcome::Part(ONE_CHUNK) },
-    Row { name: "flipped bytes, lz4", compression: Some(Lz4), damage: |b| flip(b), outcome: Outcome::Part(ONE_CHUNK) },
-    Row { name: "no checksums", compression: None, damage: |b| without_checksums(b), outcome: Outcome::Unseen },
+    Row {
+        name: "flipped bytes, zstd",
+        compression: Some(Zstd),
+        damage: |b| flip(b),
+        outcome: Outcome::Part(ONE_CHUNK),
+    },
+    Row {
+        name: "flipped bytes, lz4",
+        compression: Some(Lz4),
+        damage: |b| flip(b),
+        outcome: Outcome::Part(ONE_CHUNK),
+    },
+    Row {
+        name: "no checksums",
+        compression: None,
+        damage: |b| without_checksums(b),
+        outcome: Outcome::Unseen,
+    },
     Row {
         name: "flipped pixels without checksums",
         compression: None,
@@ -139,15 +189,30 @@ const ROWS: &[Row] = &[
         outcome: Outcome::Unseen,
     },
     Row { name: "empty", compression: None, damage: Vec::clear, outcome: Outcome::Refused(NOTHING) },
-    Row { name: "magic only", compression: None, damage: |b| b.truncate(MAGIC), outcome: Outcome::Refused(NOTHING) },
+    Row {
+        name: "magic only",
+        compression: None,
+        damage: |b| b.truncate(MAGIC),
+        outcome: Outcome::Refused(NOTHING),
+    },
     Row {
         name: "a length of 2^62",
         compression: None,
         damage: |b| claiming(b, CHUNK, 1 << 62, &[0; 50]),
         outcome: Outcome::Refused(NOTHING),
     },
-    Row { name: "a chunk of 2^40", compression: None, damage: huge_chunk, outcome: Outcome::Refused(NOTHING) },
-    Row { name: "text", compression: None, damage: |b| *b = b"not a bag".to_vec(), outcome: Outcome::Refused(NOTHING) },
+    Row {
+        name: "a chunk of 2^40",
+        compression: None,
+        damage: huge_chunk,
+        outcome: Outcome::Refused(NOTHING),
+    },
+    Row {
+        name: "text",
+        compression: None,
+        damage: |b| *b = b"not a bag".to_vec(),
+        outcome: Outcome::Refused(NOTHING),
+    },
 ];
 
 fn config() -> CaptureConfig {
@@ -155,7 +220,7 @@ fn config() -> CaptureConfig {
 }
 
 fn warned(capture: &Capture, words: &[&str]) -> bool {
-    capture.warnings.iter().any(|w| words.iter().all(|word| w.contains(word)))
+    capture.warnings.iter().any(|w| words.iter().all(|word| w.text.contains(word)))
 }
 
 /// The largest address space that this process had, bytes.
@@ -170,7 +235,10 @@ fn every_damage_has_its_outcome() {
     for row in ROWS {
         let folder = TempDir::new("damage-row");
         // Color is not compressed, so that most bytes of a chunk are pixels.
-        write_states(&folder.0, &Options { chunk_bytes: 60_000, compression: row.compression, ..Options::default() });
+        write_states(
+            &folder.0,
+            &Options { chunk_bytes: 60_000, compression: row.compression, ..Options::default() },
+        );
         let file = folder.join("state0/state0.mcap");
         let mut bytes = std::fs::read(&file).unwrap();
         (row.damage)(&mut bytes);
@@ -181,15 +249,27 @@ fn every_damage_has_its_outcome() {
             (Ok(capture), Outcome::Whole(words)) => {
                 assert_eq!(capture.states[0].len(), COUNT, "{name}");
                 assert!(warned(&capture, words), "{name}: {:?}", capture.warnings);
-                assert!(words.iter().all(|w| told.contains(w)) && told.contains("usable: yes"), "{name}: {told}");
+                assert!(
+                    words.iter().all(|w| told.contains(w)) && told.contains("usable: yes"),
+                    "{name}: {told}"
+                );
             }
             (Ok(capture), Outcome::Part(words)) => {
-                assert!((1..COUNT).contains(&capture.states[0].len()), "{name}: {} views", capture.states[0].len());
+                assert!(
+                    (1..COUNT).contains(&capture.states[0].len()),
+                    "{name}: {} views",
+                    capture.states[0].len()
+                );
                 assert!(warned(&capture, words), "{name}: {:?}", capture.warnings);
                 assert!(words.iter().all(|w| told.contains(w)), "{name}: {told}");
             }
             (Ok(capture), Outcome::Unseen) => {
-                assert_eq!((capture.states[0].len(), capture.warnings.len()), (COUNT, 0), "{name}: {:?}", capture.warnings);
+                assert_eq!(
+                    (capture.states[0].len(), capture.warnings.len()),
+                    (COUNT, 0),
+                    "{name}: {:?}",
+                    capture.warnings
+                );
                 assert!(told.contains("usable: yes"), "{name}: {told}");
             }
             (Err(error), Outcome::Refused(words)) => {
@@ -212,7 +292,10 @@ fn drawer(state0: &Path) -> Result<Capture, CaptureError> {
 fn same_frames(name: &str, found: &Capture, expected: &Capture) {
     assert_eq!(found.states[0].len(), expected.states[0].len(), "{name}");
     for (a, b) in found.states[0].iter().zip(&expected.states[0]) {
-        let same = a.rgb == b.rgb && a.depth_m == b.depth_m && a.mask == b.mask && a.world_from_camera == b.world_from_camera;
+        let same = a.rgb == b.rgb
+            && a.depth_m == b.depth_m
+            && a.mask == b.mask
+            && a.world_from_camera == b.world_from_camera;
         assert!(same && a.id == b.id, "{name}: frame {}", a.id);
     }
 }
@@ -222,7 +305,13 @@ fn bags_that_others_wrote_give_the_same_frames() {
     let Some(python) = venv::ros_python() else { return };
     let folder = TempDir::new("forms");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/bags.py");
-    let output = Command::new(&python).arg(script).arg("copies").arg(shipped("drawer/state0")).arg(&folder.0).output().unwrap();
+    let output = Command::new(&python)
+        .arg(script)
+        .arg("copies")
+        .arg(shipped("drawer/state0"))
+        .arg(&folder.0)
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let names = String::from_utf8(output.stdout).unwrap();
     let expected = drawer(&shipped("drawer/state0")).unwrap();
@@ -230,7 +319,9 @@ fn bags_that_others_wrote_give_the_same_frames() {
         let bag = folder.join(name);
         match (name.starts_with("sqlite3"), drawer(&bag)) {
             (false, found) => same_frames(name, &found.unwrap(), &expected),
-            (true, found) => same_frames(name, &drawer(&converted(&python, found.unwrap_err())).unwrap(), &expected),
+            (true, found) => {
+                same_frames(name, &drawer(&converted(&python, found.unwrap_err())).unwrap(), &expected)
+            }
         }
     }
     assert!(names.split_whitespace().count() >= 10, "{names}");
@@ -240,7 +331,12 @@ fn bags_that_others_wrote_give_the_same_frames() {
 fn converted(python: &Path, error: CaptureError) -> PathBuf {
     assert!(matches!(error, CaptureError::Sqlite { .. }), "{error}");
     let text = error.to_string();
-    let command: Vec<&str> = text.split('`').find(|part| part.starts_with("rosbags-convert")).unwrap().split_whitespace().collect();
+    let command: Vec<&str> = text
+        .split('`')
+        .find(|part| part.starts_with("rosbags-convert"))
+        .unwrap()
+        .split_whitespace()
+        .collect();
     let output = Command::new(python.with_file_name(command[0])).args(&command[1..]).output().unwrap();
     assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
     PathBuf::from(command[command.iter().position(|a| *a == "--dst").unwrap() + 1])

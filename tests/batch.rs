@@ -16,11 +16,19 @@ fn one_bad_recording_does_not_stop_the_rest() {
     let folder = TempDir::new("batch");
     let (together, alone) = (folder.join("together"), folder.join("alone"));
     let bags = [shipped("drawer"), folder.join("missing"), shipped("laptop")];
-    let ended = end(&mut reconstruct(&bags.each_ref().map(PathBuf::as_path), &together, &["--parts", "2", "--jobs", "2"]));
+    let ended = end(&mut reconstruct(
+        &bags.each_ref().map(PathBuf::as_path),
+        &together,
+        &["--parts", "2", "--jobs", "2"],
+    ));
     assert_eq!(ended.code, 1, "{}", ended.stderr);
     assert!(ended.stderr.contains("1 of 3 objects failed"), "{}", ended.stderr);
     assert!(ended.stderr.contains("failed: ") && ended.stderr.contains("missing"), "{}", ended.stderr);
-    assert!(ended.stderr.contains("drawer/match") && ended.stderr.contains("laptop/match"), "{}", ended.stderr);
+    assert!(
+        ended.stderr.contains("drawer/match") && ended.stderr.contains("laptop/match"),
+        "{}",
+        ended.stderr
+    );
 
     let single = end(&mut reconstruct(&[&shipped("drawer")], &alone, &["--parts", "2"]));
     assert!([0, 3].contains(&single.code), "{}", single.stderr);

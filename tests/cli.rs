@@ -47,7 +47,9 @@ impl Drop for Folder {
 fn help_is_a_result_and_names_every_verb() {
     let (code, out, err) = run(&["--help"]);
     assert_eq!((code, err.as_str()), (0, ""));
-    for word in ["reconstruct", "inspect", "evaluate", "config", "doctor", "Exit codes: 0 done", "130 stopped"] {
+    for word in
+        ["reconstruct", "inspect", "evaluate", "config", "doctor", "Exit codes: 0 done", "130 stopped"]
+    {
         assert!(out.contains(word), "{word} not in\n{out}");
     }
     let (code, out, _) = run(&["reconstruct", "--help"]);
@@ -76,8 +78,13 @@ fn help_is_a_result_and_names_every_verb() {
 
 #[test]
 fn wrong_usage_is_told_on_stderr_with_code_2() {
-    for args in [&["--colour"][..], &[], &["reconstruct"], &["reconstruct", "bag", "--out", "x", "--engine", "abacus"], &["config", "hide"]]
-    {
+    for args in [
+        &["--colour"][..],
+        &[],
+        &["reconstruct"],
+        &["reconstruct", "bag", "--out", "x", "--engine", "abacus"],
+        &["config", "hide"],
+    ] {
         let (code, out, err) = run(args);
         assert_eq!((code, out.as_str()), (2, ""), "{args:?}");
         assert!(!err.is_empty(), "{args:?}");
@@ -90,9 +97,16 @@ fn a_wrong_key_is_named_with_its_place_and_the_nearest_one() {
     let file = folder.file("mine.yaml", "# mine\ntrain:\n  field:\n    level: 8\n");
     let (code, out, err) = run(&["config", "show", "--config", &file]);
     assert_eq!((code, out.as_str()), (2, ""));
-    assert_eq!(err, format!("error: {file}:4: unknown key train.field.level; did you mean train.field.levels?\n"));
-    let (code, _, err) = run(&["reconstruct", "bag", "--out", folder.0.to_str().unwrap(), "--set", "train.field.levels=many"]);
-    assert_eq!((code, err.as_str()), (2, "error: --set: train.field.levels = many: invalid type: string \"many\", expected usize\n"));
+    assert_eq!(
+        err,
+        format!("error: {file}:4: unknown key train.field.level; did you mean train.field.levels?\n")
+    );
+    let (code, _, err) =
+        run(&["reconstruct", "bag", "--out", folder.0.to_str().unwrap(), "--set", "train.field.levels=many"]);
+    assert_eq!(
+        (code, err.as_str()),
+        (2, "error: --set: train.field.levels = many: invalid type: string \"many\", expected usize\n")
+    );
     let (code, _, err) = run(&["config", "show", "--preset", "papr"]);
     assert!(code == 2 && err.contains("default, fields, preview, paper"), "{err}");
     let (code, _, err) = run(&["config", "show", "--config", "/nowhere/x.yaml"]);
@@ -107,7 +121,8 @@ fn a_wrong_key_is_named_with_its_place_and_the_nearest_one() {
 fn origins_are_shown_and_later_layers_win() {
     let folder = Folder::new("origin");
     let file = folder.file("mine.yaml", "run:\n  seed: 3\ntrain: {field: {hidden: 32}}\n");
-    let (code, out, err) = run(&["config", "show", "--origin", "--preset", "preview", "--config", &file, "--set", "run.seed=9"]);
+    let (code, out, err) =
+        run(&["config", "show", "--origin", "--preset", "preview", "--config", &file, "--set", "run.seed=9"]);
     assert_eq!((code, err.as_str()), (0, ""));
     let line = |key: &str| {
         let line = out.lines().find(|l| l.starts_with(&format!("{key} = "))).unwrap();
@@ -116,9 +131,14 @@ fn origins_are_shown_and_later_layers_win() {
     assert_eq!(line("run.seed"), "run.seed = 9 # --set");
     assert_eq!(line("run.init"), "run.init = registration # default");
     assert_eq!(line("train.field.hidden"), format!("train.field.hidden = 32 # {file}:3"));
-    let preset = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/preview.yaml")).unwrap();
+    let preset =
+        fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/preview.yaml")).unwrap();
     let number = 1 + preset.lines().position(|l| l.trim_start().starts_with("levels:")).unwrap();
-    assert!(line("train.field.levels").ends_with(&format!("# launch_configs/preview.yaml:{number}")), "{}", line("train.field.levels"));
+    assert!(
+        line("train.field.levels").ends_with(&format!("# launch_configs/preview.yaml:{number}")),
+        "{}",
+        line("train.field.levels")
+    );
 }
 
 #[test]
@@ -147,7 +167,10 @@ fn the_doctor_reports_the_machine_and_the_engine() {
 
 #[test]
 fn a_missing_recording_is_an_error_that_names_it() {
-    for args in [&["inspect", "/nowhere/bag"][..], &["reconstruct", "/nowhere/bag", "--out", "/nowhere/out", "--parts", "2"]] {
+    for args in [
+        &["inspect", "/nowhere/bag"][..],
+        &["reconstruct", "/nowhere/bag", "--out", "/nowhere/out", "--parts", "2"],
+    ] {
         let (code, out, err) = run(args);
         assert_eq!((code, out.as_str()), (1, ""), "{args:?}: {err}");
         assert!(err.contains("/nowhere/bag"), "{args:?}: {err}");
@@ -157,7 +180,8 @@ fn a_missing_recording_is_an_error_that_names_it() {
 #[test]
 fn json_leaves_nothing_but_events_on_stdout() {
     let folder = Folder::new("json");
-    let (code, out, err) = run(&["reconstruct", "/nowhere/bag", "--out", folder.0.to_str().unwrap(), "--parts", "2", "--json"]);
+    let (code, out, err) =
+        run(&["reconstruct", "/nowhere/bag", "--out", folder.0.to_str().unwrap(), "--parts", "2", "--json"]);
     assert!(code == 1 && err.starts_with("error: "), "{err}");
     let known = ["stage_started", "step", "stage_finished", "warning", "note", "artifact", "error"];
     for line in out.lines() {

@@ -1,5 +1,6 @@
-//! Small inputs of large cost, given to the program: each ends in time, within a bound of memory, with a sentence. The program
-//! runs under a limit of its address space, so that an allocation beyond it ends the process and the test.
+//! Small inputs of large cost, given to the program: each ends in time, within a bound of memory, with a
+//! sentence. The program runs under a limit of its address space, so that an allocation beyond it ends the
+//! process and the test.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
@@ -17,7 +18,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use artitwin::io::ros2msg::{CameraInfo, CompressedImage, TfMessage, decode, encode};
+use artitwin::internal::io::ros2msg::{CameraInfo, CompressedImage, TfMessage, decode, encode};
 use common::{BagWriter, TempDir, write_keyframes, write_metadata};
 use program::{Message, messages, rewrite, shipped};
 
@@ -33,7 +34,8 @@ fn ends(code: i32, arguments: &[&str], words: &[&str]) -> String {
     let limited = format!("ulimit -v {} && exec \"$@\"", MEMORY << 10);
     let mut command = Command::new("sh");
     command.args(["-c", &limited, "sh", env!("CARGO_BIN_EXE_artitwin")]).args(arguments);
-    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut pipes: Vec<Box<dyn std::io::Read + Send>> =
         vec![Box::new(child.stdout.take().unwrap()), Box::new(child.stderr.take().unwrap())];
     let readers: Vec<_> = pipes
@@ -58,10 +60,13 @@ fn ends(code: i32, arguments: &[&str], words: &[&str]) -> String {
         }
         thread::sleep(Duration::from_millis(5));
     };
-    let text: String = readers.into_iter().map(|r| String::from_utf8_lossy(&r.join().unwrap()).into_owned()).collect();
+    let text: String =
+        readers.into_iter().map(|r| String::from_utf8_lossy(&r.join().unwrap()).into_owned()).collect();
     let Some(status) = status else { panic!("{arguments:?} did not end in {PATIENCE:?}:\n{text}") };
     assert_eq!(status.code(), Some(code), "{status}:\n{}", &text[..text.len().min(4000)]);
-    words.iter().for_each(|word| assert!(text.contains(word), "`{word}` is not in:\n{}", &text[..text.len().min(4000)]));
+    words.iter().for_each(|word| {
+        assert!(text.contains(word), "`{word}` is not in:\n{}", &text[..text.len().min(4000)])
+    });
     text
 }
 
@@ -71,7 +76,11 @@ fn text(path: &Path) -> &str {
 
 /// `reconstruct` on a source that is refused before the first stage ends.
 fn refuses(folder: &TempDir, source: &Path, words: &[&str]) {
-    ends(1, &["reconstruct", text(source), "--out", text(&folder.join("runs")), "--preset", "preview"], words);
+    ends(
+        1,
+        &["reconstruct", text(source), "--out", text(&folder.join("runs")), "--preset", "preview"],
+        words,
+    );
 }
 
 /// A state of the drawer with its messages changed.
@@ -86,11 +95,23 @@ fn archive(content: &[u8], times: u16) -> Vec<u8> {
     let mut packed = flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::fast());
     packed.write_all(content).unwrap();
     let packed = packed.finish().unwrap();
-    let lengths = [&(packed.len() as u32).to_le_bytes()[..], &(content.len() as u32).to_le_bytes(), &[1, 0, 0, 0]].concat();
-    let local = [&b"PK\x03\x04"[..], &[20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, b"a", &packed].concat();
-    let central = [&b"PK\x01\x02"[..], &[20, 0, 20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, &[0; 14], b"a"].concat();
-    let end =
-        [&b"PK\x05\x06"[..], &[0; 4], &times.to_le_bytes(), &times.to_le_bytes(), &[0; 4], &(local.len() as u32).to_le_bytes(), &[0; 2]];
+    let lengths =
+        [&(packed.len() as u32).to_le_bytes()[..], &(content.len() as u32).to_le_bytes(), &[1, 0, 0, 0]]
+            .concat();
+    let local =
+        [&b"PK\x03\x04"[..], &[20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, b"a", &packed].concat();
+    let central =
+        [&b"PK\x01\x02"[..], &[20, 0, 20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, &[0; 14], b"a"]
+            .concat();
+    let end = [
+        &b"PK\x05\x06"[..],
+        &[0; 4],
+        &times.to_le_bytes(),
+        &times.to_le_bytes(),
+        &[0; 4],
+        &(local.len() as u32).to_le_bytes(),
+        &[0; 2],
+    ];
     [local, central.repeat(usize::from(times)), end.concat()].concat()
 }
 
@@ -113,11 +134,20 @@ fn archives_of_matches() {
     std::fs::write(matches.join("src_0_b.npz"), archive(&zeros, 1)).unwrap();
     // A type of 20 MB, remembered and used for 400 arrays.
     let long = vec![b'f'; 20 << 20];
-    let dtype = [&b"\x80\x03cnumpy\ndtype\nX"[..], &(long.len() as u32).to_le_bytes(), &long, b"\x85R"].concat();
+    let dtype =
+        [&b"\x80\x03cnumpy\ndtype\nX"[..], &(long.len() as u32).to_le_bytes(), &long, b"\x85R"].concat();
     let dtype = [&dtype[..], b"(K\x03X\x01\0\0\0<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tbq\x01]"].concat();
     let array = b"(cnumpy.core.multiarray\n_reconstruct\n)R(K\x01K\x01\x85h\x01\x89C\0tbe";
-    std::fs::write(matches.join("src_0_c.npz"), archive(&npy(&[&dtype[..], &array.repeat(400), b"."].concat()), 1)).unwrap();
-    let words = ["members `a` and `a` share bytes", "mentions more than 2000000 values", "a name of 20971520 characters"];
+    std::fs::write(
+        matches.join("src_0_c.npz"),
+        archive(&npy(&[&dtype[..], &array.repeat(400), b"."].concat()), 1),
+    )
+    .unwrap();
+    let words = [
+        "members `a` and `a` share bytes",
+        "mentions more than 2000000 values",
+        "a name of 20971520 characters",
+    ];
     let told = ends(0, &["inspect", text(&data)], &words);
     assert_eq!(told.matches("matches not used").count(), 3, "{told}");
 }
@@ -138,7 +168,14 @@ fn deflated(bytes: usize) -> Vec<u8> {
 fn png(side: u32, colors: u8, before: &[u8]) -> Vec<u8> {
     let size = side as usize * (1 + side as usize * if colors == 2 { 3 } else { 1 });
     let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[8, colors, 0, 0, 0]].concat();
-    [b"\x89PNG\r\n\x1a\n".to_vec(), chunk(b"IHDR", &header), before.to_vec(), chunk(b"IDAT", &deflated(size)), chunk(b"IEND", b"")].concat()
+    [
+        b"\x89PNG\r\n\x1a\n".to_vec(),
+        chunk(b"IHDR", &header),
+        before.to_vec(),
+        chunk(b"IDAT", &deflated(size)),
+        chunk(b"IEND", b""),
+    ]
+    .concat()
 }
 
 /// The image of a message replaced.
@@ -165,14 +202,20 @@ fn images_of_many_pixels() {
                     (info.width, info.height) = (SIDE, SIDE);
                     m.data = encode(&info).unwrap();
                 }
-                "sensor_msgs/msg/CompressedImage" if m.is("compressedDepth") => with_image(m, "16UC1; compressedDepth rvl", &rvl),
+                "sensor_msgs/msg/CompressedImage" if m.is("compressedDepth") => {
+                    with_image(m, "16UC1; compressedDepth rvl", &rvl)
+                }
                 "sensor_msgs/msg/CompressedImage" => with_image(m, "rgb8; png", &gray),
                 _ => {}
             }
             !m.is("/object_mask")
         });
     }
-    let words = ["32 frames of 8192x8192 pixels take 24.0 GiB", "capture.memory_gib = 8", "--set capture.frames_per_state=5"];
+    let words = [
+        "32 frames of 8192x8192 pixels take 24.0 GiB",
+        "capture.memory_gib = 8",
+        "--set capture.frames_per_state=5",
+    ];
     refuses(&folder, &bag, &words);
     // Where the camera is small, a large image is not even decoded.
     let small = folder.join("small");
@@ -184,7 +227,11 @@ fn images_of_many_pixels() {
             true
         });
     }
-    refuses(&folder, &small, &["all 16 are broken", "an image of 8192x8192 pixels, but its camera has 320x240"]);
+    refuses(
+        &folder,
+        &small,
+        &["all 16 are broken", "an image of 8192x8192 pixels, but its camera has 320x240"],
+    );
 }
 
 #[test]
@@ -227,7 +274,8 @@ fn lengths_and_chunks_of_a_bag() {
     ends(1, &["inspect", text(&bag)], &["a record names a field of 4294967295 bytes"]);
     let bomb = |size: usize| {
         let zeros = zstd::bulk::compress(&record(0x80, &vec![0; size - 9]), 1).unwrap();
-        let front = [&[0; 16][..], &(size as u64).to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd"].concat();
+        let front =
+            [&[0; 16][..], &(size as u64).to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd"].concat();
         record(6, &[&front[..], &(zeros.len() as u64).to_le_bytes(), &zeros].concat())
     };
     // 49 GiB in chunks of 256 MiB; the same again in small ones, of which each may be.
@@ -243,7 +291,8 @@ fn lengths_and_chunks_of_a_bag() {
 #[test]
 fn brackets_in_yaml() {
     let folder = TempDir::new("costly-yaml");
-    let nested = ["[".repeat(DEEP) + &"]".repeat(DEEP), "{a: ".repeat(DEEP), "- ".repeat(DEEP), "? ".repeat(DEEP)];
+    let nested =
+        ["[".repeat(DEEP) + &"]".repeat(DEEP), "{a: ".repeat(DEEP), "- ".repeat(DEEP), "? ".repeat(DEEP)];
     let config = folder.join("config.yaml");
     for text_of in &nested {
         std::fs::write(&config, format!("surface: {text_of}\n")).unwrap();
@@ -251,7 +300,11 @@ fn brackets_in_yaml() {
     }
     std::fs::write(&config, format!("surface: {}", nested[0])).unwrap();
     ends(2, &["config", "show", "--config", text(&config)], &["nested deeper than 128"]);
-    ends(2, &["config", "show", "--set", &format!("surface.nodes={}", "[".repeat(50_000))], &["nested deeper than 128"]);
+    ends(
+        2,
+        &["config", "show", "--set", &format!("surface.nodes={}", "[".repeat(50_000))],
+        &["nested deeper than 128"],
+    );
     let bag = state(&folder, "bag", |_| true);
     std::fs::write(bag.join("metadata.yaml"), format!("x: {}\n", nested[0])).unwrap();
     ends(1, &["inspect", text(&bag)], &["nested deeper than 128", "posed RGB-D views: 16"]);
@@ -269,13 +322,18 @@ fn model(folder: &TempDir, name: &str, urdf: &str) -> PathBuf {
     path
 }
 
-const INERTIAL: &str = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>";
+const INERTIAL: &str =
+    "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>";
 
 /// `check` of the folder, and `diagnose` of the URDF.
 fn examined(folder: &Path, code: i32, checked: &[&str], diagnosed: &[&str]) {
     ends(code, &["check", text(folder)], checked);
     let out = folder.with_extension("out");
-    ends(1, &["diagnose", text(&folder.join("t.urdf")), text(&shipped("drawer/state0")), "--out", text(&out)], diagnosed);
+    ends(
+        1,
+        &["diagnose", text(&folder.join("t.urdf")), text(&shipped("drawer/state0")), "--out", text(&out)],
+        diagnosed,
+    );
 }
 
 /// `diagnose` of the URDF by frames, which reads its meshes.
@@ -291,10 +349,12 @@ fn nested_xml_elements() {
         let inner = "<x>".repeat(depth) + &"</x>".repeat(depth);
         let twin = model(&folder, "deep", &format!("<robot name='r'><link name='a'/>{inner}</robot>"));
         examined(&twin, 1, &["nested deeper than 128"], &["nested deeper than 128"]);
-        let within = model(&folder, "deep_link", &format!("<robot name='r'><link name='a'>{inner}</link></robot>"));
+        let within =
+            model(&folder, "deep_link", &format!("<robot name='r'><link name='a'>{inner}</link></robot>"));
         seen(&folder, &within, &["nested deeper"]);
     }
-    let entities: String = (1..10).map(|i| format!("<!ENTITY a{i} \"{}\">", format!("&a{};", i - 1).repeat(10))).collect();
+    let entities: String =
+        (1..10).map(|i| format!("<!ENTITY a{i} \"{}\">", format!("&a{};", i - 1).repeat(10))).collect();
     let laughs = format!("<!DOCTYPE r [<!ENTITY a0 \"aaaaaaaaaa\">{entities}]><robot name='&a9;'/>");
     examined(&model(&folder, "laughs", &laughs), 1, &["declares entities"], &["declares entities"]);
 }
@@ -303,12 +363,17 @@ fn nested_xml_elements() {
 fn long_chains_of_links() {
     let folder = TempDir::new("costly-chain");
     let link = |i: usize, solid: bool| {
-        let solid = if solid { "<collision name='c'><geometry><box size='0.01 0.01 0.01'/></geometry></collision>" } else { "" };
+        let solid = if solid {
+            "<collision name='c'><geometry><box size='0.01 0.01 0.01'/></geometry></collision>"
+        } else {
+            ""
+        };
         format!("<link name='l{i}'>{INERTIAL}{solid}</link>")
     };
     let joint = |i: usize, kind: &str| {
         format!(
-            "<joint name='j{i}' type='{kind}'><origin xyz='0.02 0 0'/><parent link='l{i}'/><child link='l{}'/><axis xyz='0 0 1'/>\
+            "<joint name='j{i}' type='{kind}'><origin xyz='0.02 0 0'/><parent link='l{i}'/>\
+             <child link='l{}'/><axis xyz='0 0 1'/>\
              <limit lower='-1' upper='1' effort='1' velocity='1'/></joint>",
             i + 1
         )
@@ -358,25 +423,32 @@ fn many_messages() {
     for nan in [true, false] {
         let change = |writer: &mut BagWriter, i: usize, last: i64| {
             let mut m: CameraInfo = decode(&info.data).unwrap();
-            m.k[if nan { 0 } else { 2 }] = if nan { f64::from_bits(f64::NAN.to_bits() + i as u64) } else { m.k[2] + 1e-6 * i as f64 };
+            m.k[if nan { 0 } else { 2 }] =
+                if nan { f64::from_bits(f64::NAN.to_bits() + i as u64) } else { m.k[2] + 1e-6 * i as f64 };
             writer.message(&info.topic, &info.type_name, last, &m);
         };
         let bag = flood("infos", 100_000, &change);
         ends(1, &["inspect", text(&bag)], &[if nan { "focal lengths NaN" } else { "posed RGB-D views: 16" }]);
     }
     let string = |i: usize| format!("/t{i}");
-    let bag =
-        flood("topics", 20_000, &|w, i, last| w.bytes(&string(i), "std_msgs/msg/String", "cdr", last, b"\0\x01\0\0\x02\0\0\0a\0\0\0"));
+    let bag = flood("topics", 20_000, &|w, i, last| {
+        w.bytes(&string(i), "std_msgs/msg/String", "cdr", last, b"\0\x01\0\0\x02\0\0\0a\0\0\0")
+    });
     ends(1, &["inspect", text(&bag)], &["a bag with so many messages is not supported", "ros2 bag convert"]);
-    let bag = flood("tiny", 1_000_000, &|w, _, last| w.bytes("/m", "std_msgs/msg/String", "cdr", last, b"\0\x01\0\0\x02\0\0\0a\0\0\0"));
+    let bag = flood("tiny", 1_000_000, &|w, _, last| {
+        w.bytes("/m", "std_msgs/msg/String", "cdr", last, b"\0\x01\0\0\x02\0\0\0a\0\0\0")
+    });
     ends(1, &["inspect", text(&bag)], &["1000000", "posed RGB-D views: 16"]);
     let frames = |w: &mut BagWriter, i: usize, last: i64| {
         let mut m: TfMessage = decode(&tf.data).unwrap();
         m.transforms.iter_mut().for_each(|t| t.child_frame_id = format!("c{i}"));
         w.message("/tf", &tf.type_name, last, &m);
     };
-    let told =
-        ends(1, &["inspect", text(&flood("frames", 200_000, &frames))], &["more frames than are taken (10000)", "views: 16", "and 98"]);
+    let told = ends(
+        1,
+        &["inspect", text(&flood("frames", 200_000, &frames))],
+        &["more frames than are taken (10000)", "views: 16", "and 98"],
+    );
     assert!(told.lines().count() < 1000, "{}", told.lines().count());
 }
 
@@ -398,7 +470,11 @@ fn names_do_not_steer_the_terminal() {
         }
         true
     });
-    let twin = model(&folder, "names", &format!("<robot name='r'><link name='a'/><link name='{}'/></robot>", "&#x9b;2J&#10;x"));
+    let twin = model(
+        &folder,
+        "names",
+        &format!("<robot name='r'><link name='a'/><link name='{}'/></robot>", "&#x9b;2J&#10;x"),
+    );
     let tell = |code, arguments: &[&str]| {
         let told = ends(code, arguments, &[]);
         assert!(!told.chars().any(|c| c.is_control() && c != '\n'), "{told:?}");
@@ -429,10 +505,18 @@ fn devices_and_pipes_in_place_of_files() {
             std::fs::write(&path, content).unwrap();
         }
         ends(2, &["config", "show", "--config", text(odd)], &["cannot read", told]);
-        ends(1, &["diagnose", text(odd), text(&shipped("drawer/state0")), "--out", text(&folder.join("out"))], &[told]);
+        ends(
+            1,
+            &["diagnose", text(odd), text(&shipped("drawer/state0")), "--out", text(&folder.join("out"))],
+            &[told],
+        );
         ends(1, &["inspect", text(odd)], &["is not a recording"]);
         let mesh = "<visual name='v'><geometry><mesh filename='m.obj'/></geometry></visual>";
-        let twin = model(&folder, &format!("twin_{kind}"), &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"));
+        let twin = model(
+            &folder,
+            &format!("twin_{kind}"),
+            &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"),
+        );
         symlink(odd, twin.join("m.obj")).unwrap();
         ends(1, &["check", text(&twin)], &["the file is missing"]);
         seen(&folder, &twin, &[told, "m.obj"]);
@@ -442,7 +526,18 @@ fn devices_and_pipes_in_place_of_files() {
         symlink(odd, bag.join("other.mcap")).unwrap();
         ends(1, &["inspect", text(&bag)], &["posed RGB-D views: 16"]);
         #[cfg(feature = "onnx")]
-        ends(1, &["reconstruct", text(&shipped("drawer")), "--out", text(&folder.join("runs")), "--matcher", text(odd)], &[told]);
+        ends(
+            1,
+            &[
+                "reconstruct",
+                text(&shipped("drawer")),
+                "--out",
+                text(&folder.join("runs")),
+                "--matcher",
+                text(odd),
+            ],
+            &[told],
+        );
     }
 }
 
@@ -450,23 +545,34 @@ fn devices_and_pipes_in_place_of_files() {
 fn meshes_that_claim_much() {
     let folder = TempDir::new("costly-mesh");
     let mesh = "<visual name='v'><geometry><mesh filename='m.ply'/></geometry></visual>";
-    let twin = model(&folder, "twin", &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"));
+    let twin =
+        model(&folder, "twin", &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"));
     let axes = "property float x\nproperty float y\nproperty float z\n";
     let nothing: String = (0..20_000).map(|i| format!("element q{i} 20000000\n")).collect();
     for (elements, words) in [
-        (format!("{nothing}element vertex 20000000\n{axes}"), "20000000 elements vertex: the file ends early"),
+        (
+            format!("{nothing}element vertex 20000000\n{axes}"),
+            "20000000 elements vertex: the file ends early",
+        ),
         ("element vertex 20000000\n".to_owned(), "no vertices with x, y and z"),
         ("element vertex 20000000\n".repeat(50), "names its vertices twice"),
-        (format!("element vertex 0\n{axes}element face 20000000\nproperty list uchar int vertex_indices\n"), "20000000 elements face"),
+        (
+            format!(
+                "element vertex 0\n{axes}element face 20000000\nproperty list uchar int vertex_indices\n"
+            ),
+            "20000000 elements face",
+        ),
     ] {
         for format in ["ascii", "binary_little_endian"] {
-            std::fs::write(twin.join("m.ply"), format!("ply\nformat {format} 1.0\n{elements}end_header\n")).unwrap();
+            std::fs::write(twin.join("m.ply"), format!("ply\nformat {format} 1.0\n{elements}end_header\n"))
+                .unwrap();
             seen(&folder, &twin, &[words, "m.ply"]);
         }
     }
     // One mesh of 200 MB, named often, is not read often.
     let shapes = "<visual name='v'><geometry><mesh filename='m.obj'/></geometry></visual>".repeat(1000);
-    let twin = model(&folder, "often", &format!("<robot name='r'><link name='a'>{INERTIAL}{shapes}</link></robot>"));
+    let twin =
+        model(&folder, "often", &format!("<robot name='r'><link name='a'>{INERTIAL}{shapes}</link></robot>"));
     std::fs::write(twin.join("m.obj"), "# nothing\n".repeat(1 << 20)).unwrap();
     ends(1, &["check", text(&twin)], &["names meshes of 10485760000 bytes"]);
 }

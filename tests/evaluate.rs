@@ -9,7 +9,7 @@ mod venv;
 
 use std::path::{Path, PathBuf};
 
-use artitwin::{
+use artitwin::internal::{
     evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run},
     geometry::Pose,
     model::ArticulatedModel,
@@ -44,7 +44,8 @@ fn the_truth_itself_scores_nothing_but_the_floor() {
     for (name, row) in &trial.mesh {
         close(row.accuracy_mm, 0.0, 1e-3);
         close(row.seen_mm, 0.0, 1e-3);
-        // Boards about as thin as the samples are apart come out lower: the nearest sample may be on the other side.
+        // Boards about as thin as the samples are apart come out lower: the nearest sample may be on the
+        // other side.
         let floor = row.cd_floor.expect("a floor");
         assert!((0.75..1.05).contains(&(floor / row.cd_floor_expected)), "{name}: {row:?}");
         assert!((row.cd.expect("cd") / floor - 1.0).abs() < 0.08, "{name}: {row:?}");
@@ -54,8 +55,12 @@ fn the_truth_itself_scores_nothing_but_the_floor() {
 /// The desk with its joints moved by known amounts.
 fn perturbed_desk() -> ArticulatedModel {
     let mut model = desk();
-    // The arm's joint frame: 5 mm along the joint's x axis, across the joint's y axis, then 2 degrees about x.
-    let off = Pose::from_parts(Vector3::new(0.005, 0.0, 0.0).into(), UnitQuaternion::from_scaled_axis(Vector3::x() * 2f64.to_radians()));
+    // The arm's joint frame: 5 mm along the joint's x axis, across the joint's y axis, then 2 degrees about
+    // x.
+    let off = Pose::from_parts(
+        Vector3::new(0.005, 0.0, 0.0).into(),
+        UnitQuaternion::from_scaled_axis(Vector3::x() * 2f64.to_radians()),
+    );
     model.joints[0].parent_from_joint *= off;
     model.states[1][2] += 0.004;
     model
@@ -94,10 +99,13 @@ fn a_wrong_type_and_a_missing_part_are_told() {
     model.states.iter_mut().for_each(|s| {
         s.remove(1);
     });
-    (model.joints[1].child, model.joints[1].kind) = (2, artitwin::model::JointKind::Revolute);
+    (model.joints[1].child, model.joints[1].kind) = (2, artitwin::internal::model::JointKind::Revolute);
     let report = evaluate(&model, &temp.0.join("truth"), &temp);
     let rows = &report.trials[0].joints;
-    assert_eq!((rows[0].type_right, rows[2].type_right, rows[2].kind.as_deref()), (Some(true), Some(false), Some("revolute")));
+    assert_eq!(
+        (rows[0].type_right, rows[2].type_right, rows[2].kind.as_deref()),
+        (Some(true), Some(false), Some("revolute"))
+    );
     assert!(rows[1].missing && rows[1].axis_deg.is_none());
     assert_eq!(report.published.as_ref().map(|p| p.failed_trials), Some(1));
     let text = report.to_text();
@@ -132,7 +140,8 @@ fn the_component_filter_drops_floaters() {
     std::fs::write(&file, text).expect("a written mesh");
     let accuracy = |min_component| {
         let options = EvaluateOptions { min_component, ..EvaluateOptions::default() };
-        let report = run(std::slice::from_ref(&folder), &temp.0.join("truth"), &options).expect("an evaluation");
+        let report =
+            run(std::slice::from_ref(&folder), &temp.0.join("truth"), &options).expect("an evaluation");
         report.trials[0].mesh["state0/static"].accuracy_mm.expect("a value")
     };
     let (with, without) = (accuracy(None), accuracy(Some(0.5)));
@@ -142,7 +151,9 @@ fn the_component_filter_drops_floaters() {
 #[test]
 fn a_folder_that_is_no_run_is_refused() {
     let temp = Temp::new("no-run");
-    let error = |runs: &[PathBuf], truth: &Path| run(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string();
+    let error = |runs: &[PathBuf], truth: &Path| {
+        run(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string()
+    };
     assert!(error(&[], &truth_of_drawer()).contains("no run"));
     assert!(error(std::slice::from_ref(&temp.0), &truth_of_drawer()).contains("holds 0 .urdf files"));
     assert!(error(std::slice::from_ref(&temp.0), &temp.0).contains("truth.json"));
@@ -158,12 +169,17 @@ fn agrees_with_the_python_scorer() {
     let temp = Temp::new("python");
     write_truth(&desk(), &temp.0.join("truth"));
     let mut drawer = true_drawer();
-    drawer.joints[0].parent_from_joint *=
-        Pose::from_parts(Vector3::new(0.01, 0.0, 0.0).into(), UnitQuaternion::from_euler_angles(0.02, 0.0, 0.0));
+    drawer.joints[0].parent_from_joint *= Pose::from_parts(
+        Vector3::new(0.01, 0.0, 0.0).into(),
+        UnitQuaternion::from_euler_angles(0.02, 0.0, 0.0),
+    );
     for (model, truth) in [(perturbed_desk(), temp.0.join("truth")), (drawer, truth_of_drawer())] {
         let folder = write_run(&model, &temp.0);
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/evaluate.py");
-        let output = std::process::Command::new(&python).args([&script, &truth, &folder]).output().expect("python runs");
+        let output = std::process::Command::new(&python)
+            .args([&script, &truth, &folder])
+            .output()
+            .expect("python runs");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let theirs: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
         let ours = run(&[folder], &truth, &EvaluateOptions::default()).expect("an evaluation");
@@ -179,7 +195,8 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
             assert_eq!(a, b, "{place} {name}");
             return;
         };
-        // Samples are drawn by another generator. On a whole object only the few hundred on the part that is off count.
+        // Samples are drawn by another generator. On a whole object only the few hundred on the part that is
+        // off count.
         let tolerance = match name {
             "cd" | "cd_floor" => 0.08 * y,
             "accuracy_mm" if place.ends_with("whole") => 0.12 * y + 0.002,
@@ -190,7 +207,9 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
         assert!((x - y).abs() <= tolerance, "{place} {name}: {x} and {y}");
         compared += 1;
     };
-    for (a, b) in ours["joints"].as_array().expect("joints").iter().zip(theirs["joints"].as_array().expect("joints")) {
+    for (a, b) in
+        ours["joints"].as_array().expect("joints").iter().zip(theirs["joints"].as_array().expect("joints"))
+    {
         for (name, value) in b.as_object().expect("a row") {
             check(b["part"].as_str().unwrap_or_default(), name, &a[name], value);
         }
@@ -201,6 +220,9 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
         }
     }
     assert_eq!(ours["joints"].as_array().map(Vec::len), theirs["joints"].as_array().map(Vec::len));
-    assert_eq!(ours["mesh"].as_object().map(serde_json::Map::len), theirs["mesh"].as_object().map(serde_json::Map::len));
+    assert_eq!(
+        ours["mesh"].as_object().map(serde_json::Map::len),
+        theirs["mesh"].as_object().map(serde_json::Map::len)
+    );
     assert!(compared > 15, "{compared} numbers");
 }

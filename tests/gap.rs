@@ -28,17 +28,37 @@ impl Drop for Temp {
 }
 
 /// Makes one case and diagnoses it: the runs and the report; `None` without Python.
-fn diagnose(folder: &Path, kind: &str, object: &str, effects: &[&str]) -> Option<(Vec<PathBuf>, serde_json::Value)> {
+fn diagnose(
+    folder: &Path,
+    kind: &str,
+    object: &str,
+    effects: &[&str],
+) -> Option<(Vec<PathBuf>, serde_json::Value)> {
     let python = venv::python()?;
     let mut generate = Command::new(python);
     generate.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/generate.py")).arg(folder);
-    generate.args(["--kind", kind, "--seeds", "900:901", "--objects", object, "--noise", "mid", "--runs", "3"]);
+    generate.args([
+        "--kind",
+        kind,
+        "--seeds",
+        "900:901",
+        "--objects",
+        object,
+        "--noise",
+        "mid",
+        "--runs",
+        "3",
+    ]);
     if !effects.is_empty() {
         generate.arg("--effects").args(effects);
     }
     let output = generate.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let case = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).find(|p| p.join("twin.urdf").exists()).unwrap();
+    let case = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .find(|p| p.join("twin.urdf").exists())
+        .unwrap();
     let out = folder.join("result");
     let runs: Vec<PathBuf> = (0..3).map(|i| case.join(format!("run_{i}"))).collect();
     let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
@@ -57,7 +77,12 @@ fn diagnose(folder: &Path, kind: &str, object: &str, effects: &[&str]) -> Option
 /// MuJoCo rolls the exported twin out over the held-out windows: its residual over the `after` of the report.
 fn replayed(folder: &Path, runs: &[PathBuf]) -> f64 {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/replay.py");
-    let output = Command::new(venv::python().unwrap()).arg(script).arg(folder.join("result")).args(runs).output().unwrap();
+    let output = Command::new(venv::python().unwrap())
+        .arg(script)
+        .arg(folder.join("result"))
+        .args(runs)
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let line: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     line["mujoco"].as_f64().unwrap() / line["after"].as_f64().unwrap()
@@ -105,16 +130,33 @@ fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() {
     let Some(python) = venv::python() else { return };
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/chain.py");
     let case = temp.0.join("arm");
-    let output = Command::new(python).arg(script).arg(&case).args(["--friction", "0.4", "--seed", "3"]).output().unwrap();
+    let output = Command::new(python)
+        .arg(script)
+        .arg(&case)
+        .args(["--friction", "0.4", "--seed", "3"])
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let runs = (0..3).map(|i| case.join(format!("run_{i}")));
     let mut program = Command::new(env!("CARGO_BIN_EXE_artitwin"));
-    let output = program.arg("diagnose").arg(case.join("twin.urdf")).args(runs).arg("--out").arg(temp.0.join("result")).output().unwrap();
+    let output = program
+        .arg("diagnose")
+        .arg(case.join("twin.urdf"))
+        .args(runs)
+        .arg("--out")
+        .arg(temp.0.join("result"))
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
+    let report: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
     let findings = report["findings"].as_array().unwrap();
     assert_eq!(findings.len(), 1, "{report:#}");
-    assert_eq!((&findings[0]["joint"], &findings[0]["effect"]), (&"lower_joint".into(), &"coulomb_friction".into()), "{report:#}");
+    assert_eq!(
+        (&findings[0]["joint"], &findings[0]["effect"]),
+        (&"lower_joint".into(), &"coulomb_friction".into()),
+        "{report:#}"
+    );
     let friction = findings[0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((friction - 0.4).abs() < 0.02, "{friction}");
 }

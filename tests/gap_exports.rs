@@ -12,7 +12,7 @@ mod venv;
 
 use std::{path::Path, process::Command};
 
-use artitwin::io::ros2msg::{Header, JointState, Time};
+use artitwin::internal::io::ros2msg::{Header, JointState, Time};
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, door, twin};
 use program::end;
@@ -20,15 +20,24 @@ use program::end;
 /// Damping that the twin does not know of, N m s/rad.
 const HIDDEN: f64 = 0.5;
 
-const SDF: &str = "<sdf version=\"1.9\"><model name=\"twin\"><link name=\"base\"/><link name=\"door\"/><joint name=\"door_joint\" type=\"revolute\">\
-    <parent>base</parent><child>door</child><axis><xyz>0 0 1</xyz><limit><lower>-1</lower><upper>3</upper></limit>\
+const SDF: &str = "<sdf version=\"1.9\"><model name=\"twin\"><link name=\"base\"/><link name=\"door\"/>\
+    <joint name=\"door_joint\" type=\"revolute\"><parent>base</parent><child>door</child>\
+    <axis><xyz>0 0 1</xyz><limit><lower>-1</lower><upper>3</upper></limit>\
     <dynamics><damping>0.4</damping><friction>0</friction></dynamics></axis></joint></model></sdf>";
 
-const USD: &str = "#usda 1.0\n(\n    defaultPrim = \"twin\"\n)\n\ndef Xform \"twin\"\n{\n    def Xform \"base\"\n    {\n    }\n    def Xform \"door\"\n    {\n    }\n    \
-    def Scope \"Joints\"\n    {\n        def PhysicsRevoluteJoint \"door_joint\" (\n            \
-    prepend apiSchemas = [\"PhysicsDriveAPI:angular\", \"PhysxJointAxisAPI:angular\", \"NewtonJointAPI\"]\n        )\n        {\n            \
-    rel physics:body0 = </twin/base>\n            rel physics:body1 = </twin/door>\n            float physics:lowerLimit = -57.29578\n            \
-    float physxJointAxis:angular:viscousFrictionCoefficient = 0.00698\n            float newton:damping = 0.00698\n        }\n    }\n}\n";
+const USD: &str = "#usda 1.0\n\
+    (\n    defaultPrim = \"twin\"\n)\n\n\
+    def Xform \"twin\"\n{\n    \
+    def Xform \"base\"\n    {\n    }\n    \
+    def Xform \"door\"\n    {\n    }\n    \
+    def Scope \"Joints\"\n    {\n        \
+    def PhysicsRevoluteJoint \"door_joint\" (\n            \
+    prepend apiSchemas = [\"PhysicsDriveAPI:angular\", \"PhysxJointAxisAPI:angular\", \
+    \"NewtonJointAPI\"]\n        )\n        {\n            \
+    rel physics:body0 = </twin/base>\n            rel physics:body1 = </twin/door>\n            \
+    float physics:lowerLimit = -57.29578\n            \
+    float physxJointAxis:angular:viscousFrictionCoefficient = 0.00698\n            \
+    float newton:damping = 0.00698\n        }\n    }\n}\n";
 
 fn diagnose(folder: &TempDir) -> serde_json::Value {
     let twin = twin(folder, INERTIAL);
@@ -39,7 +48,8 @@ fn diagnose(folder: &TempDir) -> serde_json::Value {
             let nanos = START + (s.time_s * 1e9).round() as i64;
             let header = Header { stamp: Time::from_nanos(nanos), frame_id: String::new() };
             let name = vec!["door_joint".to_owned()];
-            let state = JointState { header, name, position: s.position, velocity: Vec::new(), effort: s.effort };
+            let state =
+                JointState { header, name, position: s.position, velocity: Vec::new(), effort: s.effort };
             bag.message("/joint_states", "sensor_msgs/msg/JointState", nanos, &state);
         }
         bag.finish();
@@ -47,7 +57,12 @@ fn diagnose(folder: &TempDir) -> serde_json::Value {
     };
     let runs: Vec<_> = (0..3).map(write).collect();
     let out = folder.join("out");
-    let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("diagnose").arg(twin).args(runs).arg("--out").arg(&out));
+    let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
+        .arg("diagnose")
+        .arg(twin)
+        .args(runs)
+        .arg("--out")
+        .arg(&out));
     assert_eq!(ended.code, 0, "{}", ended.stderr);
     serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap()
 }
@@ -62,7 +77,8 @@ fn status(report: &serde_json::Value, format: &str) -> String {
 /// An attribute of the door's joint as usd-core reads it; `None` without Python.
 fn read_usd(path: &Path, attribute: &str) -> Option<f64> {
     let code = "import sys\nfrom pxr import Usd, UsdPhysics\nstage = Usd.Stage.Open(sys.argv[1])\n\
-                prim = stage.GetPrimAtPath('/twin/Joints/door_joint')\nassert UsdPhysics.RevoluteJoint(prim)\nprint(prim.GetAttribute(sys.argv[2]).Get())";
+                prim = stage.GetPrimAtPath('/twin/Joints/door_joint')\n\
+                assert UsdPhysics.RevoluteJoint(prim)\nprint(prim.GetAttribute(sys.argv[2]).Get())";
     let output = Command::new(venv::python()?).args(["-c", code]).arg(path).arg(attribute).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(String::from_utf8_lossy(&output.stdout).trim().parse().unwrap())
@@ -77,7 +93,9 @@ fn sdf_and_usd_beside_the_twin_get_its_effects() {
     let damping = DAMPING + report["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((damping - DAMPING - HIDDEN).abs() < 0.05, "{report:#}");
     assert_eq!([status(&report, "sdf"), status(&report, "usd")], ["native", "native"]);
-    let rmse = |format: &str| report["exports"].as_array().unwrap().iter().find(|e| e["format"] == format).unwrap()["rmse"].as_f64();
+    let rmse = |format: &str| {
+        report["exports"].as_array().unwrap().iter().find(|e| e["format"] == format).unwrap()["rmse"].as_f64()
+    };
     assert_eq!(rmse("sdf"), report["gap"]["after"].as_f64());
     let text = std::fs::read_to_string(folder.join("out").join("model.sdf")).unwrap();
     let document = roxmltree::Document::parse(&text).unwrap();

@@ -1,6 +1,7 @@
-//! `artitwin diagnose --frames` on made objects with effects hidden in the twin or in the recordings. The suite in full
-//! counts: `cargo test --release --test gap_frames -- --ignored --nocapture`, which writes `tests/python/gap/frames.md`.
-//! `GAP_FRAMES_CASES` (default 5; four times as many without an effect) and `GAP_FRAMES_SEED` (default 100) choose cases.
+//! `artitwin diagnose --frames` on made objects with effects hidden in the twin or in the recordings. The
+//! suite in full counts: `cargo test --release --test gap_frames -- --ignored --nocapture`, which writes
+//! `eval/gap/frames.md`. `GAP_FRAMES_CASES` (default 5; four times as many without an effect) and
+//! `GAP_FRAMES_SEED` (default 100) choose cases.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "a test may panic")]
 
@@ -10,8 +11,8 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
-    gap::camera::twin::twist_motion,
+use artitwin::internal::{
+    gap::camera::model::small_motion::twist_motion,
     geometry::Pose,
     io::{Place, write_synth_bag, write_true_twin},
     synth::{Family, Object, PartJointKind, SynthConfig, SynthState, film, further_states, generate},
@@ -61,11 +62,22 @@ impl Drop for Temp {
 
 /// Makes a case and diagnoses it: summary, report, and the parameters hidden.
 fn diagnose(hidden: Hidden, seed: u64) -> (String, Value, Vec<(&'static str, f64)>) {
-    let temp = Temp(PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("gap-frames-{hidden:?}-{seed}-{}", std::process::id())));
+    let temp = Temp(
+        PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
+            .join(format!("gap-frames-{hidden:?}-{seed}-{}", std::process::id())),
+    );
     fs::remove_dir_all(&temp.0).ok();
     fs::create_dir_all(&temp.0).unwrap();
     let family = if hidden == Hidden::Screw { Some(Family::CappedBox) } else { None };
-    let config = SynthConfig { seed, parts: Some(2), family, width: 320, height: 240, views: 12, ..SynthConfig::default() };
+    let config = SynthConfig {
+        seed,
+        parts: Some(2),
+        family,
+        width: 320,
+        height: 240,
+        views: 12,
+        ..SynthConfig::default()
+    };
     let (object, config) = usable(&config, hidden);
     write_true_twin(&Place::at(temp.0.join("twin")), &object).unwrap();
     let urdf = temp.0.join("twin/truth/twin.urdf");
@@ -75,7 +87,13 @@ fn diagnose(hidden: Hidden, seed: u64) -> (String, Value, Vec<(&'static str, f64
 }
 
 /// Films three further states of an object and diagnoses a twin by them: summary and report.
-fn film_and_diagnose(folder: &Path, urdf: &Path, hidden: Hidden, object: &Object, config: &SynthConfig) -> (String, Value) {
+fn film_and_diagnose(
+    folder: &Path,
+    urdf: &Path,
+    hidden: Hidden,
+    object: &Object,
+    config: &SynthConfig,
+) -> (String, Value) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
     command.arg("diagnose").arg(urdf).arg("--out").arg(folder.join("out"));
     for (k, state) in further_states(object, 3, config).unwrap().iter().enumerate() {
@@ -96,7 +114,9 @@ fn film_and_diagnose(folder: &Path, urdf: &Path, hidden: Hidden, object: &Object
 
 /// The object of a seed, or of the next that has no screw where none is asked for.
 fn usable(config: &SynthConfig, hidden: Hidden) -> (Object, SynthConfig) {
-    let is_screw = |o: &Object| o.parts.iter().any(|p| p.joint.is_some_and(|j| matches!(j.kind, PartJointKind::Screw { .. })));
+    let is_screw = |o: &Object| {
+        o.parts.iter().any(|p| p.joint.is_some_and(|j| matches!(j.kind, PartJointKind::Screw { .. })))
+    };
     (0..50)
         .map(|k| SynthConfig { seed: config.seed + 1000 * k, ..config.clone() })
         .filter_map(|c| generate(&c).ok().map(|o| (o, c)))
@@ -148,12 +168,18 @@ fn hide_in_recording(hidden: Hidden, recording: &mut SynthState) {
                 frame.depth_mm.iter_mut().for_each(|d| *d = (f64::from(*d) * (1.0 + share)).round() as u16);
             }
             Hidden::DepthBias(m) => {
-                frame.depth_mm.iter_mut().filter(|d| **d > 0).for_each(|d| *d = (f64::from(*d) + 1000.0 * m).round() as u16);
+                frame
+                    .depth_mm
+                    .iter_mut()
+                    .filter(|d| **d > 0)
+                    .for_each(|d| *d = (f64::from(*d) + 1000.0 * m).round() as u16);
             }
             Hidden::Extrinsic(m) => {
-                frame.told.iter_mut().for_each(|p| *p *= mount(m));
+                frame.reported.iter_mut().for_each(|p| *p *= mount(m));
             }
-            Hidden::Delay(seconds) => frame.told.iter_mut().for_each(|p| *p *= twist_motion(&frame.velocity, seconds)),
+            Hidden::Delay(seconds) => {
+                frame.reported.iter_mut().for_each(|p| *p *= twist_motion(&frame.velocity, seconds))
+            }
             _ => {}
         }
     }
@@ -167,16 +193,26 @@ fn hide_in_twin(hidden: Hidden, object: &Object, urdf: &Path) {
     let line = text.lines().find(|l| l.contains("<joint ")).unwrap().to_owned();
     let vector = |tag: &str| -> Vector3<f64> {
         let rest = &line[line.find(&format!("<{tag} xyz=\"")).unwrap() + tag.len() + 7..];
-        let numbers: Vec<f64> = rest[..rest.find('"').unwrap()].split(' ').map(|n| n.parse().unwrap()).collect();
+        let numbers: Vec<f64> =
+            rest[..rest.find('"').unwrap()].split(' ').map(|n| n.parse().unwrap()).collect();
         Vector3::new(numbers[0], numbers[1], numbers[2])
     };
     let xyz = |v: &Vector3<f64>| format!("xyz=\"{} {} {}\"", v.x, v.y, v.z);
     // Directions of the rest frame as the parent's frame has them.
-    let shifted = |m: f64| line.replace(&xyz(&vector("origin")), &xyz(&(vector("origin") + object.world_from_rest.rotation * across * m)));
+    let shifted = |m: f64| {
+        line.replace(
+            &xyz(&vector("origin")),
+            &xyz(&(vector("origin") + object.world_from_rest.rotation * across * m)),
+        )
+    };
     let new = match hidden {
-        Hidden::AxisTurn(rad) => line.replace(&xyz(&axis), &xyz(&(UnitQuaternion::from_scaled_axis(across * rad) * axis))),
+        Hidden::AxisTurn(rad) => {
+            line.replace(&xyz(&axis), &xyz(&(UnitQuaternion::from_scaled_axis(across * rad) * axis)))
+        }
         Hidden::AxisShift(m) | Hidden::FrameShift(m) => shifted(m),
-        Hidden::OtherType if joint.kind == PartJointKind::Prismatic => line.replace("type=\"prismatic\"", "type=\"revolute\""),
+        Hidden::OtherType if joint.kind == PartJointKind::Prismatic => {
+            line.replace("type=\"prismatic\"", "type=\"revolute\"")
+        }
         Hidden::OtherType => line.replace("type=\"revolute\"", "type=\"prismatic\""),
         Hidden::Screw => {
             let thread = line.find("<artitwin:thread").unwrap();
@@ -186,8 +222,14 @@ fn hide_in_twin(hidden: Hidden, object: &Object, urdf: &Path) {
     };
     let mut text = text.replace(&line, &new);
     if let Hidden::AxisShift(m) = hidden {
-        let moved = format!("<visual><origin {} rpy=\"0 0 0\"/><geometry><mesh filename=\"meshes/part_1", xyz(&(-across * m)));
-        text = text.replace("<visual><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><geometry><mesh filename=\"meshes/part_1", &moved);
+        let moved = format!(
+            "<visual><origin {} rpy=\"0 0 0\"/><geometry><mesh filename=\"meshes/part_1",
+            xyz(&(-across * m))
+        );
+        text = text.replace(
+            "<visual><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><geometry><mesh filename=\"meshes/part_1",
+            &moved,
+        );
     }
     fs::write(urdf, text).unwrap();
     if let Hidden::Cut(part) = hidden {
@@ -201,9 +243,13 @@ fn cut(from: &Path, to: &Path) {
     let text = fs::read_to_string(from).unwrap();
     let first = |n: &str| n.split('/').next().unwrap().parse::<f64>().unwrap();
     let numbers = |l: &str| l.split(' ').skip(1).map(first).collect::<Vec<_>>();
-    let points: Vec<Point3<f64>> = text.lines().filter(|l| l.starts_with("v ")).map(|l| Point3::from_slice(&numbers(l))).collect();
-    let mut open: Vec<[Point3<f64>; 3]> =
-        text.lines().filter(|l| l.starts_with("f ")).map(|l| [0, 1, 2].map(|k| points[numbers(l)[k] as usize - 1])).collect();
+    let points: Vec<Point3<f64>> =
+        text.lines().filter(|l| l.starts_with("v ")).map(|l| Point3::from_slice(&numbers(l))).collect();
+    let mut open: Vec<[Point3<f64>; 3]> = text
+        .lines()
+        .filter(|l| l.starts_with("f "))
+        .map(|l| [0, 1, 2].map(|k| points[numbers(l)[k] as usize - 1]))
+        .collect();
     let (low, high) = points.iter().fold((points[0], points[0]), |(l, h), p| (l.inf(p), h.sup(p)));
     let axis = (high - low).imax();
     let edge = low[axis] + 0.65 * (high - low)[axis];
@@ -292,8 +338,10 @@ fn the_whole_suite() {
     let (cases, seed) = (number("GAP_FRAMES_CASES", 5) as usize, number("GAP_FRAMES_SEED", 100));
     let date = String::from_utf8(Command::new("date").args(["-u", "+%F"]).output().unwrap().stdout).unwrap();
     let mut table = format!(
-        "# `diagnose --frames` on made objects, their true twins, effects hidden\n\n{}, seeds {seed} to {}, 3 states of 12 views of \
-         320x240. Gap: root mean square on held-out frames, mm, medians.\n\n| hidden | cases | first name right | gap before | after | noise \
+        "# `diagnose --frames` on made objects, their true twins, effects hidden\n\n\
+         {}, seeds {seed} to {}, 3 states of 12 views of \
+         320x240. Gap: root mean square on held-out frames, mm, medians.\n\n\
+         | hidden | cases | first name right | gap before | after | noise \
          floor | intervals that hold the truth | others |\n|---|---|---|---|---|---|---|---|\n",
         date.trim(),
         seed + 4 * cases as u64 - 1
@@ -311,7 +359,11 @@ fn the_whole_suite() {
                 let [held, of] = covered(&report, &truth);
                 intervals = [intervals[0] + held, intervals[1] + of];
             } else {
-                others.push(format!("{} ({})", first(&report).unwrap_or("-"), report["verdict"].as_str().unwrap_or("")));
+                others.push(format!(
+                    "{} ({})",
+                    first(&report).unwrap_or("-"),
+                    report["verdict"].as_str().unwrap_or("")
+                ));
             }
         }
         let median = |k: usize| {
@@ -319,7 +371,8 @@ fn the_whole_suite() {
             values.sort_unstable_by(f64::total_cmp);
             values[values.len() / 2]
         };
-        let held = if intervals[1] == 0 { "-".to_owned() } else { format!("{} of {}", intervals[0], intervals[1]) };
+        let held =
+            if intervals[1] == 0 { "-".to_owned() } else { format!("{} of {}", intervals[0], intervals[1]) };
         let row = format!(
             "| {what} | {count} | {right} | {:.2} | {:.2} | {:.2} | {held} | {} |\n",
             median(0),
@@ -332,22 +385,33 @@ fn the_whole_suite() {
         all = [all[0] + right, all[1] + count, all[2] + intervals[0], all[3] + intervals[1]];
     }
     table.push_str(&format!("| all | {} | {} | | | | {} of {} | |\n", all[1], all[0], all[2], all[3]));
-    fs::write(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/frames.md"), table).unwrap();
+    fs::write(Path::new(env!("CARGO_MANIFEST_DIR")).join("eval/gap/frames.md"), table).unwrap();
     assert!(10 * all[0] >= 9 * all[1], "{} of {} right", all[0], all[1]);
 }
 
-/// Twins made by `reconstruct`, whose own errors are those of their recordings, with and without a hidden effect.
+/// Twins made by `reconstruct`, whose own errors are those of their recordings, with and without a hidden
+/// effect.
 #[test]
 #[ignore = "reconstructs; half a minute of processor time and more a twin"]
 fn reconstructed_twins() {
     let (count, seed) = (number("GAP_FRAMES_TWINS", 3), number("GAP_FRAMES_SEED", 100));
     let (mut right, mut all) = (0, 0);
     for seed in seed..seed + count {
-        let temp = Temp(PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("gap-twins-{seed}-{}", std::process::id())));
+        let temp = Temp(
+            PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
+                .join(format!("gap-twins-{seed}-{}", std::process::id())),
+        );
         fs::remove_dir_all(&temp.0).ok();
         fs::create_dir_all(&temp.0).unwrap();
-        let config =
-            SynthConfig { seed, parts: Some(2), width: 320, height: 240, views: 14, textured: Some(true), ..SynthConfig::default() };
+        let config = SynthConfig {
+            seed,
+            parts: Some(2),
+            width: 320,
+            height: 240,
+            views: 14,
+            textured: Some(true),
+            ..SynthConfig::default()
+        };
         let (object, config) = usable(&config, Hidden::Nothing);
         let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
         command.arg("reconstruct").args(["--name", "twin", "--out"]).arg(&temp.0);
@@ -365,7 +429,10 @@ fn reconstructed_twins() {
             let changed = match hidden {
                 Hidden::AxisTurn(rad) => turned(&text, rad),
                 Hidden::Cut(_) => {
-                    cut(&folder.join("meshes/visual/part_1.obj"), &folder.join("meshes/visual/part_1_cut.obj"));
+                    cut(
+                        &folder.join("meshes/visual/part_1.obj"),
+                        &folder.join("meshes/visual/part_1_cut.obj"),
+                    );
                     text.replace("meshes/visual/part_1.obj", "meshes/visual/part_1_cut.obj")
                 }
                 _ => text.clone(),
@@ -374,7 +441,10 @@ fn reconstructed_twins() {
             let (summary, report) = film_and_diagnose(&temp.0, &urdf, hidden, &object, &config);
             let [before, after, floor] = gap(&report).map(|x| 1e3 * x);
             let found = first(&report);
-            println!("{seed} {} {hidden:?}: {found:?} {before:.2} -> {after:.2} mm, noise {floor:.2} mm", object.family);
+            println!(
+                "{seed} {} {hidden:?}: {found:?} {before:.2} -> {after:.2} mm, noise {floor:.2} mm",
+                object.family
+            );
             if found != hidden.name() {
                 println!("{summary}");
             }

@@ -1,5 +1,5 @@
-//! Recordings that `artitwin diagnose` cannot use, or can use in part: it says what is missing and what to record
-//! instead, and gives no name. One door, simulated here, in which nothing is hidden.
+//! Recordings that `artitwin diagnose` cannot use, or can use in part: it says what is missing and what to
+//! record instead, and gives no name. One door, simulated here, in which nothing is hidden.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
@@ -14,7 +14,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::io::ros2msg::{Header, JointState, Time};
+use artitwin::internal::io::ros2msg::{Header, JointState, Time};
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
 use program::{Ended, end};
@@ -40,8 +40,14 @@ fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
 
 fn diagnose(folder: &TempDir, twin: &Path, runs: &[PathBuf]) -> (Ended, Option<serde_json::Value>) {
     let out = folder.join("out");
-    let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("diagnose").arg(twin).args(runs).arg("--out").arg(&out));
-    let report = std::fs::read(out.join("report.json")).ok().map(|bytes| serde_json::from_slice(&bytes).unwrap());
+    let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
+        .arg("diagnose")
+        .arg(twin)
+        .args(runs)
+        .arg("--out")
+        .arg(&out));
+    let report =
+        std::fs::read(out.join("report.json")).ok().map(|bytes| serde_json::from_slice(&bytes).unwrap());
     (ended, report)
 }
 
@@ -66,7 +72,13 @@ fn refused(name: &str, inertial: &str, words: &[&str], change: impl Fn(&mut Vec<
 }
 
 /// Runs that are used, but give no name; `words` are in the warnings.
-fn unnamed(name: &str, verdict: &str, words: &[&str], (seconds, uneven): (f64, f64), change: impl Fn(&mut Vec<Sample>)) {
+fn unnamed(
+    name: &str,
+    verdict: &str,
+    words: &[&str],
+    (seconds, uneven): (f64, f64),
+    change: impl Fn(&mut Vec<Sample>),
+) {
     let folder = TempDir::new(name);
     let runs = changed(&folder, seconds, uneven, change);
     let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &runs);
@@ -91,7 +103,9 @@ fn no_effort() {
 
 #[test]
 fn no_position() {
-    refused("gap-position", INERTIAL, &["no position of joint 'door_joint'"], |s| s.iter_mut().for_each(|s| s.position.clear()));
+    refused("gap-position", INERTIAL, &["no position of joint 'door_joint'"], |s| {
+        s.iter_mut().for_each(|s| s.position.clear())
+    });
 }
 
 #[test]
@@ -180,6 +194,10 @@ fn a_joint_of_another_name() {
     std::fs::write(&twin, text).unwrap();
     let (ended, report) = diagnose(&folder, &twin, &runs);
     assert_eq!(ended.code, 1, "{}", ended.stderr);
-    assert!(ended.stderr.contains("no joint 'gate_joint'") && ended.stderr.contains("'door_joint'"), "{}", ended.stderr);
+    assert!(
+        ended.stderr.contains("no joint 'gate_joint'") && ended.stderr.contains("'door_joint'"),
+        "{}",
+        ended.stderr
+    );
     assert!(report.is_none());
 }

@@ -1,4 +1,5 @@
-//! `artitwin diagnose` on wrenches, poses and transforms in place of joint states: the same diagnosis, and what it refuses.
+//! `artitwin diagnose` on wrenches, poses and transforms in place of joint states: the same diagnosis, and
+//! what it refuses.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
@@ -13,9 +14,11 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
+use artitwin::internal::{
     geometry::Pose,
-    io::ros2msg::{Header, JointState, PoseStamped, TfMessage, Time, Transform, TransformStamped, WrenchStamped},
+    io::ros2msg::{
+        Header, JointState, PoseStamped, TfMessage, Time, Transform, TransformStamped, WrenchStamped,
+    },
 };
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
@@ -40,7 +43,8 @@ struct Recorded {
     off_m: f64,
 }
 
-const NOTHING: Recorded = Recorded { states: None, wrench: None, poses: false, transforms: false, off_m: 0.0 };
+const NOTHING: Recorded =
+    Recorded { states: None, wrench: None, poses: false, transforms: false, off_m: 0.0 };
 
 fn world_from_door(q: f64, off_m: f64) -> Pose {
     // The part stands where the twin has it at 0, whatever the hinge does.
@@ -57,22 +61,37 @@ fn write(folder: &TempDir, run: usize, samples: &[Sample], how: Recorded) -> Pat
         let (q, u) = (s.position[0], s.effort[0]);
         if let Some(with_effort) = how.states {
             let effort = if with_effort { vec![u] } else { Vec::new() };
-            let state =
-                JointState { header: header(""), name: vec!["door_joint".to_owned()], position: vec![q], velocity: Vec::new(), effort };
+            let state = JointState {
+                header: header(""),
+                name: vec!["door_joint".to_owned()],
+                position: vec![q],
+                velocity: Vec::new(),
+                effort,
+            };
             bag.message("/joint_states", "sensor_msgs/msg/JointState", nanos, &state);
         }
         if let Some(frame) = how.wrench {
-            // Pushed across the door at the handle, a meter from the hinge, and along it, which turns nothing.
+            // Pushed across the door at the handle, a meter from the hinge, and along it, which turns
+            // nothing.
             let along = Vector3::new(3.0, u, 1.0);
-            let force = if frame == "world" { Pose::rotation(Vector3::z() * q).rotation * along } else { along };
-            let message =
-                WrenchStamped { header: header(frame), force: [force.x, force.y, force.z].into(), torque: [0.2, 0.1, 0.0].into() };
+            let force =
+                if frame == "world" { Pose::rotation(Vector3::z() * q).rotation * along } else { along };
+            let message = WrenchStamped {
+                header: header(frame),
+                force: [force.x, force.y, force.z].into(),
+                torque: [0.2, 0.1, 0.0].into(),
+            };
             bag.message("/gauge", "geometry_msgs/msg/WrenchStamped", nanos, &message);
         }
         let pose = world_from_door(q, how.off_m);
         if how.poses {
             let handle = Transform::from_pose(&(pose * Pose::translation(1.0, 0.0, 0.0)));
-            bag.message("/handle_pose", "geometry_msgs/msg/PoseStamped", nanos, &PoseStamped { header: header("world"), pose: handle });
+            bag.message(
+                "/handle_pose",
+                "geometry_msgs/msg/PoseStamped",
+                nanos,
+                &PoseStamped { header: header("world"), pose: handle },
+            );
         }
         if how.transforms {
             let one = |child: &str, pose: &Pose| TransformStamped {
@@ -80,7 +99,8 @@ fn write(folder: &TempDir, run: usize, samples: &[Sample], how: Recorded) -> Pat
                 child_frame_id: child.to_owned(),
                 transform: Transform::from_pose(pose),
             };
-            let message = TfMessage { transforms: vec![one("door", &pose), one("camera", &Pose::identity())] };
+            let message =
+                TfMessage { transforms: vec![one("door", &pose), one("camera", &Pose::identity())] };
             bag.message("/tf", "tf2_msgs/msg/TFMessage", nanos, &message);
         }
     }
@@ -88,13 +108,25 @@ fn write(folder: &TempDir, run: usize, samples: &[Sample], how: Recorded) -> Pat
     path
 }
 
-fn diagnose(folder: &TempDir, twin: &Path, how: Recorded, options: &[&str]) -> (Ended, Option<serde_json::Value>) {
-    let runs: Vec<PathBuf> = (0..3).map(|r| write(folder, r, &door(r, 10.0, 0.0, DAMPING + HIDDEN), how)).collect();
+fn diagnose(
+    folder: &TempDir,
+    twin: &Path,
+    how: Recorded,
+    options: &[&str],
+) -> (Ended, Option<serde_json::Value>) {
+    let runs: Vec<PathBuf> =
+        (0..3).map(|r| write(folder, r, &door(r, 10.0, 0.0, DAMPING + HIDDEN), how)).collect();
     let out = folder.join("out");
     std::fs::remove_dir_all(&out).ok();
-    let ended =
-        end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("diagnose").arg(twin).args(&runs).args(options).arg("--out").arg(&out));
-    let report = std::fs::read(out.join("report.json")).ok().map(|bytes| serde_json::from_slice(&bytes).unwrap());
+    let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
+        .arg("diagnose")
+        .arg(twin)
+        .args(&runs)
+        .args(options)
+        .arg("--out")
+        .arg(&out));
+    let report =
+        std::fs::read(out.join("report.json")).ok().map(|bytes| serde_json::from_slice(&bytes).unwrap());
     (ended, report)
 }
 
@@ -117,7 +149,11 @@ fn wrenches_poses_and_transforms_give_the_diagnosis_of_joint_states() {
     let (wrench, pose) = (["--wrench", "/gauge=handle"], ["--pose", "/handle_pose=handle"]);
     let both = [wrench, pose].concat();
     let cases: [(&str, Recorded, &[&str]); 4] = [
-        ("wrench in the handle's frame", Recorded { states: Some(false), wrench: Some("handle"), ..NOTHING }, &wrench),
+        (
+            "wrench in the handle's frame",
+            Recorded { states: Some(false), wrench: Some("handle"), ..NOTHING },
+            &wrench,
+        ),
         ("wrench in the world", Recorded { states: Some(false), wrench: Some("world"), ..NOTHING }, &wrench),
         ("wrench and poses", Recorded { wrench: Some("handle"), poses: true, ..NOTHING }, &both),
         ("wrench and transforms", Recorded { wrench: Some("handle"), transforms: true, ..NOTHING }, &wrench),
@@ -157,12 +193,24 @@ fn frames_links_and_topics_that_are_not_there_are_refused() {
         words.iter().for_each(|w| assert!(ended.stderr.contains(w), "`{w}` is not in {}", ended.stderr));
     };
     let gauge = |frame| Recorded { states: Some(false), wrench: Some(frame), ..NOTHING };
-    refused(gauge("sensor_frame"), &["--wrench", "/gauge=handle"], &["frame 'sensor_frame'", "'handle'", "header.frame_id"]);
+    refused(
+        gauge("sensor_frame"),
+        &["--wrench", "/gauge=handle"],
+        &["frame 'sensor_frame'", "'handle'", "header.frame_id"],
+    );
     refused(gauge("handle"), &["--wrench", "/gauge=knob"], &["link 'knob'", "'door'"]);
     refused(gauge("handle"), &["--wrench", "/gauge=base"], &["link 'base' does not move"]);
-    refused(gauge("handle"), &["--wrench", "/push=handle"], &["on '/push'", "/gauge (geometry_msgs/msg/WrenchStamped)"]);
+    refused(
+        gauge("handle"),
+        &["--wrench", "/push=handle"],
+        &["on '/push'", "/gauge (geometry_msgs/msg/WrenchStamped)"],
+    );
     refused(gauge("handle"), &["--pose", "/gauge=handle"], &["PoseStamped on '/gauge'"]);
     refused(gauge("handle"), &["--wrench", "gauge"], &["TOPIC=LINK"]);
     refused(gauge("handle"), &[], &["no effort of joint 'door_joint'"]);
-    refused(Recorded { poses: true, ..NOTHING }, &["--pose", "/handle_pose=handle"], &["no effort of joint 'door_joint'", "wrench"]);
+    refused(
+        Recorded { poses: true, ..NOTHING },
+        &["--pose", "/handle_pose=handle"],
+        &["no effort of joint 'door_joint'", "wrench"],
+    );
 }

@@ -1,4 +1,5 @@
-//! The whole folder in simulators and in a browser: every importer counts the same, the object rests, opens and holds a ball.
+//! The whole folder in simulators and in a browser: every importer counts the same, the object rests, opens
+//! and holds a ball.
 //!
 //! Needs Python (see `common/venv.rs`), and chromium for the page; says so and passes where they are missing.
 
@@ -14,7 +15,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
+use artitwin::internal::{
     export::{Level, check_folder},
     io::read_model_folder,
     model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig},
@@ -34,7 +35,8 @@ fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
 fn written(model: &ArticulatedModel, temp: &Temp) -> PathBuf {
     let folder = write_run(model, &temp.0);
     let found = check_folder(&read_model_folder(&folder).unwrap());
-    let errors: Vec<String> = found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
+    let errors: Vec<String> =
+        found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
     assert!(errors.is_empty(), "{}", errors.join("\n"));
     folder
 }
@@ -44,11 +46,25 @@ fn every_importer_counts_what_the_model_holds() {
     for model in [chest(), lamp()] {
         let temp = Temp::new(&format!("importers-{}", model.name));
         let folder = written(&model, &temp);
-        let Some(found) = script("handoff_importers.py", &[folder.to_str().unwrap(), &model.name]) else { return };
+        let Some(found) = script("handoff_importers.py", &[folder.to_str().unwrap(), &model.name]) else {
+            return;
+        };
         let solids: usize = model.links.iter().map(|l| l.collision.len()).sum();
         let mass: f64 = model.links.iter().map(|l| l.inertial.mass_kg).sum();
-        let counts = [("links", model.links.len()), ("joints", model.joints.len()), ("solids", solids), ("visuals", model.links.len())];
-        let extra = [("textures", model.links.len()), ("states", model.states.len()), ("excludes", model.joints.len())];
+        let counts = [
+            ("links", model.links.len()),
+            ("joints", model.joints.len()),
+            ("solids", solids),
+            ("visuals", model.links.len()),
+        ];
+        let extra = [
+            ("textures", model.links.len()),
+            ("states", model.states.len()),
+            ("excludes", model.joints.len()),
+        ];
+        if found.get("urdfdom").is_none() {
+            venv::without::<()>("check_urdf is not installed");
+        }
         for (importer, seen) in found.as_object().unwrap() {
             for (what, count) in counts.iter().chain(&extra) {
                 if let Some(n) = seen.get(what) {
@@ -61,7 +77,11 @@ fn every_importer_counts_what_the_model_holds() {
             for joint in model.joints.iter().filter(|_| seen.get("limits").is_some()) {
                 let l = &seen["limits"][&joint.name];
                 let off = |k: usize, q: f64| (l[k].as_f64().unwrap() - q).abs();
-                assert!(off(0, joint.limit.lower) < 1e-6 && off(1, joint.limit.upper) < 1e-6, "{importer}: {} {l}", joint.name);
+                assert!(
+                    off(0, joint.limit.lower) < 1e-6 && off(1, joint.limit.upper) < 1e-6,
+                    "{importer}: {} {l}",
+                    joint.name
+                );
             }
         }
         assert!(found.as_object().unwrap().len() >= 8, "{found}");
@@ -90,7 +110,13 @@ fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() {
 fn reconstructed(name: &str, preset: &str, temp: &Temp) -> PathBuf {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags").join(name);
     let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
-    let run = command.arg("reconstruct").arg(recording).args(["--preset", preset, "--out"]).arg(&temp.0).output().unwrap();
+    let run = command
+        .arg("reconstruct")
+        .arg(recording)
+        .args(["--preset", preset, "--out"])
+        .arg(&temp.0)
+        .output()
+        .unwrap();
     assert!(matches!(run.status.code(), Some(0 | 3)), "{}", String::from_utf8_lossy(&run.stderr));
     temp.0.join(name)
 }
@@ -105,7 +131,11 @@ fn holds_the_ball(found: &serde_json::Value) {
 fn the_reconstructed_drawer_holds_a_ball() {
     let temp = Temp::new("handoff-ball");
     let folder = reconstructed("drawer", "default", &temp);
-    let Some(found) = script("handoff_physics.py", &[folder.to_str().unwrap(), "drawer", "--ball", "joint_1"]) else { return };
+    let Some(found) =
+        script("handoff_physics.py", &[folder.to_str().unwrap(), "drawer", "--ball", "joint_1"])
+    else {
+        return;
+    };
     holds_the_ball(&found);
 }
 
@@ -113,12 +143,16 @@ fn the_reconstructed_drawer_holds_a_ball() {
 fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() {
     let temp = Temp::new("handoff-pictures");
     let folder = reconstructed("laptop", "preview", &temp);
-    let Some(found) = script("mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]) else { return };
-    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("report.json")).unwrap()).unwrap();
+    let Some(found) = script("mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]) else {
+        return;
+    };
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("report.json")).unwrap()).unwrap();
     let (found, own) = (found.as_array().unwrap(), report["renderings"].as_array().unwrap());
     assert!(own.len() >= 3 && found.len() == own.len(), "{found:?}");
     for (theirs, ours) in found.iter().zip(own) {
-        // The camera, the pose and the textures are right: MuJoCo filters textures and edges otherwise than our rasterizer does.
+        // The camera, the pose and the textures are right: MuJoCo filters textures and edges otherwise than
+        // our rasterizer does.
         let (theirs, ours) = (theirs["psnr_db"].as_f64().unwrap(), ours["psnr_db"].as_f64().unwrap());
         assert!(theirs > 14.0 && theirs > ours - 4.5, "{theirs} dB in MuJoCo, {ours} dB here");
     }
@@ -126,7 +160,7 @@ fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() {
 }
 
 fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
-    use artitwin::model::JointKind;
+    use artitwin::internal::model::JointKind;
     for simulator in ["mujoco", "pybullet"] {
         for joint in &model.joints {
             let drift = found[simulator]["rest"][&joint.name].as_f64().unwrap();
@@ -154,14 +188,21 @@ fn limits_lie_between_what_was_seen_and_what_is_free() {
 #[test]
 fn masses_follow_the_material_and_stay_in_their_range() {
     let wood = chest();
-    let steel = ModelConfig { part_materials: vec![Material::Wood, Material::Steel], ..ModelConfig::default() };
+    let steel =
+        ModelConfig { part_materials: vec![Material::Wood, Material::Steel], ..ModelConfig::default() };
     let mixed = chest_with(&steel);
     let mass = |m: &ArticulatedModel, l: usize| m.links[l].inertial.mass_kg;
     assert!((mass(&mixed, 0) / mass(&wood, 0) - 1.0).abs() < 1e-9);
     assert!((mass(&mixed, 1) / mass(&wood, 1) - 7850.0 / 600.0).abs() < 1e-6);
-    // Boards of 2 cm and 1 cm: 2 * (0.4 * 0.02 * 0.3 + 0.4 * 0.4 * 0.02) + 0.02 * 0.4 * 0.26 and the drawer's.
+    // Boards of 2 cm and 1 cm: 2 * (0.4 * 0.02 * 0.3 + 0.4 * 0.4 * 0.02) + 0.02 * 0.4 * 0.26 and the
+    // drawer's.
     for (l, volume) in [(0, 0.013_28), (1, 0.005_084)] {
-        assert!((mass(&wood, l) / (600.0 * volume) - 1.0).abs() < 0.15, "{l}: {} kg of {}", mass(&wood, l), 600.0 * volume);
+        assert!(
+            (mass(&wood, l) / (600.0 * volume) - 1.0).abs() < 0.15,
+            "{l}: {} kg of {}",
+            mass(&wood, l),
+            600.0 * volume
+        );
         let range = wood.links[l].inertial.mass_range_kg;
         assert!(range[0] < mass(&wood, l) && mass(&wood, l) < range[1]);
     }
@@ -170,12 +211,16 @@ fn masses_follow_the_material_and_stay_in_their_range() {
 #[test]
 fn a_slider_of_the_page_moves_the_part() {
     if Command::new("chromium").arg("--version").output().is_err() {
-        eprintln!("skipped: no chromium");
+        venv::without::<()>("chromium is not installed");
         return;
     }
     let (model, temp) = (chest(), Temp::new("viewer"));
     let page = written(&model, &temp).join("viewer.html");
     let Some(found) = script("handoff_viewer.py", &[page.to_str().unwrap(), "joint_1"]) else { return };
-    assert_eq!((found["links"].as_u64(), found["errors"].as_array().map(Vec::len)), (Some(2), Some(0)), "{found}");
+    assert_eq!(
+        (found["links"].as_u64(), found["errors"].as_array().map(Vec::len)),
+        (Some(2), Some(0)),
+        "{found}"
+    );
     assert!(found["shown"].as_f64().unwrap() > 0.05 && found["changed"].as_f64().unwrap() > 0.01, "{found}");
 }

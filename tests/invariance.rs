@@ -1,11 +1,11 @@
-//! What must not matter to the twin: the order of the states, where the world frame stands, and, within bounds, the number
-//! of views.
+//! What must not matter to the twin: the order of the states, where the world frame stands, and, within
+//! bounds, the number of views.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic")]
 
 use std::path::Path;
 
-use artitwin::{
+use artitwin::internal::{
     capture::Capture,
     config::{Config, Layers},
     geometry::Pose,
@@ -30,13 +30,15 @@ fn recording(name: &str) -> Capture {
 /// The one joint of a recording, and its motion from state 0 to state 1.
 fn joint(capture: &Capture) -> (Joint, Pose) {
     let monitor = Monitor::silent();
-    let twin = reconstruct_twin("object", capture, None, &config(), None, &mut Stages::new(&monitor)).unwrap();
+    let twin = reconstruct_twin("object", &mut capture.clone(), None, &config(), &mut Stages::new(&monitor))
+        .unwrap();
     let model = twin.model;
     let [start, end] = [0, 1].map(|s| model.world_from_link(model.joints[0].child, &model.states[s]));
     (model.joints[0].clone(), end * start.inverse())
 }
 
-/// Root mean square displacement that a motion gives to the corners of a box of half a side of 0.2 m around a point, mm.
+/// Root mean square displacement that a motion gives to the corners of a box of half a side of 0.2 m around a
+/// point, mm.
 fn displacement_mm(motion: &Pose, center: &Point3<f64>) -> f64 {
     let side = |k: usize, bit: usize| if k >> bit & 1 == 1 { 0.2 } else { -0.2 };
     let corner = |k: usize| center + Vector3::new(side(k, 0), side(k, 1), side(k, 2));
@@ -46,7 +48,10 @@ fn displacement_mm(motion: &Pose, center: &Point3<f64>) -> f64 {
 
 fn center(capture: &Capture) -> Point3<f64> {
     let frame = &capture.states[0][0];
-    let points: Vec<_> = (0..frame.depth_m.len()).filter(|&i| frame.is_object(i)).filter_map(|i| frame.world_point(i)).collect();
+    let points: Vec<_> = (0..frame.depth_m.len())
+        .filter(|&i| frame.is_object(i))
+        .filter_map(|i| frame.world_point(i))
+        .collect();
     Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64)
 }
 

@@ -1,6 +1,11 @@
 //! Ten minutes of recording: time and memory follow the frames that are kept, not the bag.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "a test may panic, and tells what it measured")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "a test may panic, and tells what it measured"
+)]
 #![cfg(target_os = "linux")]
 
 mod common;
@@ -21,7 +26,8 @@ fn delay(message: &mut Message, nanos: i64) {
     message.log_nanos += nanos;
     let at = if message.type_name.ends_with("TFMessage") { 8 } else { 4 };
     let read = |d: &[u8], i: usize| u32::from_le_bytes(d[i..i + 4].try_into().unwrap());
-    let stamp = i64::from(read(&message.data, at)) * 1_000_000_000 + i64::from(read(&message.data, at + 4)) + nanos;
+    let stamp =
+        i64::from(read(&message.data, at)) * 1_000_000_000 + i64::from(read(&message.data, at + 4)) + nanos;
     message.data[at..at + 4].copy_from_slice(&((stamp / 1_000_000_000) as u32).to_le_bytes());
     message.data[at + 4..at + 8].copy_from_slice(&((stamp % 1_000_000_000) as u32).to_le_bytes());
 }
@@ -32,7 +38,8 @@ fn write_long(from: &Path, to: &Path) {
     let name = format!("{}.mcap", to.file_name().unwrap().to_str().unwrap());
     let mut writer = BagWriter::create(&to.join(&name), None, 4 << 20);
     let once = messages(from);
-    let (first, last) = (once.iter().map(|m| m.log_nanos).min().unwrap(), once.iter().map(|m| m.log_nanos).max().unwrap());
+    let (first, last) =
+        (once.iter().map(|m| m.log_nanos).min().unwrap(), once.iter().map(|m| m.log_nanos).max().unwrap());
     let frames = once.iter().filter(|m| m.is("/compressedDepth")).count();
     for round in 0..FRAMES.div_ceil(frames) {
         for m in messages(from) {
@@ -54,10 +61,17 @@ fn write_long(from: &Path, to: &Path) {
 fn measured(bag: &Path, out: &Path) -> (f64, u64) {
     let begin = Instant::now();
     let mut command = Command::new("/usr/bin/env");
-    command.args(["time", "-f", "%M", env!("CARGO_BIN_EXE_artitwin"), "reconstruct"]).arg(bag).arg("--out").arg(out);
+    command
+        .args(["time", "-f", "%M", env!("CARGO_BIN_EXE_artitwin"), "reconstruct"])
+        .arg(bag)
+        .arg("--out")
+        .arg(out);
     let ended = end(command.args(["--parts", "2", "--set", "capture.frames_per_state=16"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-    (begin.elapsed().as_secs_f64(), ended.stderr.trim().lines().last().unwrap().parse::<u64>().unwrap() * 1024)
+    (
+        begin.elapsed().as_secs_f64(),
+        ended.stderr.trim().lines().last().unwrap().parse::<u64>().unwrap() * 1024,
+    )
 }
 
 #[test]
@@ -74,7 +88,8 @@ fn a_long_bag_costs_its_decoding_and_no_memory() {
     assert_eq!(end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("inspect").arg(&long)).code, 0);
     let reading_s = begin.elapsed().as_secs_f64();
     println!(
-        "32 frames: {short_s:.1} s, {:.2} GiB; {} frames: {long_s:.1} s, {:.2} GiB; reading them once: {reading_s:.1} s",
+        "32 frames: {short_s:.1} s, {:.2} GiB; {} frames: {long_s:.1} s, {:.2} GiB; reading them once: \
+         {reading_s:.1} s",
         short_bytes as f64 / GIBIBYTE as f64,
         2 * FRAMES,
         long_bytes as f64 / GIBIBYTE as f64

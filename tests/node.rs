@@ -1,8 +1,13 @@
-//! The ROS 2 node among neighbours that are not made of it: Cyclone DDS and rosbags, on the loopback network, every test
-//! in a domain of its own.
+//! The ROS 2 node among neighbors that are not made of it: Cyclone DDS and rosbags, on the loopback network,
+//! every test in a domain of its own.
 
 #![cfg(feature = "node")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stderr,
+    reason = "a test may panic, and says why it is left out"
+)]
 
 mod common;
 #[path = "common/doors.rs"]
@@ -16,7 +21,7 @@ mod venv;
 
 use std::path::Path;
 
-use artitwin::geometry::Pose;
+use artitwin::internal::geometry::Pose;
 use common::TempDir;
 use program::{SMALL, end, reconstruct, shipped};
 use ros::{Node, lossy_scenario, scenario, serial, with_fastdds};
@@ -35,7 +40,10 @@ fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
         "image_qos:=default".to_owned(),
     ];
     if !raw {
-        parameters.extend(["color_transport:=compressed".to_owned(), "depth_transport:=compressedDepth".to_owned()]);
+        parameters.extend([
+            "color_transport:=compressed".to_owned(),
+            "depth_transport:=compressedDepth".to_owned(),
+        ]);
     }
     parameters
 }
@@ -43,12 +51,18 @@ fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
 /// Numbers of a URDF's joints: every attribute value of every element below `joint`.
 fn joints(urdf: &Path) -> Vec<(String, Vec<f64>)> {
     let robot = urdf_rs::read_file(urdf).unwrap();
-    let numbers = |j: &urdf_rs::Joint| [&j.origin.xyz.0[..], &j.origin.rpy.0, &j.axis.xyz.0, &[j.limit.lower, j.limit.upper]].concat();
-    robot.joints.iter().map(|j| (format!("{} {:?} {} {}", j.name, j.joint_type, j.parent.link, j.child.link), numbers(j))).collect()
+    let numbers = |j: &urdf_rs::Joint| {
+        [&j.origin.xyz.0[..], &j.origin.rpy.0, &j.axis.xyz.0, &[j.limit.lower, j.limit.upper]].concat()
+    };
+    robot
+        .joints
+        .iter()
+        .map(|j| (format!("{} {:?} {} {}", j.name, j.joint_type, j.parent.link, j.child.link), numbers(j)))
+        .collect()
 }
 
-/// A whole session: both states from bags at the pace of their recording, a goal that is canceled, one that is not, and
-/// everything that is published then. The twin is that of the command line.
+/// A whole session: both states from bags at the pace of their recording, a goal that is canceled, one that
+/// is not, and everything that is published then. The twin is that of the command line.
 fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
     let Some(python) = venv::ros_python() else { return };
     let _serial = serial();
@@ -56,7 +70,8 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
     let node = Node::start(domain, &small_run(&folder, raw));
     let states = [0, 1].map(|s| bag.join(format!("state{s}")).display().to_string());
     let mut arguments = vec!["session", &states[0], &states[1]];
-    arguments.extend([(raw, "--raw"), (cancel, "--cancel")].into_iter().filter(|(on, _)| *on).map(|(_, a)| a));
+    arguments
+        .extend([(raw, "--raw"), (cancel, "--cancel")].into_iter().filter(|(on, _)| *on).map(|(_, a)| a));
     let told = scenario(&python, domain, &arguments);
     let log = node.end();
     assert!(!log.contains("panicked"), "{log}");
@@ -88,9 +103,19 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
 /// A node on the session of an earlier one publishes the twin made there; a damaged twin is a warning.
 fn taken_up(python: &Path, domain: u16, folder: &TempDir, parameters: &[String], told: &serde_json::Value) {
     let texts = |key: &str| -> Vec<String> {
-        told[key].as_array().unwrap().iter().map(|v| v.as_str().map_or_else(|| v.to_string(), str::to_owned)).collect()
+        told[key]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|v| v.as_str().map_or_else(|| v.to_string(), str::to_owned))
+            .collect()
     };
-    let arguments = [vec!["taken_up".to_owned(), "--joints".to_owned()], texts("joints"), vec!["--motions".to_owned()], texts("motions")];
+    let arguments = [
+        vec!["taken_up".to_owned(), "--joints".to_owned()],
+        texts("joints"),
+        vec!["--motions".to_owned()],
+        texts("motions"),
+    ];
     let node = Node::start(domain, parameters);
     let again = scenario(python, domain, &arguments.iter().flatten().map(String::as_str).collect::<Vec<_>>());
     node.end();
@@ -136,7 +161,8 @@ fn a_replayed_raw_recording_gives_the_twin_of_the_command_line() {
 }
 
 #[test]
-#[ignore = "needs a recording with the topics of bags/drawer, named by ARTITWIN_BAG; 4 minutes for 30 views of 640x480 a state"]
+#[ignore = "needs a recording with the topics of bags/drawer, named by ARTITWIN_BAG; 4 minutes for 30 views \
+            of 640x480 a state"]
 fn a_replayed_recording_of_ones_own_gives_the_twin_of_the_command_line() {
     let bag = std::env::var_os("ARTITWIN_BAG").expect("ARTITWIN_BAG names a folder with state0 and state1");
     session(Path::new(&bag), 60, false, false);
@@ -147,7 +173,8 @@ fn three_hundred_frames_at_30_hz_arrive() {
     let Some(python) = venv::ros_python() else { return };
     let _serial = serial();
     let folder = TempDir::new("node-rate");
-    let parameters = ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let parameters =
+        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
     let node = Node::start(43, &parameters);
     let told = scenario(&python, 43, &["rate", "--reliable", "--frames", "300"]);
     let log = node.end();
@@ -223,7 +250,8 @@ fn simulated_time_may_jump_back() {
     let Some(python) = venv::ros_python() else { return };
     let _serial = serial();
     let folder = TempDir::new("node-clock");
-    let parameters = ["use_sim_time:=true".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let parameters =
+        ["use_sim_time:=true".to_owned(), format!("out_folder:={}", folder.join("out").display())];
     let node = Node::start(46, &parameters);
     let told = scenario(&python, 46, &["clock"]);
     node.end();
@@ -231,7 +259,12 @@ fn simulated_time_may_jump_back() {
 }
 
 /// Starts a node on the drawer's topics, runs a scenario with its first state and ends the node.
-fn with_drawer(name: &str, domain: u16, parameters: &[&str], arguments: &[&str]) -> Option<(TempDir, serde_json::Value)> {
+fn with_drawer(
+    name: &str,
+    domain: u16,
+    parameters: &[&str],
+    arguments: &[&str],
+) -> Option<(TempDir, serde_json::Value)> {
     let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new(name);
@@ -248,8 +281,12 @@ fn with_drawer(name: &str, domain: u16, parameters: &[&str], arguments: &[&str])
 
 /// Camera poses of the views of a recording of state 0.
 fn camera_poses(state0: &Path, pose_frame: Option<&str>) -> Vec<Pose> {
-    let config = artitwin::capture::CaptureConfig { pose_frame: pose_frame.map(str::to_owned), ..Default::default() };
-    let capture = artitwin::io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
+    let config = artitwin::internal::capture::CaptureConfig {
+        pose_frame: pose_frame.map(str::to_owned),
+        ..Default::default()
+    };
+    let capture =
+        artitwin::internal::io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
     capture.states[0].iter().map(|f| f.world_from_camera).collect()
 }
 
@@ -257,7 +294,10 @@ fn same_poses(found: &[Pose], expected: &[Pose]) {
     assert_eq!(found.len(), expected.len());
     for (i, (a, b)) in found.iter().zip(expected).enumerate() {
         let offset = a.inverse() * b;
-        assert!(offset.translation.vector.norm() < 1e-9 && offset.rotation.angle() < 1e-7, "view {i}: {offset}");
+        assert!(
+            offset.translation.vector.norm() < 1e-9 && offset.rotation.angle() < 1e-7,
+            "view {i}: {offset}"
+        );
     }
 }
 
@@ -268,21 +308,35 @@ fn camera_poses_may_come_as_pose_or_odometry() {
         let (pose_type, pose_frame) = (format!("pose_type:={form}"), format!("pose_frame:='{frame}'"));
         let parameters = ["pose_topic:=/camera_pose", &pose_type, &pose_frame];
         let arguments = ["play", "--begin", "0", "--masks", "--poses", form, "--linger", "2"];
-        let Some((folder, _)) = with_drawer(&format!("node-{form}"), domain, &parameters, &arguments) else { return };
-        same_poses(&camera_poses(&folder.join("node/session/state0"), Some(frame).filter(|f| !f.is_empty())), &expected);
+        let Some((folder, _)) = with_drawer(&format!("node-{form}"), domain, &parameters, &arguments) else {
+            return;
+        };
+        same_poses(
+            &camera_poses(&folder.join("node/session/state0"), Some(frame).filter(|f| !f.is_empty())),
+            &expected,
+        );
     }
 }
 
 #[test]
 fn a_publisher_may_be_killed_and_another_go_on() {
     let Some((folder, told)) = with_drawer("node-restart", 56, &[], &["restart"]) else { return };
-    assert_eq!((&told["half"], &told["kept"], &told["lost"], &told["received"]), (&8.into(), &16.into(), &0.into(), &16.into()), "{told}");
-    same_poses(&camera_poses(&folder.join("node/session/state0"), None), &camera_poses(&shipped("drawer/state0"), None));
+    assert_eq!(
+        (&told["half"], &told["kept"], &told["lost"], &told["received"]),
+        (&8.into(), &16.into(), &0.into(), &16.into()),
+        "{told}"
+    );
+    same_poses(
+        &camera_poses(&folder.join("node/session/state0"), None),
+        &camera_poses(&shipped("drawer/state0"), None),
+    );
 }
 
 #[test]
 fn transforms_images_and_clock_may_jump_back() {
-    let Some((folder, told)) = with_drawer("node-jumps", 57, &["use_sim_time:=true"], &["jumps"]) else { return };
+    let Some((folder, told)) = with_drawer("node-jumps", 57, &["use_sim_time:=true"], &["jumps"]) else {
+        return;
+    };
     // What was kept stays as it is; older views are no part of it, and a new recording takes them.
     assert_eq!((&told["future"], &told["kept_after_jump"]), (&8.into(), &8.into()), "{told}");
     let (again, jumps) = (told["again"].as_u64().unwrap() as usize, told["jumps"].as_u64().unwrap());
@@ -295,10 +349,16 @@ fn transforms_images_and_clock_may_jump_back() {
 fn a_session_is_saved_and_another_begun() {
     let Some((_folder, told)) = with_drawer("node-resets", 58, &[], &["resets"]) else { return };
     assert_eq!((&told["on_disk"], &told["kept"]), (&8.into(), &8.into()), "{told}");
-    let sessions: Vec<&Path> = told["sessions"].as_array().unwrap().iter().map(|s| Path::new(s.as_str().unwrap())).collect();
+    let sessions: Vec<&Path> =
+        told["sessions"].as_array().unwrap().iter().map(|s| Path::new(s.as_str().unwrap())).collect();
     assert_ne!(sessions[0], sessions[1]);
     for session in sessions {
-        assert_eq!(artitwin::io::inspect(&session.join("state0")).unwrap().recordings[0].views, 8, "{}", session.display());
+        assert_eq!(
+            artitwin::internal::io::inspect(&session.join("state0")).unwrap().recordings[0].views,
+            8,
+            "{}",
+            session.display()
+        );
     }
 }
 
@@ -308,14 +368,19 @@ fn a_diagnosis_is_asked_for_canceled_and_published() {
     let _serial = serial();
     let folder = TempDir::new("node-diagnose");
     let (twin, runs) = doors::write(&folder, 3, 10.0);
-    let node = Node::start(59, &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()]);
+    let node = Node::start(
+        59,
+        &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()],
+    );
     let paths: Vec<String> = std::iter::once(&twin).chain(&runs).map(|p| p.display().to_string()).collect();
     let arguments: Vec<&str> = std::iter::once("diagnose").chain(paths.iter().map(String::as_str)).collect();
     let told = scenario(&python, 59, &arguments);
     let log = node.end();
     assert!(!log.contains("panicked"), "{log}");
     assert_eq!(told["verdict"], "named", "{told}");
-    for ((joint, damping), finding) in ["left_hinge", "right_hinge"].iter().zip(doors::DAMPING).zip(told["findings"].as_array().unwrap()) {
+    for ((joint, damping), finding) in
+        ["left_hinge", "right_hinge"].iter().zip(doors::DAMPING).zip(told["findings"].as_array().unwrap())
+    {
         assert_eq!((&finding[0], &finding[1]), (&(*joint).into(), &"viscous_friction".into()), "{told}");
         let value = finding[2][0][1].as_f64().unwrap();
         assert!((value / damping - 1.0).abs() < 0.1, "{told}");
@@ -330,13 +395,23 @@ fn a_diagnosis_is_asked_for_canceled_and_published() {
     assert_eq!(ended.code, 0, "{}", ended.stderr);
     let by_node = Path::new(told["folder"].as_str().unwrap());
     assert_eq!(by_node, folder.join("out/session/gap"));
-    let node = Node::start(59, &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()]);
+    let node = Node::start(
+        59,
+        &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()],
+    );
     let again = scenario(&python, 59, &["reported"]);
     node.end();
-    assert_eq!((&again["verdict"], &again["folder"], &again["summary"]), (&told["verdict"], &told["folder"], &told["summary"]));
+    assert_eq!(
+        (&again["verdict"], &again["folder"], &again["summary"]),
+        (&told["verdict"], &told["folder"], &told["summary"])
+    );
     assert_eq!(again["twin"], twin.display().to_string());
     for file in ["report.json", "twin.urdf"] {
-        assert_eq!(std::fs::read(by_node.join(file)).unwrap(), std::fs::read(cli.join(file)).unwrap(), "{file}");
+        assert_eq!(
+            std::fs::read(by_node.join(file)).unwrap(),
+            std::fs::read(cli.join(file)).unwrap(),
+            "{file}"
+        );
     }
 }
 
@@ -359,7 +434,10 @@ fn states_are_found_without_a_call() {
     let _serial = serial();
     let folder = TempDir::new("node-automatic");
     let mut parameters = small_run(&folder, false);
-    parameters.extend(["automatic_states:=true", "still_secs:=0.5", "min_keyframes:=5", "enough_keyframes:=10"].map(str::to_owned));
+    parameters.extend(
+        ["automatic_states:=true", "still_secs:=0.5", "min_keyframes:=5", "enough_keyframes:=10"]
+            .map(str::to_owned),
+    );
     let node = Node::start(48, &parameters);
     let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
     let told = scenario(&python, 48, &["automatic", &states[0], &states[1]]);
@@ -382,7 +460,7 @@ fn a_crash_loses_nothing_that_was_there_for_a_second() {
     node.kill();
     let session = folder.join("node/session");
     assert!(!session.join("state0/metadata.yaml").exists());
-    let found = artitwin::io::inspect(&session.join("state0")).unwrap();
+    let found = artitwin::internal::io::inspect(&session.join("state0")).unwrap();
     assert_eq!(found.recordings[0].views, 16);
 }
 
@@ -406,7 +484,7 @@ fn what_is_recorded_is_what_was_published() {
     assert!(recorder.wait().unwrap().success(), "{text}");
     assert_eq!(told["sent"], 113);
     assert!(text.ends_with(": 113 messages\n"), "{text}");
-    assert_eq!(artitwin::io::inspect(&bag).unwrap().recordings[0].views, 16);
+    assert_eq!(artitwin::internal::io::inspect(&bag).unwrap().recordings[0].views, 16);
 }
 
 #[test]
@@ -415,7 +493,8 @@ fn ten_minutes_of_images_need_no_more_memory_than_one() {
     let Some(python) = venv::ros_python() else { return };
     let _serial = serial();
     let folder = TempDir::new("node-load");
-    let parameters = ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+    let parameters =
+        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
     let node = Node::start(51, &parameters);
     let told = scenario(&python, 51, &["rate", "--reliable", "--collect", "--frames", "18000"]);
     node.end();
@@ -423,7 +502,8 @@ fn ten_minutes_of_images_need_no_more_memory_than_one() {
         let count = |key: &str| told[part][key].as_u64().unwrap();
         assert_eq!(count("received") + count("lost"), 18_000, "{told}");
     }
-    let resident: Vec<f64> = told["resident_every_20_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let resident: Vec<f64> =
+        told["resident_every_20_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     let (early, late) = (resident[3], resident.iter().fold(0.0, |a: f64, b| a.max(*b)));
     assert!(late < 500e6 && late < 1.1 * early, "{told}");
 }

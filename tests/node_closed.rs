@@ -1,7 +1,12 @@
-//! The node against neighbours that mean harm: who reaches it, and what a datagram may cost it.
+//! The node against neighbors that mean harm: who reaches it, and what a datagram may cost it.
 
 #![cfg(all(feature = "node", target_os = "linux"))]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stderr,
+    reason = "a test may panic, and says why it is left out"
+)]
 
 mod common;
 #[path = "common/ros.rs"]
@@ -18,7 +23,10 @@ use ros::{Node, scenario, serial, with_fastdds};
 fn who_is_not_on_this_machine_gets_nothing() {
     let Some(python) = venv::ros_python() else { return };
     if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
-        eprintln!("SKIPPED: network namespaces cannot be made here (unshare --net; root is needed), so who reaches the node is not tested");
+        eprintln!(
+            "SKIPPED: network namespaces cannot be made here (unshare --net; root is needed), so who reaches \
+             the node is not tested"
+        );
         return;
     }
     let _serial = serial();
@@ -36,16 +44,27 @@ fn who_is_not_on_this_machine_gets_nothing() {
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let closed = &told["closed"];
     assert_eq!(closed["bound"], serde_json::json!(["127.0.0.1", "239.255.0.1"]), "{told}");
-    assert_eq!((&closed["outside"]["datagrams"], &closed["outside"]["service"]), (&"0".into(), &"nothing".into()), "{told}");
-    // Nor does a neighbour on this machine that speaks for an address of the network.
+    assert_eq!(
+        (&closed["outside"]["datagrams"], &closed["outside"]["service"]),
+        (&"0".into(), &"nothing".into()),
+        "{told}"
+    );
+    // Nor does a neighbor on this machine that speaks for an address of the network.
     assert_eq!(closed["outside"]["own_address"], "nothing", "{told}");
     assert_eq!((&closed["begun_from_outside"], &closed["inside"]), (&0.into(), &"True".into()), "{told}");
-    // Opened, the same neighbour is served, and the node says so.
+    // Opened, the same neighbor is served, and the node says so.
     let open = &told["open"];
-    assert_eq!((&open["outside"]["service"], &open["begun_from_outside"]), (&"True".into(), &1.into()), "{told}");
+    assert_eq!(
+        (&open["outside"]["service"], &open["begun_from_outside"]),
+        (&"True".into(), &1.into()),
+        "{told}"
+    );
     assert_ne!(open["outside"]["datagrams"], "0", "{told}");
     let log = open["log"].as_str().unwrap();
-    assert!(["10.9.9.1", "22910", "22911", "no authentication", "services"].iter().all(|w| log.contains(w)), "{log}");
+    assert!(
+        ["10.9.9.1", "22910", "22911", "no authentication", "services"].iter().all(|w| log.contains(w)),
+        "{log}"
+    );
     assert!(!closed["log"].as_str().unwrap().contains("open to the network"), "{told}");
 }
 
@@ -76,7 +95,10 @@ fn large_images_arrive() {
     let Some(python) = venv::ros_python() else { return };
     let _serial = serial();
     let folder = TempDir::new("node-large");
-    let node = Node::start(65, &["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())]);
+    let node = Node::start(
+        65,
+        &["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())],
+    );
     let told = scenario(&python, 65, &["large"]);
     node.end();
     assert_eq!(

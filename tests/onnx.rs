@@ -1,4 +1,5 @@
-//! Matchers from ONNX files: models with known output, one that ONNX Runtime has run too, and files that are none.
+//! Matchers from ONNX files: models with known output, one that ONNX Runtime has run too, and files that are
+//! none.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
@@ -21,14 +22,17 @@ fn reconstruct(out: &str, options: &[&str]) -> (i32, String, std::path::PathBuf)
 fn a_build_without_onnx_refuses_a_matcher_and_says_how_to_build_one() {
     let (code, told, out) = reconstruct("onnx-absent", &["--matcher", "tests/golden/matcher_corners.onnx"]);
     assert_eq!(code, 2, "{told}");
-    assert!(told.contains("matching.onnx") && told.contains("cargo build --release --features onnx"), "{told}");
+    assert!(
+        told.contains("matching.onnx") && told.contains("cargo build --release --features onnx"),
+        "{told}"
+    );
     assert!(!out.join("drawer").exists());
 }
 
 #[cfg(feature = "onnx")]
 mod models {
     use super::*;
-    use artitwin::{
+    use artitwin::internal::{
         articulate::Correspondence,
         capture::RgbdFrame,
         evaluate::{EvaluateOptions, run},
@@ -59,12 +63,16 @@ mod models {
 
     /// Squares of `side` pixels on gray, the first the brightest.
     fn beacons(width: usize, height: usize, side: usize, at: [[usize; 2]; 4]) -> RgbdFrame {
-        let value =
-            |u: usize, v: usize| at.iter().position(|[a, b]| u / side == *a && v / side == *b).map_or(20, |rank| 250 - 50 * rank as u8);
+        let value = |u: usize, v: usize| {
+            at.iter()
+                .position(|[a, b]| u / side == *a && v / side == *b)
+                .map_or(20, |rank| 250 - 50 * rank as u8)
+        };
         frame(width, height, |u, v| if side == 1 { [value(u, v); 3] } else { [value(u, v), 255, 255] })
     }
 
-    const AT: [[[usize; 2]; 4]; 2] = [[[3, 4], [30, 2], [11, 20], [40, 25]], [[5, 5], [29, 3], [8, 22], [1, 27]]];
+    const AT: [[[usize; 2]; 4]; 2] =
+        [[[3, 4], [30, 2], [11, 20], [40, 25]], [[5, 5], [29, 3], [8, 22], [1, 27]]];
 
     #[test]
     fn a_model_of_any_size_gets_the_frames_pixels() {
@@ -74,7 +82,9 @@ mod models {
             let frames = AT.map(|at| beacons(width, height, 1, at));
             let found = matcher.correspondences([&frames[0], &frames[1]]).unwrap();
             let pixels = |k: usize, rank: usize| AT[k][rank].map(|x| x as f32);
-            let expected: Vec<_> = (0..4).map(|r| Correspondence { pixels: [pixels(0, r), pixels(1, r)], confidence: 1.0 }).collect();
+            let expected: Vec<_> = (0..4)
+                .map(|r| Correspondence { pixels: [pixels(0, r), pixels(1, r)], confidence: 1.0 })
+                .collect();
             assert_eq!(found, expected);
         }
     }
@@ -102,14 +112,18 @@ mod models {
         let size = [0, 1].map(|k| number(&example["cut_size"][k]) as usize);
         let frames = [0, 1].map(|cut| {
             let corner = [0, 1].map(|k| number(&example["cut_corners"][cut][k]) as usize);
-            frame(size[0], size[1], |u, v| [number(&example["squares"][(v + corner[1]) / 4][(u + corner[0]) / 4]) as u8; 3])
+            frame(size[0], size[1], |u, v| {
+                [number(&example["squares"][(v + corner[1]) / 4][(u + corner[0]) / 4]) as u8; 3]
+            })
         });
-        // The reference ran on the bare cut, which needs no filling up along u; along v its border is repeated here.
+        // The reference ran on the bare cut, which needs no filling up along u; along v its border is
+        // repeated here.
         let found = open("matcher_corners.onnx").correspondences([&frames[0], &frames[1]]).unwrap();
         let expected = example["matches"].as_array().unwrap();
         assert!(expected.len() > 20);
         let away = |pixel: [f32; 2]| (10.0..38.0).contains(&pixel[1]);
-        let reference = |m: &serde_json::Value| [0, 2].map(|k| [number(&m[k]) as f32, number(&m[k + 1]) as f32]);
+        let reference =
+            |m: &serde_json::Value| [0, 2].map(|k| [number(&m[k]) as f32, number(&m[k + 1]) as f32]);
         let mut compared = 0;
         for m in expected.iter().filter(|m| number(&m[4]) > 0.9 && reference(m).iter().all(|p| away(*p))) {
             let same = found.iter().find(|c| c.pixels == reference(m));
@@ -150,14 +164,21 @@ mod models {
         ] {
             let (error, text) = refused(name, &replaced(&model, from, to));
             assert!(matches!(error, OnnxError::Contract { .. }), "{text}");
-            assert!(text.contains(has) && text.contains("image0 and image1") && text.contains("keypoints0 and keypoints1"), "{text}");
+            assert!(
+                text.contains(has)
+                    && text.contains("image0 and image1")
+                    && text.contains("keypoints0 and keypoints1"),
+                "{text}"
+            );
         }
     }
 
     #[test]
     fn files_that_are_no_models_are_refused() {
         let model = std::fs::read(golden("matcher_beacons.onnx")).unwrap();
-        for (name, bytes) in [("empty", &b""[..]), ("text", b"not a model"), ("cut", &model[..model.len() / 2])] {
+        for (name, bytes) in
+            [("empty", &b""[..]), ("text", b"not a model"), ("cut", &model[..model.len() / 2])]
+        {
             let (error, text) = refused(name, bytes);
             assert!(matches!(error, OnnxError::Model { .. } | OnnxError::Contract { .. }), "{text}");
         }
@@ -188,10 +209,12 @@ mod models {
 
     #[test]
     fn the_drawer_is_reconstructed_from_the_matches_of_a_model() {
-        let (code, told, out) = reconstruct("onnx-drawer", &["--matcher", "tests/golden/matcher_corners.onnx"]);
+        let (code, told, out) =
+            reconstruct("onnx-drawer", &["--matcher", "tests/golden/matcher_corners.onnx"]);
         assert!(code == 0 || code == 3, "{told}");
         assert!(told.contains("pixel matches on the object in"), "{told}");
-        let report = run(&[out.join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
+        let report =
+            run(&[out.join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
         let joint = &report.trials[0].joints[0];
         assert_eq!(joint.type_right, Some(true), "{joint:?}");
         assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");

@@ -1,4 +1,5 @@
-//! Where results go: nothing is lost that the program did not write itself, and what cannot be written is told.
+//! Where results go: nothing is lost that the program did not write itself, and what cannot be written is
+//! told.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 #![cfg(unix)]
@@ -118,7 +119,8 @@ fn refused(command: &mut Command, folder: &Path, words: &[&str]) -> Ended {
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -133,21 +135,40 @@ fn diagnose_and_synth_leave_a_twins_folder_as_it_is() {
         &folder.0,
         &["it is a result of reconstruct, not of synth", "--force, which moves it to", "drawer.bak"],
     );
-    refused(&mut diagnose(&runs, &twin, &[]), &folder.0, &["it is a result of reconstruct, not of diagnose", "another --out or --name"]);
+    refused(
+        &mut diagnose(&runs, &twin, &[]),
+        &folder.0,
+        &["it is a result of reconstruct, not of diagnose", "another --out or --name"],
+    );
     // The twin that is diagnosed: not even by force, however its folder is named.
     let (_, bags) = doors::write(&runs, 1, 4.0);
     symlink(&twin, folder.join("link")).unwrap();
-    for out in [&twin, &twin.join("../drawer"), &folder.join("runs"), &folder.join("link"), &twin.join("meshes")] {
+    for out in
+        [&twin, &twin.join("../drawer"), &folder.join("runs"), &folder.join("link"), &twin.join("meshes")]
+    {
         for force in [&[][..], &["--force"]] {
             let mut command = artitwin();
-            command.arg("diagnose").arg(folder.join("link/drawer.urdf")).args(&bags).arg("--out").arg(out).args(force);
+            command
+                .arg("diagnose")
+                .arg(folder.join("link/drawer.urdf"))
+                .args(&bags)
+                .arg("--out")
+                .arg(out)
+                .args(force);
             refused(&mut command, &folder.0, &["is or holds the input", "give another --out or --name"]);
         }
     }
     // The folder of an older version.
     fs::remove_file(twin.join("manifest.json")).unwrap();
     for command in [&mut synth(&twin, &[]), &mut reconstruct(&shipped("drawer"), &folder.join("runs"), &[])] {
-        refused(command, &folder.0, &["runs/drawer is left as it is: it holds ", "and no manifest.json that tells which command wrote it"]);
+        refused(
+            command,
+            &folder.0,
+            &[
+                "runs/drawer is left as it is: it holds ",
+                "and no manifest.json that says which command wrote it",
+            ],
+        );
     }
 }
 
@@ -157,7 +178,9 @@ fn notes_and_edits_survive_a_second_reconstruction() {
     let (runs, twin) = (folder.join("runs"), twin(&folder));
     fs::write(twin.join("notes.txt"), "the hinge squeaks").unwrap();
     fs::write(twin.join("drawer.urdf"), "<robot/>").unwrap();
-    let told = ["runs/drawer is left as it is: since reconstruct wrote it, drawer.urdf was edited, notes.txt was added"];
+    let told =
+        ["runs/drawer is left as it is: since reconstruct wrote it, drawer.urdf was edited, notes.txt was \
+         added"];
     refused(&mut reconstruct(&shipped("drawer"), &runs, &[]), &folder.0, &told);
 
     let before = snapshot(&twin);
@@ -181,17 +204,23 @@ fn the_manifest_names_every_file_with_its_digest() {
     done(&mut synth(&folder.join("made"), &["--name", "object"]));
     done(&mut diagnose(&folder, &diagnosis, &[]));
     for (result, command) in [(&twin, "reconstruct"), (&object, "synth"), (&diagnosis, "diagnose")] {
-        let manifest: serde_json::Value = serde_json::from_slice(&fs::read(result.join("manifest.json")).unwrap()).unwrap();
-        assert_eq!((&manifest["command"], &manifest["artitwin"]), (&command.into(), &env!("CARGO_PKG_VERSION").into()));
+        let manifest: serde_json::Value =
+            serde_json::from_slice(&fs::read(result.join("manifest.json")).unwrap()).unwrap();
+        assert_eq!(
+            (&manifest["command"], &manifest["artitwin"]),
+            (&command.into(), &env!("CARGO_PKG_VERSION").into())
+        );
         let files = manifest["files"].as_object().unwrap();
         let there = snapshot(result).into_keys().filter(|p| p.is_file());
-        let mut there: Vec<_> = there.map(|p| p.strip_prefix(result).unwrap().to_str().unwrap().to_owned()).collect();
+        let mut there: Vec<_> =
+            there.map(|p| p.strip_prefix(result).unwrap().to_str().unwrap().to_owned()).collect();
         there.retain(|p| p != "manifest.json");
         there.sort();
         assert!(there.iter().eq(files.keys()), "{command}: {there:?}");
         let mut sums = Command::new("sha256sum");
         let output = sums.current_dir(result).args(files.keys()).output().unwrap();
-        let expected: String = files.iter().map(|(path, f)| format!("{}  {path}\n", f["sha256"].as_str().unwrap())).collect();
+        let expected: String =
+            files.iter().map(|(path, f)| format!("{}  {path}\n", f["sha256"].as_str().unwrap())).collect();
         assert_eq!(String::from_utf8(output.stdout).unwrap(), expected);
     }
     // All three replace what they wrote.
@@ -267,7 +296,11 @@ fn a_result_never_takes_the_place_of_an_input() {
     // Nor is the name of a rejected twin.
     copy(&bag, &folder.join("box_rejected"));
     let held = folder.join("box_rejected");
-    refused(&mut reconstruct(&held, &folder.0, &["--name", "box", "--force"]), &folder.0, &["box_rejected, which is or holds the input"]);
+    refused(
+        &mut reconstruct(&held, &folder.0, &["--name", "box", "--force"]),
+        &folder.0,
+        &["box_rejected, which is or holds the input"],
+    );
 }
 
 #[test]
@@ -281,7 +314,11 @@ fn a_link_is_no_place_for_a_result() {
     }
     let forced = end(&mut synth(&folder.join("mine/"), &["--force"]));
     assert_eq!(forced.code, 0, "{}", forced.stderr);
-    assert!(folder.join("mine.bak").is_symlink() && !folder.join("mine").is_symlink() && names(&theirs).is_empty());
+    assert!(
+        folder.join("mine.bak").is_symlink()
+            && !folder.join("mine").is_symlink()
+            && names(&theirs).is_empty()
+    );
 }
 
 #[test]
@@ -312,10 +349,20 @@ fn a_diagnosis_by_frames_and_motion_is_one_result() {
     let name = text[start + 13..].split('"').next().unwrap();
     fs::write(&urdf, text.replace(&format!("\"{name}\""), "\"left_hinge\"")).unwrap();
     let mut command = artitwin();
-    command.arg("diagnose").arg(&urdf).args(&runs).arg("--frames").arg(made.join("state2")).arg("--out").arg(&out);
+    command
+        .arg("diagnose")
+        .arg(&urdf)
+        .args(&runs)
+        .arg("--frames")
+        .arg(made.join("state2"))
+        .arg("--out")
+        .arg(&out);
     done(&mut command);
     assert_eq!(names(&out), ["manifest.json", "motion", "report.html", "report.json", "twin.urdf"]);
-    assert_eq!(names(&out.join("motion")), ["replay.json", "report.html", "report.json", "twin.urdf", "twin.xml"]);
+    assert_eq!(
+        names(&out.join("motion")),
+        ["replay.json", "report.html", "report.json", "twin.urdf", "twin.xml"]
+    );
     // It replaces what it wrote; not what it reads, the recording of the frames among it.
     done(&mut command);
     assert_eq!(names(&folder.0).iter().filter(|n| n.starts_with(['.', 'f'])).count(), 1);
@@ -361,7 +408,10 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
     for command in &mut commands {
         let (code, told) = on_a_full_device(command);
         assert_eq!(code, 1, "{command:?}: {told}");
-        assert!(told.contains("error: cannot write to standard output") && told.contains("No space left"), "{command:?}: {told}");
+        assert!(
+            told.contains("error: cannot write to standard output") && told.contains("No space left"),
+            "{command:?}: {told}"
+        );
     }
     // The results are there.
     assert!(folder.join("made/manifest.json").is_file() && folder.join("found/manifest.json").is_file());
@@ -371,10 +421,12 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
 #[cfg(target_os = "linux")]
 fn events_that_cannot_be_written_stop_the_run() {
     let folder = TempDir::new("outputs-json");
-    let (code, told) = on_a_full_device(&mut reconstruct(&shipped("drawer"), &folder.join("runs"), &["--json"]));
+    let (code, told) =
+        on_a_full_device(&mut reconstruct(&shipped("drawer"), &folder.join("runs"), &["--json"]));
     assert_eq!(code, 1, "{told}");
     assert!(
-        told.starts_with("error: cannot write events to standard output; the run was stopped") && told.contains("No space left"),
+        told.starts_with("error: cannot write events to standard output; the run was stopped")
+            && told.contains("No space left"),
         "{told}"
     );
     assert!(!folder.join("runs/drawer").exists(), "the run went on to its end");
@@ -384,7 +436,8 @@ fn events_that_cannot_be_written_stop_the_run() {
 fn a_reader_that_went_away_is_no_error() {
     let drawer = shipped("drawer").display().to_string();
     for arguments in [&["inspect", drawer.as_str()][..], &["config", "show"], &["--help"]] {
-        let mut child = artitwin().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child =
+            artitwin().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(0), &b""[..]), "{arguments:?}");
@@ -399,7 +452,10 @@ impl SmallDisk {
     fn new(folder: &TempDir, bytes: u64) -> Option<Self> {
         let at = folder.join("disk");
         fs::create_dir(&at).unwrap();
-        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "none"]).arg(&at).output();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "none"])
+            .arg(&at)
+            .output();
         if mounted.is_ok_and(|o| o.status.success()) {
             return Some(Self(at));
         }
@@ -423,8 +479,16 @@ fn a_disk_that_is_too_full_is_refused_before_the_work() {
     let mut diagnosis = artitwin();
     diagnosis.arg("diagnose").arg(twin).args(runs).arg("--out").arg(disk.0.join("found"));
     let bag = shipped("drawer");
-    for command in [&mut synth(&disk.0.join("made"), &[]), &mut diagnosis, &mut reconstruct(&bag, &disk.0.join("runs"), &[])] {
-        refused(command, &disk.0, &["has 8192 bytes free, and ", " at least are needed; make room or give another --out"]);
+    for command in [
+        &mut synth(&disk.0.join("made"), &[]),
+        &mut diagnosis,
+        &mut reconstruct(&bag, &disk.0.join("runs"), &[]),
+    ] {
+        refused(
+            command,
+            &disk.0,
+            &["has 8192 bytes free, and ", " at least are needed; make room or give another --out"],
+        );
     }
     assert!(names(&disk.0).is_empty());
 }
@@ -455,9 +519,22 @@ fn a_file_that_cannot_be_written_whole_leaves_nothing() {
     let out = folder.join("out");
     for kilobytes in ["8", "32", "64"] {
         let mut shell = Command::new("sh");
-        shell.args(["-c", &format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * kilobytes.parse::<u32>().unwrap()), "sh"]);
-        let ended = end(shell.arg(env!("CARGO_BIN_EXE_artitwin")).args(["synth", "--out"]).arg(&out).args(SMALL_SYNTH));
-        assert!(ended.code == 1 && ended.stderr.contains("File too large"), "{kilobytes}: {} {}", ended.code, ended.stderr);
+        shell.args([
+            "-c",
+            &format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * kilobytes.parse::<u32>().unwrap()),
+            "sh",
+        ]);
+        let ended = end(shell
+            .arg(env!("CARGO_BIN_EXE_artitwin"))
+            .args(["synth", "--out"])
+            .arg(&out)
+            .args(SMALL_SYNTH));
+        assert!(
+            ended.code == 1 && ended.stderr.contains("File too large"),
+            "{kilobytes}: {} {}",
+            ended.code,
+            ended.stderr
+        );
         assert!(names(&folder.0).is_empty(), "{:?}", names(&folder.0));
     }
 }

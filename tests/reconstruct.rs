@@ -7,7 +7,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
+use artitwin::internal::{
     evaluate::{EvaluateOptions, run},
     export::{Level, check_folder},
     io::read_model_folder,
@@ -46,11 +46,16 @@ fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
         "meshes/collision/base_solid_0.obj",
     ];
     for file in same {
-        assert_eq!(read(&outs[0], file), read(&outs[1], file), "{file} differs between two runs with one seed");
+        assert_eq!(
+            read(&outs[0], file),
+            read(&outs[1], file),
+            "{file} differs between two runs with one seed"
+        );
     }
     let found = check_folder(&read_model_folder(&outs[0].join("drawer")).unwrap());
     assert!(found.iter().all(|f| f.level != Level::Error), "{found:?}");
-    let report = run(&[outs[0].join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
+    let report =
+        run(&[outs[0].join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
     let joint = &report.trials[0].joints[0];
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
     assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");

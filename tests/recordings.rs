@@ -1,4 +1,5 @@
-//! Recordings made on the spot: every supported form gives the same frames, and every broken one a clear message.
+//! Recordings made on the spot: every supported form gives the same frames, and every broken one a clear
+//! message.
 
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 
@@ -6,7 +7,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use artitwin::{
+use artitwin::internal::{
     capture::{Capture, CaptureConfig, CaptureError},
     io::{inspect, open},
 };
@@ -46,14 +47,22 @@ fn check_frames(capture: &Capture, what: &str, color_tolerance: f64) {
             assert_eq!(frame.id, format!("{state}_{i:04}"));
             assert_eq!((frame.intrinsics.width, frame.intrinsics.height), (CAMERA.width, CAMERA.height));
             let offset = frame.world_from_camera.inverse() * truth.world_from_camera;
-            assert!(offset.translation.vector.norm() < 1e-5 && offset.rotation.angle() < 1e-5, "{what}: {offset}");
-            let difference = |(a, b): (&[u8; 3], &[u8; 3])| (0..3).map(|k| f64::from(a[k].abs_diff(b[k]))).sum::<f64>();
-            let mean = frame.rgb.iter().zip(&truth.rgb).map(difference).sum::<f64>() / (3 * frame.rgb.len()) as f64;
+            assert!(
+                offset.translation.vector.norm() < 1e-5 && offset.rotation.angle() < 1e-5,
+                "{what}: {offset}"
+            );
+            let difference =
+                |(a, b): (&[u8; 3], &[u8; 3])| (0..3).map(|k| f64::from(a[k].abs_diff(b[k]))).sum::<f64>();
+            let mean =
+                frame.rgb.iter().zip(&truth.rgb).map(difference).sum::<f64>() / (3 * frame.rgb.len()) as f64;
             assert!(mean <= color_tolerance, "{what}: color is off by {mean}");
             let mask = frame.mask.as_ref().unwrap();
             assert_eq!(mask, &truth.mask, "{what}");
             for (p, d) in frame.depth_m.iter().enumerate() {
-                assert!((f64::from(*d) - f64::from(truth.depth_mm[p]) / 1000.0).abs() < 1e-5, "{what}: pixel {p}");
+                assert!(
+                    (f64::from(*d) - f64::from(truth.depth_mm[p]) / 1000.0).abs() < 1e-5,
+                    "{what}: pixel {p}"
+                );
             }
         }
     }
@@ -61,7 +70,13 @@ fn check_frames(capture: &Capture, what: &str, color_tolerance: f64) {
 
 #[test]
 fn every_encoding_gives_the_same_frames() {
-    let depths = [DepthKind::Raw16, DepthKind::Raw16BigEndian, DepthKind::RawFloat, DepthKind::CompressedPng, DepthKind::CompressedRvl];
+    let depths = [
+        DepthKind::Raw16,
+        DepthKind::Raw16BigEndian,
+        DepthKind::RawFloat,
+        DepthKind::CompressedPng,
+        DepthKind::CompressedRvl,
+    ];
     let colors = [ColorKind::Rgb8, ColorKind::Bgra8Padded, ColorKind::Png];
     for (i, depth) in depths.into_iter().enumerate() {
         let color = colors[i % 3];
@@ -81,7 +96,7 @@ fn poses_come_from_tf_or_from_a_pose_topic() {
         let capture = capture.unwrap();
         check_frames(&capture, &format!("{poses:?}"), 0.0);
         let topic = if poses == PoseKind::Odometry { "/odom" } else { "/camera_pose" };
-        assert!(capture.notes.iter().any(|n| n.contains(topic)), "{:?}", capture.notes);
+        assert!(capture.notes.iter().any(|n| n.text.contains(topic)), "{:?}", capture.notes);
     }
 }
 
@@ -102,7 +117,8 @@ fn zstd_by_message_and_by_file_is_read() {
         let name = format!("state{state}.mcap");
         let plain = std::fs::read(bag.join(&name)).unwrap();
         if state == 0 {
-            std::fs::write(bag.join(format!("{name}.zstd")), zstd::encode_all(plain.as_slice(), 1).unwrap()).unwrap();
+            std::fs::write(bag.join(format!("{name}.zstd")), zstd::encode_all(plain.as_slice(), 1).unwrap())
+                .unwrap();
             std::fs::remove_file(bag.join(&name)).unwrap();
             write_metadata(&bag, &[&format!("{name}.zstd")], "file");
         } else {
@@ -151,7 +167,10 @@ fn two_bags_one_folder_and_one_split_bag_are_the_same() {
     check_frames(&open(std::slice::from_ref(&both), &marked, 0).unwrap(), "marker", 0.0);
 
     let error = open_one(&both).unwrap_err();
-    assert!(matches!(error, CaptureError::OneState { .. }) && error.to_string().contains("--split"), "{error}");
+    assert!(
+        matches!(error, CaptureError::OneState { .. }) && error.to_string().contains("--split"),
+        "{error}"
+    );
     assert!(inspect(&both).unwrap().to_text().contains("/moved"));
     let late = CaptureConfig { split_secs: vec![500.0], ..config() };
     assert!(matches!(open(&[both], &late, 0), Err(CaptureError::Split { .. })));
@@ -168,7 +187,11 @@ fn damaged_bags_give_what_can_be_read_and_say_so() {
     let capture = open_one(&folder.0).unwrap();
     let kept = capture.states[0].len();
     assert!((2..COUNT).contains(&kept) && capture.states[1].len() == COUNT, "{kept}");
-    assert!(capture.warnings.iter().any(|w| w.contains("damaged") && w.contains("messages were read")), "{:?}", capture.warnings);
+    assert!(
+        capture.warnings.iter().any(|w| w.text.contains("damaged") && w.text.contains("messages were read")),
+        "{:?}",
+        capture.warnings
+    );
 
     let mut flipped = whole.clone();
     let middle = whole.len() / 2;
@@ -176,7 +199,11 @@ fn damaged_bags_give_what_can_be_read_and_say_so() {
     std::fs::write(&file, &flipped).unwrap();
     let capture = open_one(&folder.0).unwrap();
     assert!((COUNT / 2..COUNT).contains(&capture.states[0].len()));
-    assert!(capture.warnings.iter().any(|w| w.contains("1 of") && w.contains("chunks left out")), "{:?}", capture.warnings);
+    assert!(
+        capture.warnings.iter().any(|w| w.text.contains("1 of") && w.text.contains("chunks left out")),
+        "{:?}",
+        capture.warnings
+    );
     let text = inspect(&folder.0).unwrap().to_text();
     assert!(text.contains("chunks left out") && text.contains("usable: yes"), "{text}");
 
@@ -195,13 +222,20 @@ fn without_metadata_the_files_are_used_and_metadata_cannot_point_outside() {
     std::fs::remove_file(&yaml).unwrap();
     let capture = open_one(&folder.0).unwrap();
     check_frames(&capture, "no metadata", 0.0);
-    assert!(capture.warnings[0].contains("no metadata.yaml"));
+    assert!(capture.warnings[0].text.contains("no metadata.yaml"));
     for evil in ["../state1/state1.mcap", "/etc/passwd", ".."] {
         write_metadata(&folder.join("state0"), &[evil], "");
         let error = open_one(&folder.0).unwrap_err();
-        assert!(matches!(error, CaptureError::Metadata { .. }) && error.to_string().contains("outside"), "{error}");
+        assert!(
+            matches!(error, CaptureError::Metadata { .. }) && error.to_string().contains("outside"),
+            "{error}"
+        );
     }
-    std::fs::write(&yaml, "rosbag2_bagfile_information:\n  storage_identifier: sqlite3\n  relative_file_paths: [a.db3]\n").unwrap();
+    std::fs::write(
+        &yaml,
+        "rosbag2_bagfile_information:\n  storage_identifier: sqlite3\n  relative_file_paths: [a.db3]\n",
+    )
+    .unwrap();
     let error = open_one(&folder.0).unwrap_err().to_string();
     assert!(error.contains("rosbags-convert") && error.contains("--dst-storage mcap"), "{error}");
 }
@@ -213,7 +247,10 @@ fn missing_topics_are_named_with_a_remedy() {
     let text = error_of("nocolor", |o| o.color = ColorKind::None).to_string();
     assert!(text.contains("no color topic"), "{text}");
     let text = error_of("noinfo", |o| (o.info, o.depth_info) = (false, false)).to_string();
-    assert!(text.contains("no camera_info topic") && text.contains("/camera/camera/color/camera_info"), "{text}");
+    assert!(
+        text.contains("no camera_info topic") && text.contains("/camera/camera/color/camera_info"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -222,35 +259,62 @@ fn missing_poses_are_dropped_or_refused() {
     let capture = capture.unwrap();
     assert_eq!(capture.states[0].len(), COUNT / 2);
     assert!(
-        capture.warnings.iter().any(|w| w.contains("5 of 10 frames have no camera pose") && w.contains("end at")),
+        capture
+            .warnings
+            .iter()
+            .any(|w| w.text.contains("5 of 10 frames have no camera pose") && w.text.contains("end at")),
         "{:?}",
         capture.warnings
     );
 
     let error = error_of("none", |o| o.poses = PoseKind::None);
-    assert!(matches!(error, CaptureError::NoTransform { .. }) && error.to_string().contains(OPTICAL), "{error}");
+    assert!(
+        matches!(error, CaptureError::NoTransform { .. }) && error.to_string().contains(OPTICAL),
+        "{error}"
+    );
     let error = error_of("static", |o| o.poses = PoseKind::Static);
-    assert!(matches!(error, CaptureError::StaticCamera { .. }) && error.to_string().contains("--topic pose="), "{error}");
+    assert!(
+        matches!(error, CaptureError::StaticCamera { .. }) && error.to_string().contains("--topic pose="),
+        "{error}"
+    );
     let error = error_of("nan", |o| o.poses = PoseKind::TfNan);
-    assert!(matches!(error, CaptureError::InvalidPoses { .. }) && error.to_string().contains("NaN"), "{error}");
+    assert!(
+        matches!(error, CaptureError::InvalidPoses { .. }) && error.to_string().contains("NaN"),
+        "{error}"
+    );
 }
 
 #[test]
 fn bad_images_are_refused() {
     let error = error_of("rgb16", |o| o.color = ColorKind::Rgb16);
-    assert!(matches!(error, CaptureError::Encoding { .. }) && error.to_string().contains("`rgb16`"), "{error}");
+    assert!(
+        matches!(error, CaptureError::Encoding { .. }) && error.to_string().contains("`rgb16`"),
+        "{error}"
+    );
     for color in [ColorKind::Rgb8, ColorKind::Jpeg] {
         let error = error_of("shrink", |o| (o.color, o.shrink_from) = (color, 6));
         assert!(matches!(error, CaptureError::ImageSize { width: 60, expected_width: 120, .. }), "{error}");
     }
     let error = error_of("empty", |o| o.depth = DepthKind::Empty);
-    assert!(matches!(error, CaptureError::NoDepth { .. }) && error.to_string().contains("all depth is invalid"), "{error}");
+    assert!(
+        matches!(error, CaptureError::NoDepth { .. }) && error.to_string().contains("all depth is invalid"),
+        "{error}"
+    );
     let error = error_of("unaligned", |o| o.depth_info_width = 64);
-    assert!(matches!(error, CaptureError::NotAligned { .. }) && error.to_string().contains("align_depth"), "{error}");
+    assert!(
+        matches!(error, CaptureError::NotAligned { .. }) && error.to_string().contains("align_depth"),
+        "{error}"
+    );
     let error = error_of("fisheye", |o| o.distortion = ("equidistant", vec![0.1; 4]));
-    assert!(matches!(error, CaptureError::Distortion { .. }) && error.to_string().contains("`equidistant`"), "{error}");
+    assert!(
+        matches!(error, CaptureError::Distortion { .. }) && error.to_string().contains("`equidistant`"),
+        "{error}"
+    );
     let error = error_of("late", |o| o.depth_delay = 100_000_000);
-    assert!(matches!(error, CaptureError::NoFrames { .. }) && error.to_string().contains("sync_slop_secs"), "{error}");
+    assert!(
+        matches!(error, CaptureError::NoFrames { .. }) && error.to_string().contains("sync_slop_secs"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -260,7 +324,7 @@ fn other_things_are_refused() {
     std::fs::write(&text, "hello").unwrap();
     assert!(matches!(open_one(&text), Err(CaptureError::NotARecording { .. })));
     assert!(matches!(open_one(&folder.0), Err(CaptureError::NotARecording { .. })));
-    assert!(matches!(open_one(&folder.join("gone")), Err(CaptureError::Read { .. })));
+    assert!(matches!(open_one(&folder.join("gone")), Err(CaptureError::Missing { .. })));
     assert!(matches!(open(&[], &config(), 0), Err(CaptureError::NotARecording { .. })));
 
     // A bag of another kind altogether.
@@ -270,7 +334,10 @@ fn other_things_are_refused() {
         writer.finish();
     }
     let error = open_one(&folder.0).unwrap_err();
-    assert!(matches!(error, CaptureError::NotRgbd { .. }) && error.to_string().contains("/chatter"), "{error}");
+    assert!(
+        matches!(error, CaptureError::NotRgbd { .. }) && error.to_string().contains("/chatter"),
+        "{error}"
+    );
     std::fs::remove_file(folder.join("state1.mcap")).unwrap();
     assert!(matches!(open_one(&folder.0), Err(CaptureError::OneState { .. })));
 
@@ -288,17 +355,18 @@ fn topics_and_budget_can_be_set() {
     few.topics.depth = Some(DEPTH.into());
     let capture = open(std::slice::from_ref(&folder.0), &few, 0).unwrap();
     assert_eq!(capture.states.iter().map(Vec::len).collect::<Vec<_>>(), [4, 4]);
-    assert!(capture.notes.iter().any(|n| n.contains("4 of 10 views kept")), "{:?}", capture.notes);
+    assert!(capture.notes.iter().any(|n| n.text.contains("4 of 10 views kept")), "{:?}", capture.notes);
     few.topics.depth = Some("/nope".into());
     assert!(matches!(open(std::slice::from_ref(&folder.0), &few, 0), Err(CaptureError::BadTopic { .. })));
 }
 
 #[test]
 fn distorted_images_are_undistorted() {
-    let (_folder, capture) =
-        states_with("lens", |o| o.distortion = ("rational_polynomial", vec![0.05, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.0]));
+    let (_folder, capture) = states_with("lens", |o| {
+        o.distortion = ("rational_polynomial", vec![0.05, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.0])
+    });
     let capture = capture.unwrap();
-    assert!(capture.notes.iter().any(|n| n.contains("undistorted")));
+    assert!(capture.notes.iter().any(|n| n.text.contains("undistorted")));
     let truth = render(0, 0);
     let differing = capture.states[0][0].rgb.iter().zip(&truth.rgb).filter(|(a, b)| a != b).count();
     assert!(differing > truth.rgb.len() / 4, "{differing}");
@@ -326,8 +394,8 @@ fn without_masks_the_floor_goes_and_both_boxes_stay() {
     let [_, wrong, missed, right] = counts.map(|c| c as f64);
     assert!(wrong < 0.002 * right, "{counts:?}");
     assert!(missed < 0.12 * right, "{counts:?}");
-    let note = capture.notes.iter().find(|n| n.contains("background plane taken away")).unwrap();
-    assert!(note.replace('-', "").contains("normal (0.000, 0.000, 1.000), 0.000"), "{note}");
+    let note = capture.notes.iter().find(|n| n.text.contains("background plane taken away")).unwrap();
+    assert!(note.text.replace('-', "").contains("normal (0.000, 0.000, 1.000), 0.000"), "{note}");
 
     let again = open_one(&folder.join("cabinet")).unwrap();
     for (a, b) in capture.states.iter().flatten().zip(again.states.iter().flatten()) {
@@ -361,9 +429,10 @@ fn states_in_different_places_are_refused() {
         let type_name = m.channel.schema.as_ref().unwrap().name.clone();
         let mut data = m.data.to_vec();
         if m.channel.topic == "/tf" {
-            let mut tf: artitwin::io::ros2msg::TfMessage = artitwin::io::ros2msg::decode(&data).unwrap();
+            let mut tf: artitwin::internal::io::ros2msg::TfMessage =
+                artitwin::internal::io::ros2msg::decode(&data).unwrap();
             tf.transforms[0].transform.translation.x += 1.0;
-            data = artitwin::io::ros2msg::encode(&tf).unwrap();
+            data = artitwin::internal::io::ros2msg::encode(&tf).unwrap();
         }
         writer.bytes(&m.channel.topic, &type_name, "cdr", m.log_time as i64, &data);
     }
@@ -390,7 +459,11 @@ fn dataset_folders_are_read() {
     let capture = open_one(&keyframes).unwrap();
     let frames: Vec<_> = capture.matches.iter().map(|m| (m.frame0, m.frame1, m.pixel0)).collect();
     assert_eq!(frames, [(1, 2, [10.0, 20.0]), (1, 2, [7.5, 8.25]), (1, 9, [1.0, 2.0])]);
-    assert!(capture.warnings.iter().any(|w| w.contains("2 matches lie outside")), "{:?}", capture.warnings);
+    assert!(
+        capture.warnings.iter().any(|w| w.text.contains("2 matches lie outside")),
+        "{:?}",
+        capture.warnings
+    );
 
     let pairs = folder.join("stapler");
     write_start_end(&pairs, true);
@@ -408,10 +481,22 @@ fn inspection_tells_what_there_is() {
     let seen = inspect(&folder.join("good")).unwrap();
     assert!(seen.is_usable());
     let text = seen.to_text();
-    for word in [COLOR, DEPTH, "16UC1", "120x90", "5.0 Hz", "world -> camera_link (20 samples", "posed RGB-D views: 10", "usable: yes"] {
+    for word in [
+        COLOR,
+        DEPTH,
+        "16UC1",
+        "120x90",
+        "5.0 Hz",
+        "world -> camera_link (20 samples",
+        "posed RGB-D views: 10",
+        "usable: yes",
+    ] {
         assert!(text.contains(word), "{word}: {text}");
     }
-    write_states(&folder.join("bad"), &Options { depth: DepthKind::None, depth_info: false, ..Options::default() });
+    write_states(
+        &folder.join("bad"),
+        &Options { depth: DepthKind::None, depth_info: false, ..Options::default() },
+    );
     let seen = inspect(&folder.join("bad")).unwrap();
     assert!(!seen.is_usable() && seen.to_text().contains("no depth topic"));
     write_state(&folder.join("half/state0"), 0, &Options::default());

@@ -24,7 +24,8 @@ const FILES: [&str; 3] = ["drawer.urdf", "meshes/visual/base.obj", "meshes/visua
 
 /// `bags/drawer` with all stages, and events as JSON.
 fn drawer(out: &Path, options: &[&str]) -> Command {
-    let all = ["--parts", "2", "--json", "--set", "surface.source=field", "--set", "articulation.refine=true"];
+    let all =
+        ["--parts", "2", "--json", "--set", "surface.source=field", "--set", "articulation.refine=true"];
     reconstruct(&[&shipped("drawer")], out, &[&all, options].concat())
 }
 
@@ -76,11 +77,15 @@ fn checkpoint(out: &Path) -> PathBuf {
 
 /// Steps that a stage told.
 fn steps(events: &[Value], stage: &str) -> Vec<u64> {
-    events.iter().filter(|e| e["event"] == "step" && e["stage"] == stage).map(|e| e["done"].as_u64().unwrap()).collect()
+    events
+        .iter()
+        .filter(|e| e["event"] == "step" && e["stage"] == stage)
+        .map(|e| e["done"].as_u64().unwrap())
+        .collect()
 }
 
-/// Stops a run in a stage, lets `change` loose on its checkpoint, continues it: the same files must come out. Gives the
-/// events of the continued run.
+/// Stops a run in a stage, lets `change` loose on its checkpoint, continues it: the same files must come out.
+/// Gives the events of the continued run.
 fn stopped_and_continued(stage: &str, signal: &str, change: impl FnOnce(&Path)) -> Vec<Value> {
     let folder = TempDir::new(&format!("stopped-{}-{signal}", stage.replace('/', "-")));
     let out = folder.join("runs");
@@ -110,7 +115,10 @@ fn a_run_stopped_in_stage_1_ends_as_if_it_had_not_been() {
 #[test]
 fn a_run_stopped_in_stage_2_ends_as_if_it_had_not_been() {
     let events = stopped_and_continued("articulate", "TERM", |_| {});
-    assert!(steps(&events, "field/state0").is_empty() && steps(&events, "field/state1").is_empty(), "fields were trained again");
+    assert!(
+        steps(&events, "field/state0").is_empty() && steps(&events, "field/state1").is_empty(),
+        "fields were trained again"
+    );
     assert!(steps(&events, "articulate")[0] > 1, "it did not continue");
 }
 
@@ -124,7 +132,9 @@ fn a_damaged_checkpoint_counts_as_absent() {
         std::fs::write(&file, bytes).unwrap();
     };
     let events = stopped_and_continued("articulate", "INT", damage);
-    let told = |e: &&Value| e["event"] == "warning" && e["message"].as_str().unwrap().contains("field-state1.ckpt cannot be used");
+    let told = |e: &&Value| {
+        e["event"] == "warning" && e["message"].as_str().unwrap().contains("field-state1.ckpt cannot be used")
+    };
     assert_eq!(events.iter().filter(told).count(), 1);
     assert!(steps(&events, "field/state0").is_empty() && !steps(&events, "field/state1").is_empty());
 }
@@ -134,7 +144,9 @@ fn continuing_without_a_checkpoint_starts_anew_and_says_so() {
     let folder = TempDir::new("no-checkpoint");
     let ended = end(&mut drawer(&folder.join("runs"), &["--resume"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-    let told = |e: &Value| e["event"] == "note" && e["message"].as_str().unwrap().contains("no usable checkpoint of drawer in ");
+    let told = |e: &Value| {
+        e["event"] == "note" && e["message"].as_str().unwrap().contains("no usable checkpoint of drawer in ")
+    };
     assert!(events(&ended.stdout).iter().any(told), "{}", ended.stdout);
     assert_eq!(files(&folder.join("runs")), uninterrupted().1);
 }
@@ -193,14 +205,17 @@ fn plain_uninterrupted() -> &'static BTreeMap<PathBuf, Vec<u8>> {
 /// Stages that were kept, and stages that were done anew.
 fn kept_and_done(events: &[Value]) -> (Vec<String>, Vec<String>) {
     let text = |e: &Value, key: &str| e[key].as_str().unwrap_or_default().to_owned();
-    let kept = |e: &Value| text(e, "message").strip_suffix(" was kept from the run that was stopped").map(str::to_owned);
+    let kept = |e: &Value| {
+        text(e, "message").strip_suffix(" was kept from the run that was stopped").map(str::to_owned)
+    };
     let kept: Vec<String> = events.iter().filter(|e| e["event"] == "note").filter_map(kept).collect();
     let started = events.iter().filter(|e| e["event"] == "stage_started").map(|e| text(e, "stage"));
     let done = started.filter(|stage| !kept.contains(stage)).collect();
     (kept, done)
 }
 
-/// Continues a plain run: the same files must come out. Gives the stages that were kept and those that were not.
+/// Continues a plain run: the same files must come out. Gives the stages that were kept and those that were
+/// not.
 fn plain_continued(out: &Path) -> (Vec<String>, Vec<String>) {
     let continued = end(&mut plain(out, &["--resume"]));
     assert!([0, 3].contains(&continued.code), "{}", continued.stderr);
@@ -233,18 +248,24 @@ const STAGES: [&str; 13] = [
 #[test]
 fn what_a_stopped_run_has_finished_is_not_done_again() {
     // Asked to stop, a run ends the stage; killed, it does not.
-    for (stage, signal) in
-        [("fusion/state1", "KILL"), ("surface/state1", "INT"), ("register", "KILL"), ("joints", "TERM"), ("export", "KILL")]
-    {
+    for (stage, signal) in [
+        ("fusion/state1", "KILL"),
+        ("surface/state1", "INT"),
+        ("register", "KILL"),
+        ("joints", "TERM"),
+        ("export", "KILL"),
+    ] {
         let folder = TempDir::new(&format!("kept-{}-{signal}", stage.replace('/', "-")));
         let out = folder.join("runs");
-        let stopped = stopped_when(plain(&out, &[]), signal, |e| e["event"] == "stage_started" && e["stage"] == stage);
+        let stopped =
+            stopped_when(plain(&out, &[]), signal, |e| e["event"] == "stage_started" && e["stage"] == stage);
         assert_eq!(stopped.code, if signal == "KILL" { -1 } else { 130 }, "{}", stopped.stderr);
         let told = ["what it finished is kept in ", ".artitwin-drawer.checkpoint", "continue with --resume"];
         assert!(signal == "KILL" || told.iter().all(|t| stopped.stderr.contains(t)), "{}", stopped.stderr);
         let at = STAGES.iter().position(|s| *s == stage).unwrap() + usize::from(signal != "KILL");
         // A volume goes into its surface, and pictures are a moment's work.
-        let kept: Vec<&str> = STAGES[..at].iter().copied().filter(|s| !s.starts_with("fusion") && *s != "pictures").collect();
+        let kept: Vec<&str> =
+            STAGES[..at].iter().copied().filter(|s| !s.starts_with("fusion") && *s != "pictures").collect();
         let (found, done) = plain_continued(&out);
         assert_eq!(found, kept, "{stage}, {signal}");
         let of_kept = |s: &str| kept.contains(&s.replace("fusion", "surface").as_str());
@@ -265,7 +286,10 @@ fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
     child.kill().unwrap();
     child.wait().unwrap();
     let (kept, done) = plain_continued(&out);
-    assert!(kept.contains(&"align".to_owned()) && done.contains(&"register".to_owned()), "{kept:?}, {done:?}");
+    assert!(
+        kept.contains(&"align".to_owned()) && done.contains(&"register".to_owned()),
+        "{kept:?}, {done:?}"
+    );
 }
 
 #[test]
@@ -283,18 +307,33 @@ fn a_finished_run_says_so_and_stays_as_it_is() {
     assert!(last["event"] == "artifact" && last["path"].as_str().unwrap().ends_with("runs/drawer"), "{last}");
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &out, &["--resume"]));
     assert!(ended.code == 0 && ended.stdout.contains("runs/drawer\n  finished already"), "{}", ended.stdout);
-    assert!(before == (all_files(&out), std::fs::metadata(&report).unwrap().modified().unwrap()) && !checkpoint(&out).exists());
+    assert!(
+        before == (all_files(&out), std::fs::metadata(&report).unwrap().modified().unwrap())
+            && !checkpoint(&out).exists()
+    );
     // Of other settings it is not the result.
     let ended = end(&mut plain(&out, &["--resume", "--seed", "7"]));
-    assert!(ended.code == 1 && ended.stderr.contains("is the result of other inputs, settings or another version"), "{}", ended.stderr);
+    assert!(
+        ended.code == 1
+            && ended.stderr.contains("is the result of other inputs, settings or another version"),
+        "{}",
+        ended.stderr
+    );
     assert!(before.0 == all_files(&out) && !checkpoint(&out).exists());
     // Of several objects those that are finished are left alone.
     let both = [&*shipped("drawer"), &*shipped("laptop")];
     let ended = end(&mut reconstruct(&both, &out, &["--jobs", "2", "--json", "--resume"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     let events: Vec<Value> = ended.stdout.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
-    let started: Vec<&str> = events.iter().filter(|e| e["event"] == "stage_started").map(|e| e["stage"].as_str().unwrap()).collect();
-    assert!(started.contains(&"laptop/capture") && started.iter().all(|s| !s.starts_with("drawer/")), "{started:?}");
+    let started: Vec<&str> = events
+        .iter()
+        .filter(|e| e["event"] == "stage_started")
+        .map(|e| e["stage"].as_str().unwrap())
+        .collect();
+    assert!(
+        started.contains(&"laptop/capture") && started.iter().all(|s| !s.starts_with("drawer/")),
+        "{started:?}"
+    );
     assert!(before.0 == all_files(&out) && out.join("laptop/report.json").is_file());
 }
 
@@ -311,21 +350,39 @@ fn events_are_as_documented() {
             "stage_started" => &["event", "stage", "steps"],
             "step" => &["event", "stage", "done", "total", "loss"],
             "stage_finished" => &["event", "stage", "seconds"],
-            "warning" | "note" => &["event", "message"],
+            "warning" | "note" => &["code", "event", "message"],
             "artifact" => &["event", "path"],
             other => panic!("{other} is not documented"),
         };
         assert_eq!(fields(event), known.iter().copied().collect(), "{event}");
     }
-    let stages = |kind: &str| events.iter().filter(|e| e["event"] == kind).map(|e| e["stage"].as_str().unwrap()).collect::<Vec<_>>();
+    let stages = |kind: &str| {
+        events.iter().filter(|e| e["event"] == kind).map(|e| e["stage"].as_str().unwrap()).collect::<Vec<_>>()
+    };
     assert_eq!(stages("stage_started"), stages("stage_finished"));
-    for stage in ["capture", "match", "field/state0", "field/state1", "register", "articulate", "joints", "assemble", "pictures"] {
+    for stage in [
+        "capture",
+        "match",
+        "field/state0",
+        "field/state1",
+        "register",
+        "articulate",
+        "joints",
+        "assemble",
+        "pictures",
+    ] {
         assert!(stages("stage_started").contains(&stage), "{stage}");
     }
     for stage in ["field/state0", "field/state1", "articulate"] {
         let done = steps(events, stage);
-        let total = events.iter().find(|e| e["event"] == "stage_started" && e["stage"] == stage).unwrap()["steps"].as_u64().unwrap();
-        assert!(done.windows(2).all(|w| w[0] < w[1]) && done.last() == Some(&total), "{stage}: {done:?} of {total}");
+        let total =
+            events.iter().find(|e| e["event"] == "stage_started" && e["stage"] == stage).unwrap()["steps"]
+                .as_u64()
+                .unwrap();
+        assert!(
+            done.windows(2).all(|w| w[0] < w[1]) && done.last() == Some(&total),
+            "{stage}: {done:?} of {total}"
+        );
     }
     let artifacts: Vec<_> = events.iter().filter(|e| e["event"] == "artifact").collect();
     assert!(artifacts.len() == 1 && events.last() == artifacts.first().copied());
@@ -336,8 +393,12 @@ fn events_are_as_documented() {
 fn a_failure_is_the_last_event() {
     let folder = TempDir::new("json-error");
     let out = folder.join("runs");
-    let run = |options: &[&str]| end(&mut reconstruct(&[&shipped("drawer/state0")], &out, &[&["--json"], options].concat()));
-    for (options, code, word) in [(&["--parts", "2"][..], 1, "two states are needed"), (&["--parts", "1"], 2, "run.parts")] {
+    let run = |options: &[&str]| {
+        end(&mut reconstruct(&[&shipped("drawer/state0")], &out, &[&["--json"], options].concat()))
+    };
+    for (options, code, word) in
+        [(&["--parts", "2"][..], 1, "two states are needed"), (&["--parts", "1"], 2, "run.parts")]
+    {
         let ended = run(options);
         assert_eq!(ended.code, code, "{}", ended.stderr);
         let events = events(&ended.stdout);
@@ -356,9 +417,12 @@ fn from_the_identity_both_starts_are_reported() {
     let out = folder.join("runs");
     let ended = end(&mut drawer(&out, &["--init", "identity", "--set", "articulation.identity_steps=60"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-    let report: Value = serde_json::from_slice(&std::fs::read(out.join("drawer/report.json")).unwrap()).unwrap();
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("drawer/report.json")).unwrap()).unwrap();
     let truth: Value = serde_json::from_slice(&std::fs::read(shipped("drawer/truth.json")).unwrap()).unwrap();
-    let [identity, registration] = report["initialization"].as_array().unwrap().as_slice() else { panic!("{}", report["initialization"]) };
+    let [identity, registration] = report["initialization"].as_array().unwrap().as_slice() else {
+        panic!("{}", report["initialization"])
+    };
     assert_eq!((&identity["source"], &identity["used"]), (&"identity".into(), &true.into()));
     assert_eq!(identity["start_displacement_mm"], 0.0);
     assert_eq!((&registration["source"], &registration["used"]), (&"registration".into(), &false.into()));

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use artitwin::{
+use artitwin::internal::{
     capture::{Capture, CaptureConfig},
     io::{inspect, open},
 };
@@ -19,11 +19,14 @@ fn seen(name: &str, state: usize) -> Vec<Point3<f64>> {
     let bytes = std::fs::read(bag(name).join(format!("truth/state{state}/seen.npy"))).unwrap();
     let header = usize::from(u16::from_le_bytes([bytes[8], bytes[9]])) + 10;
     let number = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-    bytes[header..].chunks_exact(16).map(|row| Point3::new(number(row), number(&row[4..]), number(&row[8..]))).collect()
+    bytes[header..]
+        .chunks_exact(16)
+        .map(|row| Point3::new(number(row), number(&row[4..]), number(&row[8..])))
+        .collect()
 }
 
 fn object_points(capture: &Capture, state: usize) -> Vec<Point3<f64>> {
-    let of_frame = |f: &artitwin::capture::RgbdFrame| {
+    let of_frame = |f: &artitwin::internal::capture::RgbdFrame| {
         (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p)).collect::<Vec<_>>()
     };
     capture.states[state].iter().flat_map(of_frame).collect()
@@ -33,7 +36,8 @@ fn object_points(capture: &Capture, state: usize) -> Vec<Point3<f64>> {
 fn completeness(capture: &Capture, name: &str, state: usize) -> (f64, f64) {
     let points = object_points(capture, state);
     let truth = seen(name, state);
-    let nearest = |t: &Point3<f64>| points.iter().map(|p| (p - t).norm_squared()).fold(f64::INFINITY, f64::min).sqrt();
+    let nearest =
+        |t: &Point3<f64>| points.iter().map(|p| (p - t).norm_squared()).fold(f64::INFINITY, f64::min).sqrt();
     let mut distances: Vec<f64> = truth.iter().step_by(truth.len() / 200).map(nearest).collect();
     distances.sort_by(f64::total_cmp);
     (distances[distances.len() / 2], distances[distances.len() * 95 / 100])
@@ -82,6 +86,11 @@ fn isolation_without_masks_finds_the_masked_object() {
 fn inspection_calls_them_usable() {
     for name in ["drawer", "drawer_raw", "laptop"] {
         let text = inspect(&bag(name)).unwrap().to_text();
-        assert!(text.contains("usable: yes") && text.contains("aligned_depth_to_color") && text.contains("(static)"), "{text}");
+        assert!(
+            text.contains("usable: yes")
+                && text.contains("aligned_depth_to_color")
+                && text.contains("(static)"),
+            "{text}"
+        );
     }
 }

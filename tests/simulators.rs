@@ -1,6 +1,8 @@
-//! The exported URDF in MuJoCo and PyBullet: they load it, and each joint moves the right parts to the right places.
+//! The exported URDF in MuJoCo and PyBullet: they load it, and each joint moves the right parts to the right
+//! places.
 //!
-//! Needs Python (see `common/venv.rs`); says so and passes where there is none. Pictures go to `target/pictures/`.
+//! Needs Python (see `common/venv.rs`); says so and passes where there is none. Pictures go to
+//! `target/pictures/`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
@@ -11,17 +13,24 @@ mod venv;
 
 use std::{collections::BTreeMap, path::Path, process::Command};
 
-use artitwin::model::ArticulatedModel;
+use artitwin::internal::model::ArticulatedModel;
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
 
 /// Where the model itself says its links are.
 fn poses(model: &ArticulatedModel) -> serde_json::Value {
     let rows = |link: usize, q: &[f64]| -> Vec<Vec<f64>> {
-        model.world_from_link(link, q).to_homogeneous().row_iter().map(|r| r.iter().copied().collect()).collect()
+        model
+            .world_from_link(link, q)
+            .to_homogeneous()
+            .row_iter()
+            .map(|r| r.iter().copied().collect())
+            .collect()
     };
     let pose = |q: &Vec<f64>| {
-        let joints: BTreeMap<&str, f64> = model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
-        let links: BTreeMap<&str, _> = model.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), rows(i, q))).collect();
+        let joints: BTreeMap<&str, f64> =
+            model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
+        let links: BTreeMap<&str, _> =
+            model.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), rows(i, q))).collect();
         serde_json::json!({ "joints": joints, "world_from_link": links })
     };
     let upper: Vec<f64> = model.joints.iter().map(|j| j.limit.upper).collect();
@@ -41,11 +50,16 @@ fn check(model: &ArticulatedModel) {
     std::fs::write(&expected, poses(model).to_string()).expect("a written file");
     let mut command = Command::new(&python);
     command.arg(root.join("tests/python/check_urdf.py")).arg(folder.join(format!("{}.urdf", model.name)));
-    command.arg("--poses").arg(&expected).arg("--pictures").arg(root.join("target/pictures").join(&model.name));
+    command
+        .arg("--poses")
+        .arg(&expected)
+        .arg("--pictures")
+        .arg(root.join("target/pictures").join(&model.name));
     let output = command.output().expect("python runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8_lossy(&output.stdout);
-    let summary: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or_default()).expect("a summary");
+    let summary: serde_json::Value =
+        serde_json::from_str(text.lines().last().unwrap_or_default()).expect("a summary");
     for simulator in ["mujoco", "pybullet"] {
         let found = &summary[simulator];
         assert_eq!(found["links"].as_u64(), Some(model.links.len() as u64), "{simulator}");
@@ -53,7 +67,11 @@ fn check(model: &ArticulatedModel) {
         // PyBullet gives a fixed base no mass.
         for link in model.links.iter().skip(usize::from(simulator == "pybullet")) {
             let mass = found["masses"][&link.name].as_f64().expect("a mass");
-            assert!((mass - link.inertial.mass_kg).abs() < 1e-6, "{simulator}: {} weighs {mass} kg", link.name);
+            assert!(
+                (mass - link.inertial.mass_kg).abs() < 1e-6,
+                "{simulator}: {} weighs {mass} kg",
+                link.name
+            );
         }
         assert_eq!(found["contacts"].as_u64(), Some(0), "{simulator}");
     }
@@ -69,16 +87,22 @@ fn the_true_drawer_moves_in_both_simulators() {
     check(&true_drawer());
 }
 
-/// The truth that other tests measure against, checked by the same poses: a part moves from state 0 to state 1.
+/// The truth that other tests measure against, checked by the same poses: a part moves from state 0 to state
+/// 1.
 #[test]
 fn truth_folders_say_what_the_model_says() {
     let temp = Temp::new("truth-folder");
     write_truth(&desk(), &temp.0);
-    let truth = artitwin::evaluate::Truth::read(&temp.0).expect("a truth");
+    let truth = artitwin::internal::evaluate::Truth::read(&temp.0).expect("a truth");
     for part in &truth.parts {
         let Some(joint) = &part.joint else { continue };
         let there = part.meshes[0].transformed(&joint.state1_from_state0);
-        let worst = there.vertices.iter().zip(&part.meshes[1].vertices).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
+        let worst = there
+            .vertices
+            .iter()
+            .zip(&part.meshes[1].vertices)
+            .map(|(a, b)| (a - b).norm())
+            .fold(0.0, f32::max);
         assert!(worst < 1e-6, "{}: {worst}", part.name);
     }
 }

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use artitwin::{
+use artitwin::internal::{
     config::{Config, Layers},
     io::{self, write_synth_bag},
     model::{Joint, JointKind},
@@ -20,8 +20,16 @@ fn config() -> Config {
 
 fn cabinet(seed: u64, parts: usize) -> (Object, SynthConfig) {
     let family = Some(Family::Cabinet);
-    let config =
-        SynthConfig { seed, parts: Some(parts), family, textured: Some(true), views: 9, width: 320, height: 240, ..SynthConfig::default() };
+    let config = SynthConfig {
+        seed,
+        parts: Some(parts),
+        family,
+        textured: Some(true),
+        views: 9,
+        width: 320,
+        height: 240,
+        ..SynthConfig::default()
+    };
     (generate(&config).unwrap(), config)
 }
 
@@ -40,19 +48,22 @@ fn twin(name: &str, object: &Object, states: &[Vec<f64>], synth: &SynthConfig) -
         joints.zip(positions).for_each(|(joint, q)| joint.positions = [*q; 2]);
         write_synth_bag(&folder.join(format!("state{k}")), k, &film(&object, 0, k, synth)).unwrap();
     }
-    let capture = io::open(std::slice::from_ref(&folder), &config().capture, 0).unwrap();
+    let mut capture = io::open(std::slice::from_ref(&folder), &config().capture, 0).unwrap();
     assert_eq!(capture.states.len(), states.len());
     std::fs::remove_dir_all(&folder).unwrap();
     let monitor = Monitor::silent();
-    reconstruct_twin("object", &capture, None, &config(), None, &mut Stages::new(&monitor)).unwrap()
+    reconstruct_twin("object", &mut capture, None, &config(), &mut Stages::new(&monitor)).unwrap()
 }
 
-/// The joint of the twin that is a part's: its axis lies nearest to the part's; angle between the axes, degrees.
+/// The joint of the twin that is a part's: its axis lies nearest to the part's; angle between the axes,
+/// degrees.
 fn joint_of<'a>(twin: &'a Twin, object: &Object, part: usize) -> (usize, &'a Joint, f64) {
     let (axis, origin) = object.axis_in_world(part).unwrap();
     let place = |j: usize| twin.model.world_from_link(twin.model.joints[j].child, &twin.model.states[0]);
     let axis_of = |j: usize| place(j).rotation * twin.model.joints[j].axis;
-    let off_m = |j: usize| (place(j).translation.vector - origin.coords).cross(&axis).norm() + axis_of(j).cross(&axis).norm();
+    let off_m = |j: usize| {
+        (place(j).translation.vector - origin.coords).cross(&axis).norm() + axis_of(j).cross(&axis).norm()
+    };
     let best = (0..twin.model.joints.len()).min_by(|a, b| off_m(*a).total_cmp(&off_m(*b))).unwrap();
     (best, &twin.model.joints[best], axis_of(best).cross(&axis).norm().asin().to_degrees())
 }
@@ -66,7 +77,12 @@ fn axis_std_deg(joint: &Joint) -> f64 {
 fn parts_that_move_in_different_states_are_both_found() {
     let (object, synth) = cabinet(3200, 3);
     let (zero, one) = (positions(&object, 0), positions(&object, 1));
-    let twin = twin("states-in-turn", &object, &[zero.clone(), vec![one[0], zero[1]], vec![zero[0], one[1]]], &synth);
+    let twin = twin(
+        "states-in-turn",
+        &object,
+        &[zero.clone(), vec![one[0], zero[1]], vec![zero[0], one[1]]],
+        &synth,
+    );
     assert_eq!(twin.model.joints.len(), 2, "{:?}", twin.part_count);
     assert_eq!(twin.model.states.len(), 3);
     for part in [1, 2] {
@@ -82,7 +98,11 @@ fn parts_that_move_in_different_states_are_both_found() {
         assert!(degrees < 1.0, "{degrees}");
         // It moves in one state and rests in the other.
         let found = |state: usize| twin.model.states[state][j].abs();
-        assert!((found(part) - motion.abs()).abs() < 0.02 && found(3 - part) < 0.01, "{:?}", twin.model.states);
+        assert!(
+            (found(part) - motion.abs()).abs() < 0.02 && found(3 - part) < 0.01,
+            "{:?}",
+            twin.model.states
+        );
     }
 }
 
@@ -91,9 +111,13 @@ fn a_third_position_of_a_door_narrows_its_axis() {
     let (object, synth) = cabinet(3200, 2);
     let states = [0.6, 1.1, 1.6].map(|q| vec![q]);
     let [two, three] = [2, 3].map(|k| twin(&format!("states-door-{k}"), &object, &states[..k], &synth));
-    let [(_, of_two, off_two), (_, of_three, off_three)] = [joint_of(&two, &object, 1), joint_of(&three, &object, 1)];
+    let [(_, of_two, off_two), (_, of_three, off_three)] =
+        [joint_of(&two, &object, 1), joint_of(&three, &object, 1)];
     let [std_two, std_three] = [axis_std_deg(of_two), axis_std_deg(of_three)];
-    eprintln!("two states: {off_two:.3} deg off, {std_two:.3} by the covariance; three: {off_three:.3}, {std_three:.3}");
+    eprintln!(
+        "two states: {off_two:.3} deg off, {std_two:.3} by the covariance; three: {off_three:.3}, \
+         {std_three:.3}"
+    );
     assert_eq!(of_two.kind, of_three.kind);
     assert!(std_three < std_two, "{std_three} {std_two}");
     assert!(off_three < 4.0 * std_three.max(0.05) && of_three.evidence.position_std.len() == 2);

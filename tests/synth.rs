@@ -7,11 +7,14 @@ use std::{
     process::Command,
 };
 
-use artitwin::{
+use artitwin::internal::{
     evaluate::{EvaluateOptions, Truth, run},
     geometry::{Intrinsics, Pose},
     io::{Place, inspect, write_synth},
-    synth::{DepthCamera, Family, Material, Object, Part, PoseSpread, Scene, Solid, SynthConfig, View, generate, record},
+    synth::{
+        DepthCamera, Family, Material, Object, Part, PoseSpread, Scene, Solid, SynthConfig, View, generate,
+        record,
+    },
 };
 use nalgebra::{Point3, Vector3};
 
@@ -27,12 +30,24 @@ fn small(seed: u64) -> SynthConfig {
 
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
-    let files = ["state0/state0_0.mcap", "state1/state1_0.mcap", "state1/metadata.yaml", "truth.json", "truth/state0/seen.npy"];
-    let config = SynthConfig { pose_noise: PoseSpread { translation_m: 0.005, rotation_rad: 0.01 }, ..small(3) };
+    let files = [
+        "state0/state0_0.mcap",
+        "state1/state1_0.mcap",
+        "state1/metadata.yaml",
+        "truth.json",
+        "truth/state0/seen.npy",
+    ];
+    let config =
+        SynthConfig { pose_noise: PoseSpread { translation_m: 0.005, rotation_rad: 0.01 }, ..small(3) };
     let outs = [folder("synth-a"), folder("synth-b"), folder("synth-c")];
     // One thread gives what many give.
     write_synth(&Place::at(&outs[0]), &config).unwrap();
-    rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(|| write_synth(&Place::at(&outs[1]), &config)).unwrap();
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap()
+        .install(|| write_synth(&Place::at(&outs[1]), &config))
+        .unwrap();
     write_synth(&Place::at(&outs[2]), &SynthConfig { seed: 4, ..config }).unwrap();
     for file in files {
         let read = |k: usize| std::fs::read(outs[k].join(file)).unwrap();
@@ -45,14 +60,31 @@ fn the_same_seed_gives_the_same_bytes() {
 fn depth_of_a_box_is_the_analytic_distance() {
     let material = Material::plain(Vector3::repeat(0.5));
     let solids = vec![Solid::between([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3], &material)];
-    let object = Object { family: "box", parts: vec![Part { name: "box".into(), joint: None, solids }], world_from_rest: Pose::identity() };
+    let object = Object {
+        family: "box",
+        parts: vec![Part { name: "box".into(), joint: None, solids }],
+        world_from_rest: Pose::identity(),
+    };
     let scene = Scene::new(&object, 0, &material, 1.0);
     let k = Intrinsics { width: 96, height: 72, fx: 80.0, fy: 80.0, cx: 47.3, cy: 36.1 };
     // The camera looks along -x at the front face, level, from x = 0.9.
-    let camera = Pose::face_towards(&Point3::new(0.9, 0.03, 0.14), &Point3::new(0.0, 0.03, 0.14), &-Vector3::z());
+    let camera =
+        Pose::face_towards(&Point3::new(0.9, 0.03, 0.14), &Point3::new(0.0, 0.03, 0.14), &-Vector3::z());
     let view = View::cast(&scene, &k, &camera, &Vector3::z());
-    let perfect = DepthCamera::scaled(0.0).depth_mm(&view, &scene, &k, &camera, &mut artitwin::run::stage_rng(0, "test", 0));
-    let noisy = DepthCamera::default().depth_mm(&view, &scene, &k, &camera, &mut artitwin::run::stage_rng(0, "test", 0));
+    let perfect = DepthCamera::scaled(0.0).depth_mm(
+        &view,
+        &scene,
+        &k,
+        &camera,
+        &mut artitwin::internal::random::stage_rng(0, "test", 0),
+    );
+    let noisy = DepthCamera::default().depth_mm(
+        &view,
+        &scene,
+        &k,
+        &camera,
+        &mut artitwin::internal::random::stage_rng(0, "test", 0),
+    );
     let (mut on_box, mut squares) = (0, 0.0);
     for i in 0..k.width * k.height {
         let ray = camera.rotation * k.ray((i % k.width) as f64, (i / k.width) as f64);
@@ -70,7 +102,7 @@ fn depth_of_a_box_is_the_analytic_distance() {
             assert!((view.depth_m[i] - 0.14 / -ray.z).abs() < 1e-9, "the floor");
         }
     }
-    // Disparity noise of 0.073 pixels and its steps: z^2 / (f B) * sqrt(0.073^2 + (1/32)^2 / 12) metres.
+    // Disparity noise of 0.073 pixels and its steps: z^2 / (f B) * sqrt(0.073^2 + (1/32)^2 / 12) meters.
     let expected = 0.8 * 0.8 / (80.0 * 0.05) * (0.073f64.powi(2) + (1.0f64 / 32.0).powi(2) / 12.0).sqrt();
     let sigma_m = (squares / f64::from(on_box)).sqrt();
     assert!(on_box > 500 && (sigma_m / expected - 1.0).abs() < 0.15, "{on_box} {sigma_m} {expected}");
@@ -92,8 +124,9 @@ fn truth_meshes_and_views_agree() {
         }
         for state in 0..2 {
             assert!(truth.seen[state].len() > 300);
-            let surface = artitwin::surface::MeshDistance::new(&truth.whole[state]).unwrap();
-            let seen: Vec<Point3<f32>> = truth.seen[state].iter().step_by(50).map(|s| s.point.cast()).collect();
+            let surface = artitwin::internal::surface::MeshDistance::new(&truth.whole[state]).unwrap();
+            let seen: Vec<Point3<f32>> =
+                truth.seen[state].iter().step_by(50).map(|s| s.point.cast()).collect();
             assert!(surface.distances_m(&seen).iter().all(|d| *d < 1e-4));
         }
         std::fs::remove_dir_all(&out).unwrap();
@@ -108,39 +141,67 @@ fn drift_moves_the_told_poses_by_what_was_asked() {
     let still = record(&object, 1, &config);
     let drifted = record(&object, 1, &SynthConfig { drift, ..config });
     let moved = drifted.recorded_from_world;
-    assert!((moved.translation.vector.norm() - 0.05).abs() < 1e-12 && (moved.rotation.angle() - 0.09).abs() < 1e-12);
+    assert!(
+        (moved.translation.vector.norm() - 0.05).abs() < 1e-12
+            && (moved.rotation.angle() - 0.09).abs() < 1e-12
+    );
     for (a, b) in still.frames.iter().zip(&drifted.frames) {
         assert_eq!((&a.rgb, &a.depth_mm, a.world_from_camera), (&b.rgb, &b.depth_mm, b.world_from_camera));
-        assert!(((moved * a.told[0]).inverse() * b.told[0]).translation.vector.norm() < 1e-12);
+        assert!(((moved * a.reported[0]).inverse() * b.reported[0]).translation.vector.norm() < 1e-12);
     }
 }
 
 #[test]
 fn a_made_recording_is_accepted_and_its_joint_found() {
     let out = folder("synth-drawer");
-    let options =
-        ["--seed", "5", "--parts", "2", "--family", "clamshell", "--textured", "--views", "16", "--width", "320", "--height", "240"];
+    let options = [
+        "--seed",
+        "5",
+        "--parts",
+        "2",
+        "--family",
+        "clamshell",
+        "--textured",
+        "--views",
+        "16",
+        "--width",
+        "320",
+        "--height",
+        "240",
+    ];
     let program = || Command::new(env!("CARGO_BIN_EXE_artitwin"));
     let made = program().args(["synth", "--out"]).arg(&out).args(options).output().unwrap();
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let found = inspect(&out).unwrap();
     assert!(found.is_usable(), "{}", found.to_text());
     let runs = folder("synth-runs");
-    let run_it =
-        program().arg("reconstruct").arg(&out).args(["--parts", "2", "--preset", "preview", "--name", "made", "--out"]).arg(&runs).output();
+    let run_it = program()
+        .arg("reconstruct")
+        .arg(&out)
+        .args(["--parts", "2", "--preset", "preview", "--name", "made", "--out"])
+        .arg(&runs)
+        .output();
     let run_it = run_it.unwrap();
     assert!([0, 3].contains(&run_it.status.code().unwrap()), "{}", String::from_utf8_lossy(&run_it.stderr));
     let report = run(&[runs.join("made")], Path::new(&out), &EvaluateOptions::default()).unwrap();
     let joint = &report.trials[0].joints[0];
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
-    assert!(joint.axis_deg.unwrap() < 1.0 && joint.motion_deg.unwrap() < 1.0 && joint.axis_mm.unwrap() < 5.0, "{joint:?}");
+    assert!(
+        joint.axis_deg.unwrap() < 1.0 && joint.motion_deg.unwrap() < 1.0 && joint.axis_mm.unwrap() < 5.0,
+        "{joint:?}"
+    );
 }
 
 #[test]
 fn wrong_options_are_told() {
     let out = folder("synth-none");
     let told = |options: &[&str]| {
-        let ended = Command::new(env!("CARGO_BIN_EXE_artitwin")).args(["synth", "--out"]).arg(&out).args(options).output().unwrap();
+        let ended = Command::new(env!("CARGO_BIN_EXE_artitwin"))
+            .args(["synth", "--out"])
+            .arg(&out)
+            .args(options)
+            .output()
+            .unwrap();
         assert!(!out.exists());
         (ended.status.code().unwrap(), String::from_utf8(ended.stderr).unwrap())
     };

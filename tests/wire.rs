@@ -1,6 +1,12 @@
-//! Messages, bags and package files against the tools of ROS 2 that need no ROS: rosbags, mcap-ros2-support, catkin_pkg.
+//! Messages, bags and package files against the tools of ROS 2 that need no ROS: rosbags, mcap-ros2-support,
+//! catkin_pkg.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic, and says why it is left out")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stderr,
+    reason = "a test may panic, and says why it is left out"
+)]
 
 mod common;
 #[path = "common/venv.rs"]
@@ -12,11 +18,11 @@ use std::{
     process::{Command, Stdio},
 };
 
-use artitwin::io::{
+use artitwin::internal::io::{
     BagWriter, OfferedQos,
     ros2msg::{
-        CameraInfo, CompressedImage, Header, Image, JointState, PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped,
-        Vector3,
+        CameraInfo, CompressedImage, Header, Image, JointState, PoseStamped, Quaternion, TfMessage, Time,
+        Transform, TransformStamped, Vector3,
         definitions::{RosMessage, definitions},
         diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
         encode,
@@ -25,7 +31,8 @@ use artitwin::io::{
         odometry::FullOdometry,
         point_cloud::PointCloud2,
         status::{
-            CollectionStatus, ReconstructFeedback, ReconstructGoal, ReconstructResult, SetStateRequest, SetStateResponse, TriggerResponse,
+            CollectionStatus, ReconstructFeedback, ReconstructGoal, ReconstructResult, SetStateRequest,
+            SetStateResponse, TriggerResponse,
         },
         text::{Clock, Text},
     },
@@ -64,8 +71,15 @@ fn case<M: RosMessage>(message: &M, fields: Value) -> String {
 
 /// Messages whose fields all differ.
 fn inputs() -> Vec<String> {
-    let image =
-        Image { header: header(), height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 1, step: 3, data: vec![1, 2, 3, 4, 5, 6] };
+    let image = Image {
+        header: header(),
+        height: 2,
+        width: 1,
+        encoding: "rgb8".into(),
+        is_bigendian: 1,
+        step: 3,
+        data: vec![1, 2, 3, 4, 5, 6],
+    };
     let info = CameraInfo {
         header: header(),
         height: 480,
@@ -79,23 +93,37 @@ fn inputs() -> Vec<String> {
         binning_y: 4,
         ..CameraInfo::default()
     };
-    let stamped = TransformStamped { header: header(), child_frame_id: "link".into(), transform: transform() };
-    let mut odometry = FullOdometry { header: header(), child_frame_id: "base".into(), pose: transform(), ..FullOdometry::default() };
+    let stamped =
+        TransformStamped { header: header(), child_frame_id: "link".into(), transform: transform() };
+    let mut odometry = FullOdometry {
+        header: header(),
+        child_frame_id: "base".into(),
+        pose: transform(),
+        ..FullOdometry::default()
+    };
     odometry.pose_covariance[1][2] = 7.0;
     odometry.twist = [Vector3 { x: 4.0, y: 5.0, z: 6.0 }, Vector3 { x: 7.0, y: 8.0, z: 9.0 }];
     odometry.twist_covariance[5][5] = 8.0;
-    let joints = JointState { header: header(), name: vec!["a".into()], position: vec![1.0], velocity: vec![2.0], effort: vec![3.0] };
+    let joints = JointState {
+        header: header(),
+        name: vec!["a".into()],
+        position: vec![1.0],
+        velocity: vec![2.0],
+        effort: vec![3.0],
+    };
     let compressed = CompressedImage { header: header(), format: "jpeg".into(), data: vec![9, 8, 7] };
     vec![
         case(
             &image,
-            json!({"header.stamp.sec": 11, "header.stamp.nanosec": 22, "header.frame_id": "cam", "height": 2, "width": 1,
+            json!({"header.stamp.sec": 11, "header.stamp.nanosec": 22, "header.frame_id": "cam", "height": 2,
+                   "width": 1,
             "encoding": "rgb8", "is_bigendian": 1, "step": 3, "data": [1, 2, 3, 4, 5, 6]}),
         ),
         case(&compressed, json!({"format": "jpeg", "data": [9, 8, 7]})),
         case(
             &info,
-            json!({"height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0.5, 0.25], "k.1": 2.0, "r.0": 10.0, "p.11": 11.0,
+            json!({"height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0.5, 0.25],
+                   "k.1": 2.0, "r.0": 10.0, "p.11": 11.0,
             "binning_x": 3, "binning_y": 4}),
         ),
         case(
@@ -103,10 +131,14 @@ fn inputs() -> Vec<String> {
             json!({"transforms.0.child_frame_id": "link",
             "transforms.0.transform.translation.z": 3.0, "transforms.0.transform.rotation.w": 0.4}),
         ),
-        case(&PoseStamped { header: header(), pose: transform() }, json!({"pose.position.x": 1.0, "pose.orientation.y": 0.2})),
+        case(
+            &PoseStamped { header: header(), pose: transform() },
+            json!({"pose.position.x": 1.0, "pose.orientation.y": 0.2}),
+        ),
         case(
             &odometry,
-            json!({"child_frame_id": "base", "pose.pose.position.y": 2.0, "pose.covariance.8": 7.0, "twist.twist.linear.z": 6.0,
+            json!({"child_frame_id": "base", "pose.pose.position.y": 2.0, "pose.covariance.8": 7.0,
+                   "twist.twist.linear.z": 6.0,
             "twist.twist.angular.x": 7.0, "twist.covariance.35": 8.0}),
         ),
         case(&joints, json!({"name": ["a"], "position": [1.0], "velocity": [2.0], "effort": [3.0]})),
@@ -140,8 +172,15 @@ fn outputs() -> Vec<String> {
         hardware_id: "id".into(),
         values: vec![KeyValue { key: "k".into(), value: "v".into() }],
     };
-    let collection =
-        CollectionStatus { header: header(), phase: 2, state: 1, keyframes: [3, 4], matched: 5, unmatched: 6, session: "s".into() };
+    let collection = CollectionStatus {
+        header: header(),
+        phase: 2,
+        state: 1,
+        keyframes: [3, 4],
+        matched: 5,
+        unmatched: 6,
+        session: "s".into(),
+    };
     let result = ReconstructResult {
         success: true,
         message: "m".into(),
@@ -149,27 +188,38 @@ fn outputs() -> Vec<String> {
         joints: vec!["j".into(), "jj".into()],
         motions: vec![1.5, 2.5],
     };
-    let feedback = ([3u8; 16], ReconstructFeedback { stage: "fusion".into(), fraction: 0.5, loss: 0.25, seconds_left: 9.0 });
+    let feedback = (
+        [3u8; 16],
+        ReconstructFeedback { stage: "fusion".into(), fraction: 0.5, loss: 0.25, seconds_left: 9.0 },
+    );
     vec![
         case(
             &MarkerArray { markers: vec![marker] },
             json!({"markers.0.ns": "axes", "markers.0.id": 7, "markers.0.type": 4, "markers.0.action": 3,
-            "markers.0.pose.position.x": 1.0, "markers.0.scale.z": 0.3, "markers.0.color.b": 0.75, "markers.0.lifetime.nanosec": 6,
-            "markers.0.frame_locked": true, "markers.0.points.0.y": 2.0, "markers.0.text": "text", "markers.0.mesh_resource": "mesh",
+            "markers.0.pose.position.x": 1.0, "markers.0.scale.z": 0.3, "markers.0.color.b": 0.75,
+            "markers.0.lifetime.nanosec": 6,
+            "markers.0.frame_locked": true, "markers.0.points.0.y": 2.0, "markers.0.text": "text",
+            "markers.0.mesh_resource": "mesh",
             "markers.0.mesh_use_embedded_materials": true}),
         ),
         case(
             &PointCloud2::colored(header(), &[([1.0, 2.0, 3.0], [4, 5, 6])]),
             json!({"height": 1, "width": 1, "point_step": 16, "row_step": 16,
-            "fields.3.name": "rgb", "fields.3.offset": 12, "fields.3.datatype": 7, "fields.3.count": 1, "is_dense": true}),
+            "fields.3.name": "rgb", "fields.3.offset": 12, "fields.3.datatype": 7, "fields.3.count": 1,
+            "is_dense": true}),
         ),
         case(
             &DiagnosticArray { header: header(), status: vec![status] },
             json!({"status.0.level": 1, "status.0.name": "name",
-            "status.0.message": "message", "status.0.hardware_id": "id", "status.0.values.0.key": "k", "status.0.values.0.value": "v"}),
+            "status.0.message": "message", "status.0.hardware_id": "id", "status.0.values.0.key": "k",
+            "status.0.values.0.value": "v"}),
         ),
         case(&Text { data: "<robot/>".into() }, json!({"data": "<robot/>"})),
-        case(&collection, json!({"phase": 2, "state": 1, "keyframes": [3, 4], "matched": 5, "unmatched": 6, "session": "s"})),
+        case(
+            &collection,
+            json!({"phase": 2, "state": 1, "keyframes": [3, 4], "matched": 5, "unmatched": 6,
+                   "session": "s"}),
+        ),
         line("artitwin_msgs/msg/SetState_Request", &SetStateRequest { state: 1 }, json!({"state": 1})),
         line(
             "artitwin_msgs/msg/SetState_Response",
@@ -201,8 +251,14 @@ fn outputs() -> Vec<String> {
 }
 
 fn diagnoses() -> Vec<String> {
-    let parameter = GapParameter { name: "damping".into(), value: 1.0, lower: 0.5, upper: 1.5, unit: "N m s".into() };
-    let finding = GapFinding { joint: "j".into(), effect: "viscous_friction".into(), weight: 0.75, parameters: vec![parameter] };
+    let parameter =
+        GapParameter { name: "damping".into(), value: 1.0, lower: 0.5, upper: 1.5, unit: "N m s".into() };
+    let finding = GapFinding {
+        joint: "j".into(),
+        effect: "viscous_friction".into(),
+        weight: 0.75,
+        parameters: vec![parameter],
+    };
     let report = GapReport {
         header: header(),
         twin: "t".into(),
@@ -224,19 +280,23 @@ fn diagnoses() -> Vec<String> {
         linear_effort: true,
         seed: 7,
     };
-    let result = DiagnoseResult { success: true, message: "m".into(), folder: "f".into(), verdict: "none".into() };
+    let result =
+        DiagnoseResult { success: true, message: "m".into(), folder: "f".into(), verdict: "none".into() };
     let feedback = DiagnoseFeedback { stage: "diagnose/j".into(), fraction: 0.5, seconds_left: 9.0 };
     vec![
         case(
             &report,
-            json!({"twin": "t", "folder": "f", "verdict": "named", "findings.0.joint": "j", "findings.0.effect": "viscous_friction",
-            "findings.0.weight": 0.75, "findings.0.parameters.0.lower": 0.5, "findings.0.parameters.0.unit": "N m s", "gap_before": 2.0,
+            json!({"twin": "t", "folder": "f", "verdict": "named", "findings.0.joint": "j",
+                   "findings.0.effect": "viscous_friction",
+            "findings.0.weight": 0.75, "findings.0.parameters.0.lower": 0.5,
+            "findings.0.parameters.0.unit": "N m s", "gap_before": 2.0,
             "gap_after": 3.0, "noise_floor": 4.0, "unit": "rad", "summary": "s", "report": "{}"}),
         ),
         line(
             "artitwin_msgs/msg/Diagnose_SendGoal_Request",
             &([7u8; 16], goal),
-            json!({"twin": "t", "runs": ["a", "bb"], "held_out": ["c"], "gravity": [1.0, 2.0, 3.0], "linear_effort": true, "seed": 7}),
+            json!({"twin": "t", "runs": ["a", "bb"], "held_out": ["c"], "gravity": [1.0, 2.0, 3.0],
+                   "linear_effort": true, "seed": 7}),
         ),
         line(
             "artitwin_msgs/msg/Diagnose_GetResult_Response",
@@ -255,15 +315,24 @@ fn diagnoses() -> Vec<String> {
 fn every_message_has_the_bytes_of_rosbags() {
     let Some(python) = venv::ros_python() else { return };
     let cases = [inputs(), outputs(), diagnoses()].concat();
-    let mut child =
-        Command::new(python).arg(script("wire.py")).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = Command::new(python)
+        .arg(script("wire.py"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     child.stdin.take().unwrap().write_all(cases.join("\n").as_bytes()).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), cases.len().to_string());
     // Every type that has a definition is among them.
     for definition in definitions() {
-        assert!(cases.iter().any(|c| c.contains(&format!("\"{}\"", definition.type_name))), "{}", definition.type_name);
+        assert!(
+            cases.iter().any(|c| c.contains(&format!("\"{}\"", definition.type_name))),
+            "{}",
+            definition.type_name
+        );
     }
 }
 
@@ -292,12 +361,21 @@ fn our_bags_are_read_by_others() {
             step: 192,
             data: vec![i as u8; 48 * 192],
         };
-        writer.write("/camera/color/image_raw", Image::TYPE, qos(false), stamp.nanos().unwrap(), &encode(&image).unwrap()).unwrap();
+        writer
+            .write(
+                "/camera/color/image_raw",
+                Image::TYPE,
+                qos(false),
+                stamp.nanos().unwrap(),
+                &encode(&image).unwrap(),
+            )
+            .unwrap();
     }
     let text = encode(&Text { data: "<robot/>".into() }).unwrap();
     writer.write("/robot_description", Text::TYPE, qos(true), 121_000_000_000, &text).unwrap();
     assert_eq!(writer.finish().unwrap(), 22);
-    let told = succeed(Command::new(&python).arg(script("bags.py")).args(["read", &bag.display().to_string()]));
+    let told =
+        succeed(Command::new(&python).arg(script("bags.py")).args(["read", &bag.display().to_string()]));
     // 20.999999995 s, and the nanosecond that rosbags counts beyond the last message.
     assert_eq!(told.trim(), "22 22 best_effort volatile reliable transient_local 20.999999996");
     assert!(BagWriter::create(&bag).is_err());
@@ -309,7 +387,7 @@ fn our_bags_are_read_by_others() {
     writer.flush().unwrap();
     let copy = folder.join("copy.mcap");
     std::fs::copy(killed.join("killed_0.mcap"), &copy).unwrap();
-    let found = artitwin::io::inspect(&copy).unwrap();
+    let found = artitwin::internal::io::inspect(&copy).unwrap();
     assert_eq!(found.recordings[0].topics[0].count, 1);
 }
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Attacks the program as a careless user, a damaged disk and a hostile neighbour would, and writes a table of what came of it.
+"""Attacks the program as a careless user, a damaged disk and a hostile neighbor would, and writes a table of what came of it.
 
     python eval/attack/attack.py target/release/artitwin --inputs 8700 --table eval/attack/results.md
 """
@@ -40,7 +40,7 @@ def main():
     version = subprocess.run([binary, "--version"], capture_output=True, text=True).stdout.strip()
 
     def add(*families):
-        """What is whole is written, so that a run that is stopped has told something."""
+        """What is whole is written, so that a run that is stopped has reported something."""
         found.extend(families)
         heading = (
             f"{version}, {time.strftime('%Y-%m-%d')}, {platform.machine()}, seed {args.seed}, {(time.time() - begin) / 60:.0f} minutes. "

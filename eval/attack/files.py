@@ -72,9 +72,9 @@ def all_of(binary, work):
     with open("/dev/full", "wb") as full:
         for command in (["inspect", BAG], ["check", twin], ["config", "show"], ["doctor"]):
             ended = run([binary, *command], stdout=full)
-            family.add(ended, "" if ended.code not in (0, None) and ended.err else "a full device is not told", f"{command[0]} > /dev/full")
+            family.add(ended, "" if ended.code not in (0, None) and ended.err else "a full device is not reported", f"{command[0]} > /dev/full")
         ended = reconstruct(work / "full", "--json", stdout=full)
-        family.add(ended, "" if ended.code not in (0, 3, None) else "a full device is not told", "reconstruct --json > /dev/full")
+        family.add(ended, "" if ended.code not in (0, 3, None) else "a full device is not reported", "reconstruct --json > /dev/full")
     small_disk(family, work, reconstruct)
     return family
 

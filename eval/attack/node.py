@@ -1,4 +1,4 @@
-"""The node beside hostile neighbours, in a network of its own: `lo`, and `away` with 10.9.9.1, from where nobody may reach it.
+"""The node beside hostile neighbors, in a network of its own: `lo`, and `away` with 10.9.9.1, from where nobody may reach it.
 
 Called by attack.py, it starts itself again under `unshare -n` and hands its outcomes back as JSON lines.
 """
@@ -66,12 +66,12 @@ class Node:
         return self.log.read_text(errors="replace").count("panicked")
 
 
-def tell(family, holds, sentence):
+def report(family, holds, sentence):
     print(json.dumps([family, bool(holds), sentence]), flush=True)
 
 
 def answers(domain_peer, secs=25.0):
-    """Whether the node answers a service call of a fresh neighbour on this machine."""
+    """Whether the node answers a service call of a fresh neighbor on this machine."""
     script = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from peer import Peer, matched, service\n"
@@ -87,7 +87,7 @@ def answers(domain_peer, secs=25.0):
 
 
 def away():
-    """The environment of a Cyclone DDS neighbour that lives on 10.9.9.1 alone."""
+    """The environment of a Cyclone DDS neighbor that lives on 10.9.9.1 alone."""
     uri = (
         '<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any"><General><Interfaces><NetworkInterface address="10.9.9.1" '
         'multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto'
@@ -101,11 +101,11 @@ def reach(binary, work):
     """Who may talk to the node."""
     node = Node(binary, work, "reach")
     found = node.sockets()
-    tell("node: who reaches it", found, "the node has no UDP sockets")
-    tell("node: who reaches it", all(a.startswith(("127.", "239.")) for a, _ in found), f"sockets stand on {found}")
-    tell("node: who reaches it", not answers(away(), 5.0), "a neighbour on 10.9.9.1 started a state")
-    tell("node: who reaches it", answers(dict(os.environ)), "a neighbour on this machine gets no answer")
-    tell("node: who reaches it", node.end() == "0" and not node.panics(), f"ended badly, {node.panics()} panics")
+    report("node: who reaches it", found, "the node has no UDP sockets")
+    report("node: who reaches it", all(a.startswith(("127.", "239.")) for a, _ in found), f"sockets stand on {found}")
+    report("node: who reaches it", not answers(away(), 5.0), "a neighbor on 10.9.9.1 started a state")
+    report("node: who reaches it", answers(dict(os.environ)), "a neighbor on this machine gets no answer")
+    report("node: who reaches it", node.end() == "0" and not node.panics(), f"ended badly, {node.panics()} panics")
 
 
 def junk(rng):
@@ -168,9 +168,9 @@ def floods(binary, work):
         send(junk(rng), ports[i % len(ports)])
         if i % 200 == 0:
             time.sleep(0.01)
-    tell("node: 100,000 datagrams of noise", node.alive() and not node.panics(), f"{node.panics()} panics, alive {node.alive()}")
+    report("node: 100,000 datagrams of noise", node.alive() and not node.panics(), f"{node.panics()} panics, alive {node.alive()}")
     grown = node.memory_mb() - before
-    tell("node: 100,000 datagrams of noise", grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
+    report("node: 100,000 datagrams of noise", grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
     before = node.memory_mb()
     for i in range(10_000):
         for port in ports:
@@ -179,13 +179,13 @@ def floods(binary, work):
             time.sleep(0.02)
     time.sleep(5)
     grown = node.memory_mb() - before
-    tell("node: 10,000 participants that nobody is", node.alive() and grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
-    tell("node: 10,000 participants that nobody is", answers(dict(os.environ)), "a neighbour gets no answer after the floods")
-    tell("node: 10,000 participants that nobody is", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
+    report("node: 10,000 participants that nobody is", node.alive() and grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
+    report("node: 10,000 participants that nobody is", answers(dict(os.environ)), "a neighbor gets no answer after the floods")
+    report("node: 10,000 participants that nobody is", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
 
 
 def fragments(binary, work):
-    """Fragments of samples of absurd size, under the name of a neighbour that the node knows."""
+    """Fragments of samples of absurd size, under the name of a neighbor that the node knows."""
     sys.path.insert(0, str(ROOT / "tests/python/ros"))
     from peer import Peer, matched
 
@@ -207,9 +207,9 @@ def fragments(binary, work):
         time.sleep(0.02)
     time.sleep(1)
     grown = node.memory_mb() - before if node.alive() else float("inf")
-    tell("node: fragments that declare up to 4 GiB", grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
-    tell("node: fragments that declare up to 4 GiB", answers(dict(os.environ)), "a neighbour gets no answer afterwards")
-    tell("node: fragments that declare up to 4 GiB", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
+    report("node: fragments that declare up to 4 GiB", grown < GROWTH_MB, f"memory grew by {grown:.0f} MB")
+    report("node: fragments that declare up to 4 GiB", answers(dict(os.environ)), "a neighbor gets no answer afterwards")
+    report("node: fragments that declare up to 4 GiB", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
 
 
 def payloads(binary, work):
@@ -261,22 +261,22 @@ def payloads(binary, work):
             time.sleep(0.01)
     time.sleep(3)
     grown = node.memory_mb() - before if node.alive() else float("inf")
-    tell("node: 30,000 broken messages", grown < GROWTH_MB and not node.panics(), f"memory grew by {grown:.0f} MB, {node.panics()} panics")
-    tell("node: 30,000 broken messages", answers(dict(os.environ)), "a neighbour gets no answer afterwards")
-    tell("node: 30,000 broken messages", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
+    report("node: 30,000 broken messages", grown < GROWTH_MB and not node.panics(), f"memory grew by {grown:.0f} MB, {node.panics()} panics")
+    report("node: 30,000 broken messages", answers(dict(os.environ)), "a neighbor gets no answer afterwards")
+    report("node: 30,000 broken messages", node.end() == "0" and not node.panics(), f"{node.panics()} panics")
 
 
 def sessions(binary, work):
     """Two nodes on one session folder."""
     one = Node(binary, work, "shared_session")
     two = Node(binary, work, "shared_session")
-    tell("node: two on one session", one.alive() and not two.alive(), f"alive: {one.alive()} and {two.alive()}")
+    report("node: two on one session", one.alive() and not two.alive(), f"alive: {one.alive()} and {two.alive()}")
     two.end()
-    tell("node: two on one session", one.end() == "0", "the first ended badly")
+    report("node: two on one session", one.end() == "0", "the first ended badly")
 
 
 def all_of(binary, work):
-    """Runs the above in a network namespace and reads what they tell."""
+    """Runs the above in a network namespace and reads what they report."""
     from outcomes import Family
 
     script = (

@@ -21,8 +21,8 @@ class Family:
         self.seconds = max(self.seconds, ended.seconds)
         wrong = ended.accident() or wrong
         if wrong:
-            told = (ended.err.strip() or ended.out.strip())[-160:].replace("\n", " / ")
-            self.complain(f"{about}: {wrong}: `{told}`")
+            said = (ended.err.strip() or ended.out.strip())[-160:].replace("\n", " / ")
+            self.complain(f"{about}: {wrong}: `{said}`")
 
     def check(self, holds, sentence):
         """A demand without a process of its own."""

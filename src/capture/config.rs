@@ -5,10 +5,12 @@ use serde::{Deserialize, Serialize};
 use super::{CaptureError, NoiseConfig, RefinePoses};
 use crate::limits::BYTES_PER_PIXEL;
 
-/// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for the rest.
+/// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
+/// the rest.
 const MEMORY_GIB: f64 = 8.0;
 
-/// How recordings are read. `None` means: found from the recording, and told in [`super::Capture::notes`].
+/// How recordings are read. `None` means: found from the recording, and reported in
+/// [`super::Capture::notes`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureConfig {
@@ -26,14 +28,14 @@ pub struct CaptureConfig {
     pub frames_per_state: usize,
     /// Memory that the pixels of all kept frames may take together, GiB.
     pub memory_gib: f64,
-    /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out what lies between. Seconds from the bag's
-    /// start, or since the epoch where greater than 1e8; by the time messages were recorded.
+    /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out what lies between. Seconds from
+    /// the bag's start, or since the epoch where greater than 1e8; by the time messages were recorded.
     pub split_secs: Vec<f64>,
     /// Depth readings nearer than this are not used, meters.
     pub depth_min_m: f64,
     /// Depth readings further than this are not used, meters.
     pub depth_max_m: f64,
-    /// How the object is told from its surroundings.
+    /// How the object is separated from its surroundings.
     pub isolate: IsolateConfig,
     /// Expected depth noise.
     pub noise: NoiseConfig,
@@ -41,8 +43,8 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
-    /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where frames clearly
-    /// agree better then, or `never`.
+    /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where
+    /// frames clearly agree better then, or `never`.
     pub refine_poses: RefinePoses,
 }
 
@@ -66,7 +68,7 @@ pub struct TopicConfig {
     pub marker: Option<String>,
 }
 
-/// How the object is told from its surroundings where there are no masks.
+/// How the object is separated from its surroundings where there are no masks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct IsolateConfig {
@@ -120,19 +122,21 @@ impl Default for IsolateConfig {
 }
 
 impl CaptureConfig {
-    /// Refuses frames whose pixels would take more memory than is given: so many frames of so many columns and rows, of each state
-    /// or recording.
+    /// Refuses frames whose pixels would take more memory than is given: so many frames of so many columns
+    /// and rows, of each state or recording.
     ///
     /// # Errors
     /// [`CaptureError::Memory`].
     pub fn check_memory(&self, frames: &[(usize, usize, usize)]) -> Result<(), CaptureError> {
-        let bytes =
-            |(count, width, height): &(usize, usize, usize)| *count as f64 * *width as f64 * *height as f64 * BYTES_PER_PIXEL as f64;
+        let bytes = |(count, width, height): &(usize, usize, usize)| {
+            *count as f64 * *width as f64 * *height as f64 * BYTES_PER_PIXEL as f64
+        };
         let needed_gib = frames.iter().map(bytes).sum::<f64>() / f64::from(1 << 30);
         if needed_gib <= self.memory_gib {
             return Ok(());
         }
-        let (width, height) = frames.iter().map(|f| (f.1, f.2)).max_by_key(|(w, h)| w * h).unwrap_or_default();
+        let (width, height) =
+            frames.iter().map(|f| (f.1, f.2)).max_by_key(|(w, h)| w * h).unwrap_or_default();
         let most = frames.iter().map(|f| f.0).max().unwrap_or(0);
         Err(CaptureError::Memory {
             frames: frames.iter().map(|f| f.0).sum(),
@@ -152,7 +156,10 @@ impl CaptureConfig {
         let refuse = |key, reason: &str| Err(CaptureError::Setting { key, reason: reason.to_owned() });
         let positive = |v: f64| v.is_finite() && v > 0.0;
         if !(positive(self.depth_max_m) && self.depth_min_m >= 0.0 && self.depth_min_m < self.depth_max_m) {
-            return refuse("capture.depth_min_m", "the depth range must satisfy 0 <= depth_min_m < depth_max_m");
+            return refuse(
+                "capture.depth_min_m",
+                "the depth range must satisfy 0 <= depth_min_m < depth_max_m",
+            );
         }
         if self.frames_per_state == 0 {
             return refuse("capture.frames_per_state", "at least one frame per state is needed");
@@ -176,7 +183,10 @@ impl CaptureConfig {
         if let Some([lower, upper]) = self.isolate.workspace
             && !(0..3).all(|k| lower[k].is_finite() && upper[k].is_finite() && lower[k] < upper[k])
         {
-            return refuse("capture.isolate.workspace", "the lower corner must lie below the upper one along x, y and z");
+            return refuse(
+                "capture.isolate.workspace",
+                "the lower corner must lie below the upper one along x, y and z",
+            );
         }
         if !(self.isolate.plane_clearance_m >= 0.0 && self.isolate.plane_sigmas >= 0.0) {
             return refuse("capture.isolate.plane_clearance_m", "clearance and sigmas must be zero or more");
@@ -207,7 +217,10 @@ mod tests {
         assert_eq!(key(|c| c.frames_per_state = 0), "capture.frames_per_state");
         assert_eq!(key(|c| c.memory_gib = f64::NAN), "capture.memory_gib");
         assert_eq!(key(|c| c.split_secs = vec![2.0, 1.0]), "capture.split_secs");
-        assert_eq!(key(|c| c.isolate.workspace = Some([[0.0; 3], [1.0, 0.0, 1.0]])), "capture.isolate.workspace");
+        assert_eq!(
+            key(|c| c.isolate.workspace = Some([[0.0; 3], [1.0, 0.0, 1.0]])),
+            "capture.isolate.workspace"
+        );
     }
 
     #[test]
@@ -217,7 +230,9 @@ mod tests {
         config.check_memory(&[(40, 1280, 720); 16]).unwrap();
         config.check_memory(&[]).unwrap();
         let error = config.check_memory(&[(16, 8192, 8192); 2]).unwrap_err().to_string();
-        for words in ["32 frames of 8192x8192", "24.0 GiB", "capture.memory_gib = 8", "capture.frames_per_state=5"] {
+        for words in
+            ["32 frames of 8192x8192", "24.0 GiB", "capture.memory_gib = 8", "capture.frames_per_state=5"]
+        {
             assert!(error.contains(words), "{error}");
         }
     }
@@ -225,7 +240,8 @@ mod tests {
     #[test]
     fn unknown_keys_are_refused() {
         assert!(serde_json::from_str::<CaptureConfig>(r#"{"sync_slop": 1}"#).is_err());
-        let c: CaptureConfig = serde_json::from_str(r#"{"topics": {"depth": "/d"}, "frames_per_state": 5}"#).unwrap();
+        let c: CaptureConfig =
+            serde_json::from_str(r#"{"topics": {"depth": "/d"}, "frames_per_state": 5}"#).unwrap();
         assert_eq!((c.topics.depth.as_deref(), c.frames_per_state), (Some("/d"), 5));
     }
 }

@@ -1,18 +1,19 @@
-//! Depth denoised by local planes.
+//! Depth denoised by local planes. See docs/method.md (2.10).
 //!
-//! The inverse depth of a plane is an affine function of the pixel, and the disparity noise of a stereo camera is alike in
-//! all pixels. So inverse depth is fitted by affine functions in growing windows around each pixel; the window grows as
-//! long as the fit explains its readings and agrees with the smaller ones within their confidence (intersection of
-//! confidence intervals: Goldenshluger and Nemirovski 1997; Katkovnik, Egiazarian and Astola 2006). Readings of another
-//! surface are gated out, so that edges stay where they are.
+//! The inverse depth of a plane is an affine function of the pixel, and the disparity noise of a stereo
+//! camera is alike in all pixels. So inverse depth is fitted by affine functions in growing windows around
+//! each pixel; the window grows as long as the fit explains its readings and agrees with the smaller ones
+//! within their confidence (intersection of confidence intervals: Goldenshluger and Nemirovski 1997;
+//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out, so that edges stay
+//! where they are.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::{NoiseConfig, RgbdFrame, median_over_object};
 
-/// Windows: half a side and distance between the readings used, in pixels, and how many readings with correlated noise
-/// are worth one (stereo noise is correlated over about three pixels).
+/// Windows: half a side and distance between the readings used, in pixels, and how many readings with
+/// correlated noise are worth one (stereo noise is correlated over about three pixels).
 const WINDOWS: [Window; 4] = [
     Window { radius: 2, stride: 1, correlated: 6.25 },
     Window { radius: 4, stride: 2, correlated: 2.25 },
@@ -25,7 +26,8 @@ const GATE: f64 = 3.0;
 const FIRST_GATE: f64 = 4.2;
 /// Half width of the confidence intervals that must intersect, standard deviations.
 const CONFIDENCE: f64 = 1.0;
-/// A window is too large once its residual variance exceeds the expected one by this many standard deviations.
+/// A window is too large once its residual variance exceeds the expected one by this many standard
+/// deviations.
 const MISFIT: f64 = 1.0;
 /// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
@@ -65,8 +67,13 @@ impl InverseDepth {
         let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
         let stride = width + 2 * MARGIN + LANES;
         let mut values = vec![0.0; stride * (height + 2 * MARGIN)];
-        for (row, depths) in values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width)) {
-            row[MARGIN..].iter_mut().zip(depths).for_each(|(value, &d)| *value = if d > 0.0 { 1.0 / d } else { 0.0 });
+        for (row, depths) in
+            values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width))
+        {
+            row[MARGIN..]
+                .iter_mut()
+                .zip(depths)
+                .for_each(|(value, &d)| *value = if d > 0.0 { 1.0 / d } else { 0.0 });
         }
         Self { values, stride }
     }
@@ -77,26 +84,29 @@ impl InverseDepth {
     }
 }
 
-/// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths that have too
-/// few neighbors of one surface (flying pixels) become unknown.
+/// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths
+/// that have too few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     let inverse = InverseDepth::new(frame);
     let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
     let of_row = |y: usize| {
-        let mut row: Vec<(f32, f32)> = frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
+        let mut row: Vec<(f32, f32)> =
+            frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
         for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
             let first = block * LANES;
             let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
                 let depth_m = f64::from(cleaned.get(lane)?.0);
-                (depth_m > 0.0 && frame.is_object(y * width + first + lane)).then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
+                (depth_m > 0.0 && frame.is_object(y * width + first + lane))
+                    .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
             });
             let planes = local_planes(&inverse, inverse.at(first, y), &sigmas);
             for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
                 let Some(sigma) = sigma else { continue };
                 *cleaned = match plane {
-                    Some(p) if p.inverse[0] > 0.0 => {
-                        ((1.0 / p.inverse[0]) as f32, (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32)
-                    }
+                    Some(p) if p.inverse[0] > 0.0 => (
+                        (1.0 / p.inverse[0]) as f32,
+                        (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
+                    ),
                     _ => (0.0, 0.0),
                 };
             }
@@ -107,8 +117,8 @@ pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     (frame.depth_m, frame.readings) = cleaned.into_iter().flatten().unzip();
 }
 
-/// Over which distance on the object the errors of denoised depth are alike, metres: half a side of the largest window at
-/// the median depth; 0 for raw depth.
+/// Over which distance on the object the errors of denoised depth are alike, meters: half a side of the
+/// largest window at the median depth; 0 for raw depth.
 #[must_use]
 pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     let denoised = frames.iter().filter(|f| !f.readings.is_empty());
@@ -116,8 +126,13 @@ pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
-/// The plane of the largest window that holds one, for every pixel from `first` on that has a standard deviation.
-fn local_planes(inverse: &InverseDepth, first: usize, sigmas: &[Option<f64>; LANES]) -> [Option<Plane>; LANES] {
+/// The plane of the largest window that holds one, for every pixel from `first` on that has a standard
+/// deviation.
+fn local_planes(
+    inverse: &InverseDepth,
+    first: usize,
+    sigmas: &[Option<f64>; LANES],
+) -> [Option<Plane>; LANES] {
     let mut best = [None; LANES];
     let mut intervals = [[f64::NEG_INFINITY, f64::INFINITY]; LANES];
     let mut growing = *sigmas;
@@ -140,7 +155,9 @@ fn local_planes(inverse: &InverseDepth, first: usize, sigmas: &[Option<f64>; LAN
                 [intervals[lane][0].max(p.inverse[0] - half), intervals[lane][1].min(p.inverse[0] + half)]
             });
             match interval {
-                Some(interval) if interval[0] <= interval[1] => (best[lane], intervals[lane]) = (plane, interval),
+                Some(interval) if interval[0] <= interval[1] => {
+                    (best[lane], intervals[lane]) = (plane, interval)
+                }
                 _ => growing[lane] = None,
             }
         }
@@ -160,7 +177,13 @@ struct Sums {
 }
 
 /// The sums of neighboring pixels, `starts` being their planes so far.
-fn sums(inverse: &InverseDepth, first: usize, window: &Window, starts: &[Vector3<f64>; LANES], gates: &Lanes) -> Sums {
+fn sums(
+    inverse: &InverseDepth,
+    first: usize,
+    window: &Window,
+    starts: &[Vector3<f64>; LANES],
+    gates: &Lanes,
+) -> Sums {
     let start = [0, 1, 2].map(|k| starts.map(|s| s[k] as f32));
     let mut sums = Sums::default();
     for dv in offsets(window) {
@@ -188,7 +211,10 @@ fn sums(inverse: &InverseDepth, first: usize, window: &Window, starts: &[Vector3
         for lane in 0..LANES {
             let of_row = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
             (0..6).for_each(|k| sums.moments[k][lane] += of_row[k]);
-            [r[lane], ru[lane], v * r[lane]].iter().enumerate().for_each(|(k, x)| sums.residuals[k][lane] += x);
+            [r[lane], ru[lane], v * r[lane]]
+                .iter()
+                .enumerate()
+                .for_each(|(k, x)| sums.residuals[k][lane] += x);
         }
     }
     sums
@@ -203,7 +229,14 @@ fn offsets(window: &Window) -> impl Iterator<Item = i32> {
 
 impl Sums {
     /// Least-squares plane of one pixel's readings; `None` if they are too few or do not lie on one.
-    fn plane(&self, lane: usize, sigma: f64, window: &Window, start: &Vector3<f64>, first: bool) -> Option<Plane> {
+    fn plane(
+        &self,
+        lane: usize,
+        sigma: f64,
+        window: &Window,
+        start: &Vector3<f64>,
+        first: bool,
+    ) -> Option<Plane> {
         let s = self.moments.map(|m| f64::from(m[lane]));
         let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
         let side = offsets(window).count();
@@ -217,7 +250,10 @@ impl Sums {
         if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
             return None;
         }
-        Some(Plane { inverse: start + change, variance: covariance[(0, 0)] * window.correlated * sigma * sigma })
+        Some(Plane {
+            inverse: start + change,
+            variance: covariance[(0, 0)] * window.correlated * sigma * sigma,
+        })
     }
 }
 
@@ -228,38 +264,64 @@ mod tests {
     use super::*;
     use crate::geometry::{Intrinsics, Pose};
 
-    const NOISE: NoiseConfig = NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.003, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+    const NOISE: NoiseConfig =
+        NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.003, edge_sigmas: 6.0, grazing_cosine: 0.15 };
 
     /// Depth by pixel, with disparity noise blurred over 2x2 pixels.
     fn noisy(depth: impl Fn(f64, f64) -> f64) -> (RgbdFrame, Vec<f64>) {
         let intrinsics = Intrinsics { width: 96, height: 72, fx: 100.0, fy: 100.0, cx: 47.5, cy: 35.5 };
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
-        let mut normal = || (0..12).map(|_| f64::from(rng.next_u32()) / f64::from(u32::MAX)).sum::<f64>() - 6.0;
+        let mut normal =
+            || (0..12).map(|_| f64::from(rng.next_u32()) / f64::from(u32::MAX)).sum::<f64>() - 6.0;
         let white: Vec<f64> = (0..97 * 73).map(|_| normal()).collect();
-        let at =
-            |x: usize, y: usize| 0.5 * (white[y * 97 + x] + white[y * 97 + x + 1] + white[(y + 1) * 97 + x] + white[(y + 1) * 97 + x + 1]);
+        let at = |x: usize, y: usize| {
+            0.5 * (white[y * 97 + x]
+                + white[y * 97 + x + 1]
+                + white[(y + 1) * 97 + x]
+                + white[(y + 1) * 97 + x + 1])
+        };
         let truth: Vec<f64> = (0..96 * 72).map(|i| depth((i % 96) as f64, (i / 96) as f64)).collect();
-        let depth_m = truth.iter().enumerate().map(|(i, d)| (1.0 / (1.0 / d + 0.003 * at(i % 96, i / 96))) as f32).collect();
+        let depth_m = truth
+            .iter()
+            .enumerate()
+            .map(|(i, d)| (1.0 / (1.0 / d + 0.003 * at(i % 96, i / 96))) as f32)
+            .collect();
         let rgb = vec![[0; 3]; 96 * 72];
         let world_from_camera = Pose::identity();
         let id = String::new();
-        (RgbdFrame { id, stamp_nanos: 0, intrinsics, world_from_camera, rgb, depth_m, mask: None, readings: Vec::new() }, truth)
+        (
+            RgbdFrame {
+                id,
+                stamp_nanos: 0,
+                intrinsics,
+                world_from_camera,
+                rgb,
+                depth_m,
+                mask: None,
+                readings: Vec::new(),
+            },
+            truth,
+        )
     }
 
     fn rms(frame: &RgbdFrame, truth: &[f64], inside: impl Fn(usize, usize) -> bool) -> f64 {
-        let pixels: Vec<usize> = (0..truth.len()).filter(|i| frame.depth_m[*i] > 0.0 && inside(i % 96, i / 96)).collect();
-        (pixels.iter().map(|&i| (f64::from(frame.depth_m[i]) - truth[i]).powi(2)).sum::<f64>() / pixels.len() as f64).sqrt()
+        let pixels: Vec<usize> =
+            (0..truth.len()).filter(|i| frame.depth_m[*i] > 0.0 && inside(i % 96, i / 96)).collect();
+        (pixels.iter().map(|&i| (f64::from(frame.depth_m[i]) - truth[i]).powi(2)).sum::<f64>()
+            / pixels.len() as f64)
+            .sqrt()
     }
 
     #[test]
-    fn a_slanted_plane_loses_most_of_its_noise_and_the_rest_is_as_told() {
+    fn a_slanted_plane_loses_most_of_its_noise_and_the_rest_is_as_reported() {
         let (mut frame, truth) = noisy(|x, y| 1.0 / (0.5 + 0.0008 * x - 0.0005 * y));
         let before = rms(&frame, &truth, |_, _| true);
         denoise(&mut frame, &NOISE);
         let after = rms(&frame, &truth, |_, _| true);
         assert!(after < 0.35 * before, "{before} {after}");
         let kept = (0..truth.len()).filter(|&i| frame.depth_m[i] > 0.0);
-        let z: Vec<f64> = kept.map(|i| (f64::from(frame.depth_m[i]) - truth[i]) / frame.sigma_m(i, &NOISE)).collect();
+        let z: Vec<f64> =
+            kept.map(|i| (f64::from(frame.depth_m[i]) - truth[i]) / frame.sigma_m(i, &NOISE)).collect();
         let spread = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
         assert!((0.5..1.6).contains(&spread), "{spread}");
     }
@@ -282,7 +344,9 @@ mod tests {
 
     #[test]
     fn curved_surfaces_keep_their_shape() {
-        let dome = |x: f64, y: f64| 1.0 - (0.09 - ((x - 47.5) / 200.0).powi(2) - ((y - 35.5) / 200.0).powi(2)).max(0.0).sqrt();
+        let dome = |x: f64, y: f64| {
+            1.0 - (0.09 - ((x - 47.5) / 200.0).powi(2) - ((y - 35.5) / 200.0).powi(2)).max(0.0).sqrt()
+        };
         let (mut frame, truth) = noisy(dome);
         let before = rms(&frame, &truth, |_, _| true);
         denoise(&mut frame, &NOISE);

@@ -13,10 +13,19 @@ pub enum CaptureError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Nothing is at the path.
+    #[error(
+        "cannot read `{}`: No such file or folder; check the path, which must lead to a rosbag2 folder, \
+         an .mcap file or a dataset folder", path.display()
+    )]
+    Missing {
+        /// What was given.
+        path: PathBuf,
+    },
     /// Neither a bag nor a dataset.
     #[error(
-        "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds `state0` and \
-         `state1` (and `state2`, ...), or a dataset folder", path.display()
+        "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds \
+         `state0` and `state1` (and `state2`, ...), or a dataset folder", path.display()
     )]
     NotARecording {
         /// What was given.
@@ -26,9 +35,9 @@ pub enum CaptureError {
     },
     /// A bag in sqlite3 storage.
     #[error(
-        "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {} --dst-storage mcap` (pip install rosbags), \
-         or `ros2 bag convert -i {} -o convert.yaml` with this line in convert.yaml: \
-         `output_bags: [{{uri: {}, storage_id: mcap, all: true}}]`",
+        "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {} --dst-storage \
+         mcap` (pip install rosbags), or `ros2 bag convert -i {} -o convert.yaml` with this line in \
+         convert.yaml: `output_bags: [{{uri: {}, storage_id: mcap, all: true}}]`",
         path.display(), quoted(path), quoted(&converted(path)), quoted(path), quoted(&converted(path))
     )]
     Sqlite {
@@ -44,7 +53,8 @@ pub enum CaptureError {
         reason: String,
     },
     /// Nothing could be read from a file.
-    #[error("`{}` is damaged and nothing in it could be read: {reason}; record again or copy the file again", path.display())]
+    #[error("`{}` is damaged and nothing in it could be read: {reason}; record again or copy the file \
+             again", path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
@@ -61,8 +71,8 @@ pub enum CaptureError {
     },
     /// A bag without any image topic.
     #[error(
-        "`{}` is not an RGB-D recording: it has no image topics at all (it has {topics}); record color, aligned depth, \
-         camera_info and /tf", path.display()
+        "`{}` is not an RGB-D recording: it has no image topics at all (it has {topics}); record color, \
+         aligned depth, camera_info and /tf", path.display()
     )]
     NotRgbd {
         /// The bag.
@@ -108,8 +118,9 @@ pub enum CaptureError {
     },
     /// Not one frame has a camera pose.
     #[error(
-        "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and /tf_static from before \
-         the first to after the last image, or name a pose topic with `--topic pose=TOPIC`"
+        "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and \
+         /tf_static from before the first to after the last image, or name a pose topic with `--topic \
+         pose=TOPIC`"
     )]
     NoPoses {
         /// The state.
@@ -120,7 +131,10 @@ pub enum CaptureError {
         first: String,
     },
     /// Every pose is NaN or no rotation.
-    #[error("all {count} camera poses on `{topic}` are invalid (NaN, infinite or no unit quaternion); check the odometry or robot driver")]
+    #[error(
+        "all {count} camera poses on `{topic}` are invalid (NaN, infinite or no unit quaternion); check the \
+         odometry or robot driver"
+    )]
     InvalidPoses {
         /// Where they came from.
         topic: String,
@@ -129,9 +143,9 @@ pub enum CaptureError {
     },
     /// The chain of frames holds no motion.
     #[error(
-        "the pose of `{frame}` comes from static transforms alone (root `{root}`): the recording holds no camera motion; \
-         record odometry or the robot's /tf, name a pose topic with `--topic pose=TOPIC`, or give `--set capture.world_frame={root}` \
-         if the camera did stand still"
+        "the pose of `{frame}` comes from static transforms alone (root `{root}`): the recording holds no \
+         camera motion; record odometry or the robot's /tf, name a pose topic with `--topic pose=TOPIC`, or \
+         give `--set capture.world_frame={root}` if the camera did stand still"
     )]
     StaticCamera {
         /// The optical frame.
@@ -141,8 +155,8 @@ pub enum CaptureError {
     },
     /// Only one state was given.
     #[error(
-        "`{}` holds one recording, but two states are needed; give two bags, a folder with `state0` and `state1`, or say \
-         where the states part (`--split SECONDS` or a marker topic)", path.display()
+        "`{}` holds one recording, but two states are needed; give two bags, a folder with `state0` and \
+         `state1`, or say where the states part (`--split SECONDS` or a marker topic)", path.display()
     )]
     OneState {
         /// What was given.
@@ -156,7 +170,7 @@ pub enum CaptureError {
         /// Most that are taken.
         limit: usize,
     },
-    /// The states cannot be told apart at the place given.
+    /// The states cannot be separated at the place given.
     #[error("cannot split the recording into two states: {reason}")]
     Split {
         /// What is wrong, and the remedy.
@@ -174,8 +188,9 @@ pub enum CaptureError {
     },
     /// Images change their size or differ from their camera_info.
     #[error(
-        "{topic}: image of {width}x{height} at {stamp_secs:.6} s, but {expected} say {expected_width}x{expected_height}; all \
-         images of a recording must have one size: record again with a fixed profile"
+        "{topic}: image of {width}x{height} at {stamp_secs:.6} s, but {expected} say \
+         {expected_width}x{expected_height}; all images of a recording must have one size: record again with \
+         a fixed profile"
     )]
     ImageSize {
         /// Where.
@@ -195,8 +210,9 @@ pub enum CaptureError {
     },
     /// Depth is not aligned to color.
     #[error(
-        "depth `{depth}` is not aligned to color `{color}`: {reason}; record the aligned depth (realsense2_camera: \
-         `align_depth.enable:=true`, topic aligned_depth_to_color/image_raw; others: depth_image_proc register)"
+        "depth `{depth}` is not aligned to color `{color}`: {reason}; record the aligned depth \
+         (realsense2_camera: `align_depth.enable:=true`, topic aligned_depth_to_color/image_raw; others: \
+         depth_image_proc register)"
     )]
     NotAligned {
         /// Depth topic.
@@ -208,7 +224,8 @@ pub enum CaptureError {
     },
     /// Lens model that cannot be undistorted.
     #[error(
-        "{topic}: distortion model `{model}` {problem}; supported: plumb_bob (4 or 5 values) and rational_polynomial (8), or rectify the images first"
+        "{topic}: distortion model `{model}` {problem}; supported: plumb_bob (4 or 5 values) and \
+         rational_polynomial (8), or rectify the images first"
     )]
     Distortion {
         /// Where.
@@ -236,8 +253,9 @@ pub enum CaptureError {
     },
     /// No depth at all.
     #[error(
-        "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); check the depth \
-         topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set capture.depth_max_m=METERS`)"
+        "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); \
+         check the depth topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set \
+         capture.depth_max_m=METERS`)"
     )]
     NoDepth {
         /// The state.
@@ -251,8 +269,8 @@ pub enum CaptureError {
     },
     /// The states were recorded in different world frames.
     #[error(
-        "state 0 is in world frame `{world0}` and state {state} in `{world1}`; all states need one fixed frame: name one \
-         that all recordings hold with `--set capture.world_frame=FRAME`"
+        "state 0 is in world frame `{world0}` and state {state} in `{world1}`; all states need one fixed \
+         frame: name one that all recordings hold with `--set capture.world_frame=FRAME`"
     )]
     WorldFrames {
         /// Root frame of state 0.
@@ -270,7 +288,7 @@ pub enum CaptureError {
         /// What is wrong, and the remedy.
         reason: String,
     },
-    /// The object cannot be told from its surroundings.
+    /// The object cannot be separated from its surroundings.
     #[error("cannot isolate the object: {reason}; give masks, or a box around the object with `--workspace`")]
     Isolation {
         /// What is missing.
@@ -278,8 +296,8 @@ pub enum CaptureError {
     },
     /// One recording was given for two states.
     #[error(
-        "states {first} and {second} hold the same images: one recording was given twice; give the recording that was made after the \
-         joints were moved"
+        "states {first} and {second} hold the same images: one recording was given twice; give the recording \
+         that was made after the joints were moved"
     )]
     SameRecording {
         /// A state.
@@ -289,8 +307,9 @@ pub enum CaptureError {
     },
     /// The states lie in different places.
     #[error(
-        "states 0 and {state} have no place in common: only {share_percent:.1} % of the object's points in one state lie near those of \
-         the other; the static part must stand still in the world frame: check the camera poses of both recordings"
+        "states 0 and {state} have no place in common: only {share_percent:.1} % of the object's points in \
+         one state lie near those of the other; the static part must stand still in the world frame: check \
+         the camera poses of both recordings"
     )]
     NoOverlap {
         /// The state that lies apart from state 0.
@@ -300,8 +319,9 @@ pub enum CaptureError {
     },
     /// The frames would take more memory than they may.
     #[error(
-        "{frames} frames of {width}x{height} pixels take {needed_gib:.1} GiB, more than capture.memory_gib = {limit_gib}; keep fewer with \
-         `--set capture.frames_per_state={fitting}`, record smaller images, or allow more with `--set capture.memory_gib=GIB`"
+        "{frames} frames of {width}x{height} pixels take {needed_gib:.1} GiB, more than capture.memory_gib = \
+         {limit_gib}; keep fewer with `--set capture.frames_per_state={fitting}`, record smaller images, or \
+         allow more with `--set capture.memory_gib=GIB`"
     )]
     Memory {
         /// Of all states.
@@ -334,11 +354,13 @@ fn converted(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single quotes. (One with a
-/// single quote in it needs another form in each; it is written for the shell.)
+/// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single
+/// quotes. (One with a single quote in it needs another form in each; it is written for the shell.)
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c)) && !text.starts_with('-') && !text.is_empty();
+    let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))
+        && !text.starts_with('-')
+        && !text.is_empty();
     if plain { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
@@ -354,11 +376,14 @@ mod tests {
 
     #[test]
     fn commands_take_any_path() {
-        let told = |path: &str| CaptureError::Sqlite { path: path.into() }.to_string();
-        assert!(told("a/run_0.db3").contains("`rosbags-convert --src a/run_0.db3 --dst a/run_0_mcap --dst-storage mcap`"));
-        assert!(told("a/run").contains("`ros2 bag convert -i a/run -o convert.yaml`"));
-        assert!(told("a/run").contains("`output_bags: [{uri: a/run_mcap, storage_id: mcap, all: true}]`"));
-        assert!(told("my run; rm x").contains("--src 'my run; rm x' --dst 'my run; rm x_mcap' "));
-        assert!(told("it's").contains("-i 'it'\\''s' "));
+        let message = |path: &str| CaptureError::Sqlite { path: path.into() }.to_string();
+        assert!(
+            message("a/run_0.db3")
+                .contains("`rosbags-convert --src a/run_0.db3 --dst a/run_0_mcap --dst-storage mcap`")
+        );
+        assert!(message("a/run").contains("`ros2 bag convert -i a/run -o convert.yaml`"));
+        assert!(message("a/run").contains("`output_bags: [{uri: a/run_mcap, storage_id: mcap, all: true}]`"));
+        assert!(message("my run; rm x").contains("--src 'my run; rm x' --dst 'my run; rm x_mcap' "));
+        assert!(message("it's").contains("-i 'it'\\''s' "));
     }
 }

@@ -3,10 +3,13 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use super::{NoiseConfig, PoseFindings};
-use crate::geometry::{Intrinsics, Pose};
+use super::NoiseConfig;
+use crate::{
+    geometry::{Intrinsics, Pose},
+    statistics::median,
+};
 
-/// One view: colour and depth share one undistorted camera.
+/// One view: color and depth share one undistorted camera.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RgbdFrame {
     /// Name for reports and match files: `<state>_<index>`, four digits, e.g. `0_0007`.
@@ -17,10 +20,10 @@ pub struct RgbdFrame {
     pub intrinsics: Intrinsics,
     /// Pose of the optical frame in the world frame.
     pub world_from_camera: Pose,
-    /// Colour, row-major.
+    /// Color, row-major.
     #[serde(with = "crate::geometry::bytes")]
     pub rgb: Vec<[u8; 3]>,
-    /// z-depth in metres, row-major; 0 = unknown; never NaN.
+    /// z-depth in meters, row-major; 0 = unknown; never NaN.
     #[serde(with = "crate::geometry::bytes")]
     pub depth_m: Vec<f32>,
     /// Object pixels, row-major; `None` until the object was isolated.
@@ -38,7 +41,7 @@ impl RgbdFrame {
         self.mask.as_ref().is_none_or(|m| m[pixel])
     }
 
-    /// Expected standard deviation of a pixel's depth, metres.
+    /// Expected standard deviation of a pixel's depth, meters.
     #[must_use]
     pub fn sigma_m(&self, pixel: usize, noise: &NoiseConfig) -> f64 {
         let readings = self.readings.get(pixel).map_or(1.0, |r| f64::from(r.max(1e-3)));
@@ -62,61 +65,19 @@ impl RgbdFrame {
 
 /// Median of a value over every 97th pixel with depth on the object; `None` where there is none.
 #[must_use]
-pub fn median_over_object<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, value: impl Fn(&RgbdFrame, usize) -> f64) -> Option<f64> {
+pub fn median_over_object<'a>(
+    frames: impl Iterator<Item = &'a RgbdFrame>,
+    value: impl Fn(&RgbdFrame, usize) -> f64,
+) -> Option<f64> {
     const EVERY: usize = 97;
     let mut all = Vec::new();
     for f in frames {
-        all.extend((0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.depth_m[i] > 0.0 && f.is_object(i)).map(|i| value(f, i)));
+        all.extend(
+            (0..f.depth_m.len())
+                .step_by(EVERY)
+                .filter(|&i| f.depth_m[i] > 0.0 && f.is_object(i))
+                .map(|i| value(f, i)),
+        );
     }
-    let middle = all.len() / 2;
-    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
-/// The recording: frames of every state, and what was found or lost on the way.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Capture {
-    /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
-    pub name: String,
-    /// Frames per state, in time order.
-    pub states: Vec<Vec<RgbdFrame>>,
-    /// Pixel matches that came with the data, if any.
-    pub matches: Vec<PixelMatch>,
-    /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say otherwise.
-    pub noise: NoiseConfig,
-    /// What was found of the camera poses.
-    pub poses: PoseFindings,
-    /// Sentences about what was degraded: damage, drops, frames not used.
-    pub warnings: Vec<String>,
-    /// Sentences about what was found and chosen: topics, counts, frames.
-    pub notes: Vec<String>,
-}
-
-impl Capture {
-    /// A recording of so many states, without frames yet.
-    #[must_use]
-    pub fn of_states(count: usize) -> Self {
-        Self { states: vec![Vec::new(); count], ..Self::default() }
-    }
-
-    /// Frames of every state.
-    #[must_use]
-    pub fn frames(&self) -> Vec<&[RgbdFrame]> {
-        self.states.iter().map(Vec::as_slice).collect()
-    }
-}
-
-/// Most states of one recording.
-pub const MAX_STATES: usize = 16;
-
-/// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PixelMatch {
-    /// Index of the frame in `states[0]` and its pixel (u right, v down).
-    pub frame0: usize,
-    /// Pixel coordinates in frame 0.
-    pub pixel0: [f32; 2],
-    /// Index of the frame in `states[1]`.
-    pub frame1: usize,
-    /// Pixel coordinates in frame 1.
-    pub pixel1: [f32; 2],
+    median(all)
 }

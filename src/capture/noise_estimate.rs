@@ -1,31 +1,32 @@
 //! How noisy the depth of a recording is, from the recording itself.
 //!
-//! The inverse depth of a plane is an affine function of the pixel. So in small windows the residual of inverse depth
-//! after an affine fit is the noise, wherever the surface is about flat; the median over many windows takes no notice of
-//! those that are not.
+//! The inverse depth of a plane is an affine function of the pixel. So in small windows the residual of
+//! inverse depth after an affine fit is the noise, wherever the surface is about flat; the median over many
+//! windows takes no notice of those that are not.
 
 use super::{
     NoiseConfig, RgbdFrame,
     window::{R, WindowPlane},
 };
+use crate::statistics::median;
 
 /// Windows per frame, about.
 const WINDOWS: f64 = 600.0;
 /// Fewest windows for an estimate.
 const MIN_WINDOWS: usize = 200;
-/// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface: measured on
-/// rendered stereo depth with known noise.
+/// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface:
+/// measured on rendered stereo depth with known noise.
 const CORRELATION: f64 = 1.1;
 
 /// Noise of the frames as a multiple of the model's; `None` where too few flat places are seen.
+/// See docs/method.md (2.8).
 #[must_use]
 pub fn noise_factor<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, noise: &NoiseConfig) -> Option<f64> {
-    let mut factors: Vec<f64> = frames.flat_map(|f| window_factors(f, noise)).collect();
+    let factors: Vec<f64> = frames.flat_map(|f| window_factors(f, noise)).collect();
     if factors.len() < MIN_WINDOWS {
         return None;
     }
-    factors.sort_unstable_by(f64::total_cmp);
-    Some(CORRELATION * factors[factors.len() / 2])
+    Some(CORRELATION * median(factors)?)
 }
 
 impl NoiseConfig {
@@ -39,7 +40,9 @@ impl NoiseConfig {
 fn window_factors(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f64> {
     let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
     let stride = ((w * h) as f64 / WINDOWS).sqrt().ceil() as usize;
-    let centers = (R..h.saturating_sub(R)).step_by(stride).flat_map(|y| (R..w.saturating_sub(R)).step_by(stride).map(move |x| (x, y)));
+    let centers = (R..h.saturating_sub(R))
+        .step_by(stride)
+        .flat_map(|y| (R..w.saturating_sub(R)).step_by(stride).map(move |x| (x, y)));
     centers.filter_map(|(x, y)| window_factor(frame, noise, x, y)).collect()
 }
 
@@ -55,7 +58,7 @@ mod tests {
     use super::*;
     use crate::{
         geometry::{Intrinsics, Pose},
-        run::stage_rng,
+        random::stage_rng,
     };
 
     /// A slanted wall with a step, with noise of so many times the default model.

@@ -14,15 +14,17 @@ const TRIM: f64 = 0.002;
 /// Every how many pixels a point is taken.
 const STRIDE: usize = 3;
 
-/// Scene cube around the object in all states (method.md 1.4): points from at least two frames (one, if a state has
-/// only one) within a cell. `None` without points.
+/// Scene cube around the object in all states (docs/method.md 2.10): points from at least two frames (one, if
+/// a state has only one) within a cell. `None` without points.
 #[must_use]
 pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
     let mut points: Vec<(usize, Point3<f64>)> = Vec::new();
     for (f, frame) in states.iter().copied().flatten().enumerate() {
         let weights = pixel_weights(frame, noise);
         let w = frame.intrinsics.width;
-        for i in (0..weights.len()).filter(|i| (i % w).is_multiple_of(STRIDE) && (i / w).is_multiple_of(STRIDE)) {
+        for i in
+            (0..weights.len()).filter(|i| (i % w).is_multiple_of(STRIDE) && (i / w).is_multiple_of(STRIDE))
+        {
             if weights[i] > 0.0 && frame.is_object(i) {
                 points.extend(frame.world_point(i).map(|p| (f, p)));
             }
@@ -47,7 +49,8 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
     let needed = if states.iter().all(|s| s.len() > 1) { 2 } else { 1 };
     let mut agreed = cells.values().filter(|c| c.frames >= needed);
     let first = agreed.next()?;
-    let (lower, upper) = agreed.fold((first.lower, first.upper), |(lo, hi), c| (lo.inf(&c.lower), hi.sup(&c.upper)));
+    let (lower, upper) =
+        agreed.fold((first.lower, first.upper), |(lo, hi), c| (lo.inf(&c.lower), hi.sup(&c.upper)));
     Some(SceneBox::around(&lower, &upper))
 }
 

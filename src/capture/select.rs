@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::geometry::Pose;
 
-/// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at the pose
-/// nearest to the middle of all. The distance of two views is the angle between their optical axes plus the angle
-/// between their centers as seen from what they look at.
+/// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at
+/// the pose nearest to the middle of all. The distance of two views is the angle between their optical axes
+/// plus the angle between their centers as seen from what they look at. See docs/method.md (2.4).
 #[must_use]
 pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let count = world_from_camera.len();
@@ -22,7 +22,8 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
         let turned = axis(i).dot(&axis(j)).clamp(-1.0, 1.0).acos();
         (centers[i] - centers[j]).norm() / range + turned
     };
-    let middle = (0..count).min_by(|a, b| (centers[*a] - mean).norm().total_cmp(&(centers[*b] - mean).norm()));
+    let middle =
+        (0..count).min_by(|a, b| (centers[*a] - mean).norm().total_cmp(&(centers[*b] - mean).norm()));
     let mut chosen: Vec<usize> = middle.into_iter().take(budget).collect();
     let mut gap = vec![f64::INFINITY; count];
     while let Some(last) = chosen.last().copied().filter(|_| chosen.len() < budget) {
@@ -42,6 +43,7 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
 }
 
 /// The point nearest to all optical axes, least squares; `None` where the axes are all but parallel.
+/// See docs/method.md (2.5).
 #[must_use]
 pub fn common_focus(world_from_camera: &[Pose]) -> Option<Point3<f64>> {
     let mut normal = Matrix3::zeros();

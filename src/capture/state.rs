@@ -5,8 +5,8 @@ use super::CaptureError;
 /// Times above this are seconds since the epoch, below it seconds from the start of the recording.
 const ABSOLUTE_FROM_SECS: f64 = 1e8;
 
-/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs to
-/// neither (the object is being moved).
+/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs
+/// to neither (the object is being moved).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Split {
     /// State 0 is recorded before this.
@@ -31,7 +31,9 @@ impl Split {
         let split = Self { end0_nanos: nanos(*first), begin1_nanos: nanos(*last) };
         if split.end0_nanos <= first_nanos || split.begin1_nanos > last_nanos {
             let length = (last_nanos - first_nanos) as f64 * 1e-9;
-            return Err(CaptureError::Split { reason: format!("the time {times_secs:?} s lies outside the recording of {length:.3} s") });
+            return Err(CaptureError::Split {
+                reason: format!("the time {times_secs:?} s lies outside the recording of {length:.3} s"),
+            });
         }
         Ok(split)
     }
@@ -71,7 +73,10 @@ mod tests {
         let begin = 1_760_000_000 * S;
         let split = Split::at(&[5.0], begin, begin + 10 * S).unwrap();
         assert_eq!(split, Split::at(&[1_760_000_005.0], begin, begin + 10 * S).unwrap());
-        assert_eq!([begin, begin + 5 * S - 1, begin + 5 * S].map(|t| split.state(t)), [Some(0), Some(0), Some(1)]);
+        assert_eq!(
+            [begin, begin + 5 * S - 1, begin + 5 * S].map(|t| split.state(t)),
+            [Some(0), Some(0), Some(1)]
+        );
         assert!(Split::at(&[11.0], begin, begin + 10 * S).unwrap_err().to_string().contains("10.000 s"));
         assert!(Split::at(&[], begin, begin + 10 * S).is_err());
     }

@@ -5,16 +5,18 @@ use std::{
     collections::{BTreeMap, BinaryHeap, VecDeque},
 };
 
-/// Partner of each `left` stamp among the `right` ones, as an index; `None` where none lies within `slop_nanos`.
+/// Partner of each `left` stamp among the `right` ones, as an index; `None` where none lies within
+/// `slop_nanos`.
 ///
-/// Equal stamps are paired first, then the closest remaining pairs, the earlier first among equals. Each message is
-/// used once. Neither side needs to be sorted.
+/// Equal stamps are paired first, then the closest remaining pairs, the earlier first among equals. Each
+/// message is used once. Neither side needs to be sorted.
 #[must_use]
 pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> {
     let mut partners = vec![None; left.len()];
     let mut free = Free::new(left, right, &mut partners);
     // The closest pair has nobody between it, so that only neighbors can be one.
-    let mut closest: BinaryHeap<_> = (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
+    let mut closest: BinaryHeap<_> =
+        (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
     while let Some(Reverse((key, at))) = closest.pop() {
         if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
             continue;
@@ -32,7 +34,8 @@ type Closest = Reverse<((u64, i64, i64), usize)>;
 /// Messages without a partner, in the order of their stamps.
 struct Free {
     stamps: Vec<Stamp>,
-    /// Place of the next stamp with a free message, and of the one before; the number of stamps where there is none.
+    /// Place of the next stamp with a free message, and of the one before; the number of stamps where there
+    /// is none.
     next: Vec<usize>,
     before: Vec<usize>,
 }
@@ -49,7 +52,9 @@ impl Free {
     fn new(left: &[i64], right: &[i64], partners: &mut [Option<usize>]) -> Self {
         let mut sides = BTreeMap::<i64, [VecDeque<usize>; 2]>::new();
         for (side, list) in [left, right].into_iter().enumerate() {
-            list.iter().enumerate().for_each(|(i, stamp)| sides.entry(*stamp).or_default()[side].push_back(i));
+            list.iter()
+                .enumerate()
+                .for_each(|(i, stamp)| sides.entry(*stamp).or_default()[side].push_back(i));
         }
         let mut stamps = Vec::new();
         for (nanos, [mut lefts, mut rights]) in sides {
@@ -60,7 +65,11 @@ impl Free {
         }
         stamps.retain(|s| !s.messages.is_empty());
         let count = stamps.len();
-        Self { stamps, next: (1..=count).collect(), before: (0..count).map(|i| i.checked_sub(1).unwrap_or(count)).collect() }
+        Self {
+            stamps,
+            next: (1..=count).collect(),
+            before: (0..count).map(|i| i.checked_sub(1).unwrap_or(count)).collect(),
+        }
     }
 
     /// The pair of a stamp and the next one, where they are of two sides and within reach.
@@ -69,7 +78,8 @@ impl Free {
         let apart = first.nanos.abs_diff(second.nanos);
         let (l, r) = if first.is_left { (first, second) } else { (second, first) };
         let fits = l.is_left && !r.is_left && !l.messages.is_empty() && !r.messages.is_empty();
-        (fits && i64::try_from(apart).is_ok_and(|a| a <= slop_nanos)).then_some(Reverse(((apart, l.nanos, r.nanos), at)))
+        (fits && i64::try_from(apart).is_ok_and(|a| a <= slop_nanos))
+            .then_some(Reverse(((apart, l.nanos, r.nanos), at)))
     }
 
     /// Takes a message of a stamp and one of the next: left, right, and the places that have new neighbors.
@@ -135,7 +145,8 @@ mod tests {
         let partners = pair(&vec![7; 200_000], &vec![7; 100_000], 15_000_000);
         assert!((0..200_000).all(|i| partners[i] == (i < 100_000).then_some(i)));
         // All want the same partner, which is as far from the next as they are many.
-        let (left, right): (Vec<i64>, Vec<i64>) = ((0..100_000).collect(), (1..=100_000).map(|i| i * 100_000).collect());
+        let (left, right): (Vec<i64>, Vec<i64>) =
+            ((0..100_000).collect(), (1..=100_000).map(|i| i * 100_000).collect());
         assert_eq!(pair(&left, &right, i64::MAX).iter().flatten().count(), 100_000);
         assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
     }
@@ -143,7 +154,10 @@ mod tests {
     /// All pairs within reach, the closest first.
     fn by_definition(left: &[i64], right: &[i64], slop: i64) -> Vec<Option<usize>> {
         let all = (0..left.len()).flat_map(|l| (0..right.len()).map(move |r| (l, r)));
-        let mut all: Vec<_> = all.map(|(l, r)| ((right[r] - left[l]).abs(), left[l], right[r], l, r)).filter(|c| c.0 <= slop).collect();
+        let mut all: Vec<_> = all
+            .map(|(l, r)| ((right[r] - left[l]).abs(), left[l], right[r], l, r))
+            .filter(|c| c.0 <= slop)
+            .collect();
         all.sort_unstable();
         let (mut partners, mut used) = (vec![None; left.len()], vec![false; right.len()]);
         for (_, _, _, l, r) in all {
@@ -157,14 +171,18 @@ mod tests {
     proptest! {
         #[test]
         fn pairs_are_those_of_the_definition(
-            left in prop::collection::vec(0..40i64, 0..25), right in prop::collection::vec(0..40i64, 0..25), slop in 0..9i64,
+            left in prop::collection::vec(0..40i64, 0..25),
+            right in prop::collection::vec(0..40i64, 0..25),
+            slop in 0..9i64,
         ) {
             prop_assert_eq!(pair(&left, &right, slop), by_definition(&left, &right, slop));
         }
 
         #[test]
         fn partners_are_unique_and_close_and_order_does_not_matter(
-            left in prop::collection::btree_set(0..2000i64, 0..40), right in prop::collection::btree_set(0..2000i64, 0..40), slop in 0..60i64,
+            left in prop::collection::btree_set(0..2000i64, 0..40),
+            right in prop::collection::btree_set(0..2000i64, 0..40),
+            slop in 0..60i64,
         ) {
             let (left, right): (Vec<_>, Vec<_>) = (left.into_iter().collect(), right.into_iter().collect());
             let partners = pair(&left, &right, slop);
@@ -175,11 +193,18 @@ mod tests {
             for (l, r) in partners.iter().enumerate() {
                 match r {
                     Some(r) => prop_assert!((left[l] - right[*r]).abs() <= slop),
-                    None => prop_assert!(right.iter().enumerate().all(|(i, s)| (s - left[l]).abs() > slop || partners.contains(&Some(i)))),
+                    None => {
+                        let taken =
+                            |i: usize, s: i64| (s - left[l]).abs() > slop || partners.contains(&Some(i));
+                        prop_assert!(right.iter().enumerate().all(|(i, s)| taken(i, *s)));
+                    }
                 }
             }
             let reversed: Vec<_> = right.iter().rev().copied().collect();
-            let mirrored: Vec<_> = pair(&left, &reversed, slop).into_iter().map(|p| p.map(|i| right.len() - 1 - i)).collect();
+            let mirrored: Vec<_> = pair(&left, &reversed, slop)
+                .into_iter()
+                .map(|p| p.map(|i| right.len() - 1 - i))
+                .collect();
             prop_assert_eq!(mirrored, partners);
         }
     }

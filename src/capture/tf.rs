@@ -1,7 +1,8 @@
 //! Frame transforms over time: chains, interpolation, and refusal where something is missing.
 //!
-//! Every frame has at most one parent (REP-105). A transform that changes is known at its samples; between two samples
-//! that are close enough the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
+//! Every frame has at most one parent (REP-105). A transform that changes is known at its samples; between
+//! two samples that are close enough the translation is interpolated linearly and the rotation by slerp.
+//! Nothing is extrapolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -47,6 +48,27 @@ pub struct Chain {
     pub moves: bool,
 }
 
+/// Why a frame has no pose in its parent at a stamp.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+enum StepFault {
+    #[error("`{child}` has several parents ({parents}); let one node publish it")]
+    Parents { child: String, parents: String },
+    #[error("`{0}` has no parent")]
+    NoParent(String),
+    #[error("`{0}` turns by half a turn between two samples")]
+    HalfTurn(String),
+    #[error(
+        "a gap of {gap_s:.3} s in the transforms of `{child}`, more than capture.tf_max_gap_secs = {most_s}"
+    )]
+    Gap { child: String, gap_s: f64, most_s: f64 },
+    #[error("the transforms of `{child}` end at {at_s:.6} s")]
+    Ended { child: String, at_s: f64 },
+    #[error("the transforms of `{child}` begin at {at_s:.6} s")]
+    NotBegun { child: String, at_s: f64 },
+    #[error("no transform of `{0}`")]
+    NoSample(String),
+}
+
 impl TfBuffer {
     /// Adds a transform that holds at all times.
     pub fn add_static(&mut self, parent: &str, child: &str, parent_from_child: Pose) {
@@ -60,7 +82,10 @@ impl TfBuffer {
         if !self.accept(parent, child) {
             return;
         }
-        let (_, edge) = self.edges.entry(child.to_owned()).or_insert_with(|| (parent.to_owned(), Edge::Moving(BTreeMap::new())));
+        let (_, edge) = self
+            .edges
+            .entry(child.to_owned())
+            .or_insert_with(|| (parent.to_owned(), Edge::Moving(BTreeMap::new())));
         match edge {
             Edge::Moving(samples) => _ = samples.insert(stamp_nanos, parent_from_child),
             // A frame on both topics moves.
@@ -105,12 +130,6 @@ impl TfBuffer {
         }
     }
 
-    /// Whether nothing is known.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.edges.is_empty()
-    }
-
     /// The chain upwards from a frame; a frame without parent is its own root.
     #[must_use]
     pub fn chain(&self, frame: &str) -> Chain {
@@ -140,10 +159,16 @@ impl TfBuffer {
     /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
     ///
     /// # Errors
-    /// [`CaptureError::NoTransform`] that names target, source, stamp and what is missing: the chain, a sample on
-    /// either side of the stamp, or samples closer together than `max_gap_nanos`.
-    pub fn lookup(&self, target: &str, source: &str, stamp_nanos: i64, max_gap_nanos: i64) -> Result<Pose, CaptureError> {
-        let fail = |reason| CaptureError::NoTransform {
+    /// [`CaptureError::NoTransform`] that names target, source, stamp and what is missing: the chain, a
+    /// sample on either side of the stamp, or samples closer together than `max_gap_nanos`.
+    pub fn lookup(
+        &self,
+        target: &str,
+        source: &str,
+        stamp_nanos: i64,
+        max_gap_nanos: i64,
+    ) -> Result<Pose, CaptureError> {
+        let fail = |reason: String| CaptureError::NoTransform {
             target: target.to_owned(),
             source_frame: source.to_owned(),
             stamp_secs: stamp_secs(stamp_nanos),
@@ -159,10 +184,9 @@ impl TfBuffer {
             )));
         };
         let up = |chain: &[&str]| -> Result<Pose, CaptureError> {
-            chain
-                .iter()
-                .take_while(|f| *f != common)
-                .try_fold(Pose::identity(), |below, frame| Ok(self.step(frame, stamp_nanos, max_gap_nanos).map_err(fail)? * below))
+            chain.iter().take_while(|f| *f != common).try_fold(Pose::identity(), |below, frame| {
+                Ok(self.step(frame, stamp_nanos, max_gap_nanos).map_err(|e| fail(e.to_string()))? * below)
+            })
         };
         Ok(up(&from_target)?.inverse() * up(&from_source)?)
     }
@@ -174,13 +198,14 @@ impl TfBuffer {
     }
 
     /// `parent_from_child` of one frame at a stamp.
-    fn step(&self, child: &str, stamp: i64, max_gap: i64) -> Result<Pose, String> {
+    fn step(&self, child: &str, stamp: i64, max_gap: i64) -> Result<Pose, StepFault> {
+        let frame = || child.to_owned();
         if let Some(parents) = self.conflicts.get(child) {
             let names: Vec<_> = parents.iter().map(String::as_str).collect();
-            return Err(format!("`{child}` has several parents ({}); let one node publish it", names.join(", ")));
+            return Err(StepFault::Parents { child: frame(), parents: names.join(", ") });
         }
         let samples = match self.edges.get(child) {
-            None => return Err(format!("`{child}` has no parent")),
+            None => return Err(StepFault::NoParent(frame())),
             Some((_, Edge::Static(pose))) => return Ok(*pose),
             Some((_, Edge::Moving(samples))) => samples,
         };
@@ -191,16 +216,16 @@ impl TfBuffer {
             (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
                 let share = (stamp - t0) as f64 / (t1 - t0) as f64;
                 // Half a turn between samples has no unique path.
-                a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| format!("`{child}` turns by half a turn between two samples"))
+                a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| StepFault::HalfTurn(frame()))
             }
-            (Some((t0, _)), Some((t1, _))) => Err(format!(
-                "a gap of {:.3} s in the transforms of `{child}`, more than capture.tf_max_gap_secs = {}",
-                stamp_secs(t1 - t0),
-                stamp_secs(max_gap)
-            )),
-            (Some((last, _)), None) => Err(format!("the transforms of `{child}` end at {:.6} s", stamp_secs(*last))),
-            (None, Some((first, _))) => Err(format!("the transforms of `{child}` begin at {:.6} s", stamp_secs(*first))),
-            (None, None) => Err(format!("no transform of `{child}`")),
+            (Some((t0, _)), Some((t1, _))) => Err(StepFault::Gap {
+                child: frame(),
+                gap_s: stamp_secs(t1 - t0),
+                most_s: stamp_secs(max_gap),
+            }),
+            (Some((last, _)), None) => Err(StepFault::Ended { child: frame(), at_s: stamp_secs(*last) }),
+            (None, Some((first, _))) => Err(StepFault::NotBegun { child: frame(), at_s: stamp_secs(*first) }),
+            (None, None) => Err(StepFault::NoSample(frame())),
         }
     }
 }
@@ -260,7 +285,12 @@ mod tests {
     fn a_frame_has_one_parent() {
         let mut tf = buffer();
         tf.add("odom", "link", 11 * S, Pose::identity());
-        assert!(tf.lookup("world", "optical", 11 * S, 5 * S).unwrap_err().to_string().contains("several parents (odom, world)"));
+        assert!(
+            tf.lookup("world", "optical", 11 * S, 5 * S)
+                .unwrap_err()
+                .to_string()
+                .contains("several parents (odom, world)")
+        );
         tf.add_static("a", "a", Pose::identity());
         assert_eq!(tf.invalid, 1);
     }

@@ -1,7 +1,8 @@
-//! Lens distortion taken out: images of a real lens resampled into an ideal pinhole camera with the same camera matrix.
+//! Lens distortion taken out: images of a real lens resampled into an ideal pinhole camera with the same
+//! camera matrix. See docs/method.md (2.3).
 //!
-//! The models are those of `sensor_msgs/CameraInfo` (OpenCV): with `x, y` the ideal image plane coordinates and
-//! `r2 = x^2 + y^2`, the lens shows the point at
+//! The models are those of `sensor_msgs/CameraInfo` (OpenCV): with `x, y` the ideal image plane coordinates
+//! and `r2 = x^2 + y^2`, the lens shows the point at
 //!
 //! ```text
 //! radial = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)
@@ -24,15 +25,31 @@ pub struct Distortion {
     pub tangential: [f64; 2],
 }
 
+/// What is wrong with a lens, as the end of a sentence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LensFault {
+    /// A coefficient is no number.
+    #[error("has coefficients that are not finite")]
+    NotFinite,
+    /// Terms that are not undone.
+    #[error("has thin prism or tilt terms")]
+    PrismOrTilt,
+    /// A number of coefficients that the model does not have.
+    #[error("has {0} coefficients")]
+    Count(usize),
+    /// Another model.
+    #[error("is not supported")]
+    Unknown,
+}
+
 impl Distortion {
     /// The model of a camera_info by its name and coefficients.
     ///
     /// # Errors
-    /// What is wrong, as the end of a sentence: another model, a wrong number of coefficients, or values that are not
-    /// finite.
-    pub fn from_info(model: &str, d: &[f64]) -> Result<Self, String> {
+    /// Another model, a wrong number of coefficients, or values that are not finite.
+    pub fn from_info(model: &str, d: &[f64]) -> Result<Self, LensFault> {
         if d.iter().any(|v| !v.is_finite()) {
-            return Err("has coefficients that are not finite".into());
+            return Err(LensFault::NotFinite);
         }
         let zero = d.iter().all(|v| *v == 0.0);
         match (model, d.len()) {
@@ -41,12 +58,14 @@ impl Distortion {
                 let k3 = d.get(4).copied().unwrap_or(0.0);
                 Ok(Self { radial: [d[0], d[1], k3], rational: [0.0; 3], tangential: [d[2], d[3]] })
             }
-            ("rational_polynomial", 8..=14) if d[8..].iter().all(|v| *v == 0.0) => {
-                Ok(Self { radial: [d[0], d[1], d[4]], rational: [d[5], d[6], d[7]], tangential: [d[2], d[3]] })
-            }
-            ("rational_polynomial", 9..=14) => Err("has thin prism or tilt terms".into()),
-            ("plumb_bob" | "rational_polynomial", n) => Err(format!("has {n} coefficients")),
-            _ => Err("is not supported".into()),
+            ("rational_polynomial", 8..=14) if d[8..].iter().all(|v| *v == 0.0) => Ok(Self {
+                radial: [d[0], d[1], d[4]],
+                rational: [d[5], d[6], d[7]],
+                tangential: [d[2], d[3]],
+            }),
+            ("rational_polynomial", 9..=14) => Err(LensFault::PrismOrTilt),
+            ("plumb_bob" | "rational_polynomial", n) => Err(LensFault::Count(n)),
+            _ => Err(LensFault::Unknown),
         }
     }
 
@@ -63,11 +82,14 @@ impl Distortion {
         let poly = |c: &[f64; 3]| 1.0 + r2 * (c[0] + r2 * (c[1] + r2 * c[2]));
         let radial = poly(&self.radial) / poly(&self.rational);
         let [p1, p2] = self.tangential;
-        (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y)
+        (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
     }
 
-    /// Whether the radial mapping turns back at this radius: further out the model is meaningless and shows the image
-    /// folded over.
+    /// Whether the radial mapping turns back at this radius: further out the model is meaningless and shows
+    /// the image folded over.
     fn folds(&self, r: f64) -> bool {
         let at = |r: f64| self.apply(r, 0.0).0;
         at(r + 1e-4) <= at(r)
@@ -96,8 +118,10 @@ impl UndistortMap {
             .iter()
             .fold(0.0, |a: f64, b| a.max(*b));
         let steps = 400;
-        let limit =
-            (0..=steps).map(|i| 2.0 * corner * f64::from(i) / f64::from(steps)).find(|r| distortion.folds(*r)).unwrap_or(f64::INFINITY);
+        let limit = (0..=steps)
+            .map(|i| 2.0 * corner * f64::from(i) / f64::from(steps))
+            .find(|r| distortion.folds(*r))
+            .unwrap_or(f64::INFINITY);
         let source = |i: usize| {
             let ray = camera.ray((i % camera.width) as f64, (i / camera.width) as f64);
             if ray.xy().norm() >= limit {
@@ -113,6 +137,7 @@ impl UndistortMap {
     /// Color, bilinear; black where the lens shows nothing.
     #[must_use]
     pub fn color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
+        let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
         let sample = |[u, v]: &[f32; 2]| {
             if !(*u >= 0.0 && *v >= 0.0 && *u <= (self.width - 1) as f32 && *v <= (self.height - 1) as f32) {
                 return [0; 3];
@@ -120,7 +145,6 @@ impl UndistortMap {
             let (x, y) = (*u as usize, *v as usize);
             let (x1, y1) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
             let (fx, fy) = (u - x as f32, v - y as f32);
-            let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
             std::array::from_fn(|c| {
                 let top = at(x, y, c) * (1.0 - fx) + at(x1, y, c) * fx;
                 let bottom = at(x, y1, c) * (1.0 - fx) + at(x1, y1, c) * fx;
@@ -130,7 +154,8 @@ impl UndistortMap {
         self.sources.iter().map(sample).collect()
     }
 
-    /// Values that must not be mixed (depth, masks), from the nearest pixel; `outside` where the lens shows nothing.
+    /// Values that must not be mixed (depth, masks), from the nearest pixel; `outside` where the lens shows
+    /// nothing.
     #[must_use]
     pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
         let sample = |[u, v]: &[f32; 2]| {
@@ -146,12 +171,14 @@ impl UndistortMap {
 mod tests {
     use super::*;
 
-    const CAMERA: Intrinsics = Intrinsics { width: 160, height: 120, fx: 120.0, fy: 118.0, cx: 81.3, cy: 58.7 };
+    const CAMERA: Intrinsics =
+        Intrinsics { width: 160, height: 120, fx: 120.0, fy: 118.0, cx: 81.3, cy: 58.7 };
 
     fn models() -> [Distortion; 2] {
         [
             Distortion::from_info("plumb_bob", &[-0.25, 0.08, 0.001, -0.002, -0.01]).unwrap(),
-            Distortion::from_info("rational_polynomial", &[0.4, 0.02, 0.0005, 0.001, 0.001, 0.75, 0.1, 0.01]).unwrap(),
+            Distortion::from_info("rational_polynomial", &[0.4, 0.02, 0.0005, 0.001, 0.001, 0.75, 0.1, 0.01])
+                .unwrap(),
         ]
     }
 
@@ -209,7 +236,7 @@ mod tests {
         assert!(Distortion::from_info("equidistant", &[0.0; 4]).is_err());
         assert!(Distortion::from_info("plumb_bob", &[0.1; 3]).is_err());
         assert!(Distortion::from_info("plumb_bob", &[0.1, f64::NAN, 0.0, 0.0]).is_err());
-        assert!(Distortion::from_info("rational_polynomial", &[0.1; 12]).unwrap_err().contains("thin prism"));
+        assert_eq!(Distortion::from_info("rational_polynomial", &[0.1; 12]), Err(LensFault::PrismOrTilt));
     }
 
     #[test]

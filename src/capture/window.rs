@@ -16,18 +16,19 @@ const MAX_RANGE: f64 = 0.1;
 /// Inverse depth in the window about a pixel, least squares.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct WindowPlane {
-    /// Inverse depth in the middle, 1/metre.
+    /// Inverse depth in the middle, 1/meter.
     pub inverse: f64,
-    /// Its slopes along u and v, 1/(metre pixel).
+    /// Its slopes along u and v, 1/(meter pixel).
     pub slopes: [f64; 2],
-    /// Variance of a reading about the plane, 1/square metre.
+    /// Variance of a reading about the plane, 1/square meter.
     pub variance: f64,
-    /// Mean depth, metres.
+    /// Mean depth, meters.
     pub mean_depth_m: f64,
 }
 
 impl WindowPlane {
-    /// The plane about a pixel at least [`R`] from the border; `None` where a reading is missing or the window shows an edge.
+    /// The plane about a pixel at least [`R`] from the border; `None` where a reading is missing or the
+    /// window shows an edge.
     pub fn fit(frame: &RgbdFrame, x: usize, y: usize) -> Option<Self> {
         let side = 2 * R + 1;
         let count = READINGS as f64;
@@ -42,6 +43,7 @@ impl WindowPlane {
             *value = 1.0 / d;
         }
         let mean_depth_m = sum / count;
+        // An edge would tilt the plane and look like noise.
         if most - least > MAX_RANGE * mean_depth_m {
             return None;
         }
@@ -51,12 +53,13 @@ impl WindowPlane {
         let mean = inverse.iter().sum::<f64>() / count;
         let slope_x = inverse.iter().enumerate().map(|(i, v)| place(i).0 * v).sum::<f64>() / spread;
         let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
-        let residual = |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
+        let residual =
+            |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
         let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
     }
 
-    /// Standard deviation of a reading, metres: d(depth) = depth^2 d(1/depth).
+    /// Standard deviation of a reading, meters: d(depth) = depth^2 d(1/depth).
     pub fn reading_sigma_m(&self) -> f64 {
         self.variance.sqrt() * self.mean_depth_m * self.mean_depth_m
     }

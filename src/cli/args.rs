@@ -9,9 +9,11 @@ use crate::{
     synth::{PoseSpread, SynthConfig},
 };
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, 130 stopped.";
+const EXIT_CODES: &str =
+    "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, 130 stopped.";
 
-/// RGB-D recordings of an articulated object in two states in, a simulator-ready digital twin out.
+/// RGB-D recordings of an articulated object in two or more states in, a digital twin that simulators load
+/// out.
 #[derive(Debug, Parser)]
 #[command(name = "artitwin", version, about, after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
@@ -25,7 +27,7 @@ pub struct Cli {
 pub enum Command {
     /// Make the twin of a recorded object: part meshes, joints, URDF, report
     Reconstruct(Box<ReconstructArgs>),
-    /// Tell what a recording holds and what it lacks
+    /// Show what a recording holds and what it lacks
     Inspect(InspectArgs),
     /// Measure finished runs against the truth
     Evaluate(EvaluateArgs),
@@ -35,7 +37,7 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Make an articulated object and film it: recordings of two states with their truth
     Synth(SynthArgs),
-    /// Work as a ROS 2 node: collect both states from topics, make the twin, publish it
+    /// Run as a ROS 2 node: collect both states from topics, make the twin, publish it
     #[cfg(feature = "node")]
     Node(NodeArgs),
     /// Write the topics that the node would read to a bag, until Ctrl-C
@@ -47,7 +49,7 @@ pub enum Command {
         #[command(subcommand)]
         command: ConfigCommand,
     },
-    /// Tell what this machine offers and what will be used
+    /// Show what this machine offers and what will be used
     Doctor(SettingArgs),
 }
 
@@ -84,12 +86,12 @@ pub struct SettingArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
-    /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote there is replaced if
-    /// nobody changed it since; anything else is refused
+    /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote
+    /// there is replaced if nobody changed it since; anything else is refused
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct` takes the
-    /// recording's, `diagnose` and `synth` put the result into DIR itself
+    /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct`
+    /// takes the recording's, `diagnose` and `synth` put the result into DIR itself
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub name: Option<String>,
     /// Move what must not be replaced to NAME.bak instead of refusing; an input is never moved
@@ -169,10 +171,12 @@ pub struct DiagnoseArgs {
     /// URDF of the twin
     #[arg(value_name = "TWIN.urdf")]
     pub twin: PathBuf,
-    /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and --wrench
+    /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and
+    /// --wrench
     #[arg(value_name = "RUN", required_unless_present = "frames")]
     pub runs: Vec<PathBuf>,
-    /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's root; may be repeated
+    /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's
+    /// root; may be repeated
     #[arg(long, value_name = "BAG")]
     pub frames: Vec<PathBuf>,
     /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
@@ -182,7 +186,13 @@ pub struct DiagnoseArgs {
     #[arg(long, value_name = "RUN")]
     pub held_out: Vec<PathBuf>,
     /// Gravity in the frame of the twin's root, m/s^2: x,y,z
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, default_value = "0,0,-9.81", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = vector,
+        default_value = "0,0,-9.81",
+        allow_hyphen_values = true
+    )]
     pub gravity: [f64; 3],
     /// How the effort runs between samples
     #[arg(long, value_parser = ["zero", "linear"], default_value = "zero")]
@@ -190,12 +200,14 @@ pub struct DiagnoseArgs {
     /// Effects to fit at every joint instead of searching for them, such as viscous_friction,inertia
     #[arg(long, value_name = "EFFECT", value_delimiter = ',')]
     pub effects: Vec<String>,
-    /// Topic with geometry_msgs/WrenchStamped that act on a link, as a force gauge measures them; may be repeated. header.frame_id
-    /// names a link, at whose origin the wrench acts, or the twin's root or `world`: it then acts at the origin of LINK
+    /// Topic with geometry_msgs/WrenchStamped that act on a link, as a force gauge measures them; may be
+    /// repeated. header.frame_id names a link, at whose origin the wrench acts, or the twin's root or
+    /// `world`: it then acts at the origin of LINK
     #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
     pub wrench: Vec<(String, String)>,
-    /// Topic with geometry_msgs/PoseStamped of a link, in the frame of another link or `world`, in place of joint states; may be
-    /// repeated. Without either, transforms on /tf whose child frame is a link of the twin are read
+    /// Topic with geometry_msgs/PoseStamped of a link, in the frame of another link or `world`, in place of
+    /// joint states; may be repeated. Without either, transforms on /tf whose child frame is a link of the
+    /// twin are read
     #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
     pub pose: Vec<(String, String)>,
     /// Seed of the permutation tests
@@ -236,7 +248,7 @@ pub struct SynthArgs {
     /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same
     #[arg(long, value_name = "X", default_value_t = SynthConfig::default().motion_scale)]
     pub motion_scale: f64,
-    /// Angle by which every axis leans from square, degrees
+    /// Angle by which every axis is tilted from square, degrees
     #[arg(long, value_name = "DEG", default_value_t = SynthConfig::default().skew_deg)]
     pub skew: f64,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
@@ -256,30 +268,42 @@ pub struct SynthArgs {
     pub output: OutputArgs,
 }
 
-fn topic_of_link(text: &str) -> Result<(String, String), String> {
+/// Why the value of an option cannot be used: what to give.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("give {0}")]
+struct Wanted(&'static str);
+
+fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
     match text.split_once('=') {
-        Some((topic, link)) if !topic.is_empty() && !link.is_empty() => Ok((topic.to_owned(), link.to_owned())),
-        _ => Err("give TOPIC=LINK, such as /gauge=handle".to_owned()),
+        Some((topic, link)) if !topic.is_empty() && !link.is_empty() => {
+            Ok((topic.to_owned(), link.to_owned()))
+        }
+        _ => Err(Wanted("TOPIC=LINK, such as /gauge=handle")),
     }
 }
 
-fn vector(text: &str) -> Result<[f64; 3], String> {
+fn vector(text: &str) -> Result<[f64; 3], Wanted> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
-        _ => Err("give three numbers x,y,z".to_owned()),
+        _ => Err(Wanted("three numbers x,y,z")),
     }
 }
 
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder; several of them are
-    /// the states of one object, 16 at most
+    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
+    /// several of them are the states of one object, 16 at most
     #[arg(value_name = "BAG", required = true)]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64), conflicts_with = "name")]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u8).range(1..=64),
+        conflicts_with = "name"
+    )]
     pub jobs: Option<u8>,
     /// Number of rigid parts, the static one included; default: found by evidence
     #[arg(long, value_name = "N")]
@@ -305,11 +329,13 @@ pub struct ReconstructArgs {
     /// Joint limits: what was observed, or as far as the collision solids allow
     #[arg(long, value_parser = ["observed", "swept"])]
     pub limits: Option<String>,
-    /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features onnx`
+    /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features
+    /// onnx`
     ///
-    /// Inputs `image0`, `image1`: float32 [1, C, H, W] in 0 to 1, C = 1 (luma) or 3 (RGB), H and W fixed or open.
-    /// Outputs `keypoints0`, `keypoints1`: [N, 2] or [1, N, 2], pixels (u, v) of the inputs, integers at pixel centers;
-    /// `confidence`, which may be absent: [N] or [1, N]. Others are ignored. Weights stand in the file, 512 MiB at most.
+    /// Inputs `image0`, `image1`: float32 [1, C, H, W] in 0 to 1, C = 1 (luma) or 3 (RGB), H and W fixed or
+    /// open. Outputs `keypoints0`, `keypoints1`: [N, 2] or [1, N, 2], pixels (u, v) of the inputs, integers
+    /// at pixel centers; `confidence`, which may be absent: [N] or [1, N]. Others are ignored. Weights stand
+    /// in the file, 512 MiB at most.
     #[arg(long, value_name = "FILE.onnx")]
     pub matcher: Option<PathBuf>,
     /// What trains the fields
@@ -329,24 +355,31 @@ pub struct ReconstructArgs {
     pub settings: SettingArgs,
 }
 
-fn name(text: &str) -> Result<String, String> {
+fn name(text: &str) -> Result<String, Wanted> {
     let mut chars = text.chars();
-    let valid = chars.next().is_some_and(|c| c.is_ascii_alphabetic()) && chars.all(|c| c.is_ascii_alphanumeric() || c == '_');
-    if valid && text.len() <= 64 { Ok(text.to_owned()) } else { Err("give a letter, then letters, digits and _, 64 at most".to_owned()) }
-}
-
-fn workspace(text: &str) -> Result<[[f64; 3]; 2], String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x0, y0, z0, x1, y1, z1]) => Ok([[x0, y0, z0], [x1, y1, z1]]),
-        _ => Err("give six numbers x0,y0,z0,x1,y1,z1".to_owned()),
+    let valid = chars.next().is_some_and(|c| c.is_ascii_alphabetic())
+        && chars.all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if valid && text.len() <= 64 {
+        Ok(text.to_owned())
+    } else {
+        Err(Wanted("a letter, then letters, digits and _, 64 at most"))
     }
 }
 
-fn topic(text: &str) -> Result<(String, String), String> {
+fn workspace(text: &str) -> Result<[[f64; 3]; 2], Wanted> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x0, y0, z0, x1, y1, z1]) => Ok([[x0, y0, z0], [x1, y1, z1]]),
+        _ => Err(Wanted("six numbers x0,y0,z0,x1,y1,z1")),
+    }
+}
+
+fn topic(text: &str) -> Result<(String, String), Wanted> {
     match text.split_once('=') {
-        Some((kind, topic)) if !kind.is_empty() && !topic.is_empty() => Ok((kind.to_owned(), topic.to_owned())),
-        _ => Err("give KIND=TOPIC, e.g. color=/camera/color/image_raw".to_owned()),
+        Some((kind, topic)) if !kind.is_empty() && !topic.is_empty() => {
+            Ok((kind.to_owned(), topic.to_owned()))
+        }
+        _ => Err(Wanted("KIND=TOPIC, e.g. color=/camera/color/image_raw")),
     }
 }
 
@@ -363,7 +396,8 @@ mod tests {
     #[test]
     fn options_are_parsed() {
         let parse = |line: &str| Cli::try_parse_from(line.split(' ')).map(|cli| cli.command);
-        let line = "artitwin reconstruct bag --out runs --workspace -1,-2,-3,1,2,3 --split 4.5,6 --topic color=/a=b";
+        let line =
+            "artitwin reconstruct bag --out runs --workspace -1,-2,-3,1,2,3 --split 4.5,6 --topic color=/a=b";
         let Ok(Command::Reconstruct(args)) = parse(line) else { panic!("{line}") };
         assert_eq!(args.workspace, Some([[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0]]));
         assert_eq!(args.split, [4.5, 6.0]);

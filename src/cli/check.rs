@@ -3,6 +3,7 @@
 use super::{
     args::CheckArgs,
     exit::{CliError, Exit},
+    terminal,
 };
 use crate::{
     export::{Level, check_folder},
@@ -18,7 +19,7 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let errors = found.iter().filter(|f| f.level == Level::Error).count();
     let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();
     text.push_str(&format!("{errors} errors, {} warnings\n", found.len() - errors));
-    super::print(&text)?;
+    terminal::print(&text)?;
     let failed = errors > 0 || (args.strict && !found.is_empty());
     Ok(if failed { Exit::Failed } else { Exit::Done })
 }

@@ -3,6 +3,7 @@
 use super::{
     args::ConfigCommand,
     exit::{CliError, Exit},
+    terminal,
 };
 
 /// Prints the merged configuration.
@@ -12,6 +13,6 @@ use super::{
 pub fn run(command: &ConfigCommand) -> Result<Exit, CliError> {
     let ConfigCommand::Show { settings, origin } = command;
     let resolved = settings.resolve()?;
-    super::print(&if *origin { resolved.to_lines_with_origins() } else { resolved.to_yaml()? })?;
+    terminal::print(&if *origin { resolved.to_lines_with_origins() } else { resolved.to_yaml()? })?;
     Ok(Exit::Done)
 }

@@ -3,9 +3,14 @@
 use super::{
     args::DiagnoseArgs,
     exit::{CliError, Exit},
+    terminal,
 };
 use crate::{
-    gap::{camera::assess::FrameOptions, drive::Hold, tracks::Streams, verdict::Verdict},
+    gap::{
+        camera::record::options::FrameOptions,
+        judge::verdict::Verdict,
+        record::{drive::Hold, tracks::Streams},
+    },
     run::{self, DiagnoseRequest, Monitor},
 };
 
@@ -34,8 +39,12 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         run::diagnose_frames(&request, &args.frames, &options, &Monitor::silent())?
     };
     for warning in &outcome.warnings {
-        super::tell(&format!("warning: {warning}"));
+        terminal::tell(&format!("warning: {warning}"));
     }
-    super::print(&format!("{}report: {}\n", outcome.summary, outcome.folder.join("report.html").display()))?;
+    terminal::print(&format!(
+        "{}report: {}\n",
+        outcome.summary,
+        outcome.folder.join("report.html").display()
+    ))?;
     Ok(if outcome.verdict == Verdict::Insufficient { Exit::Degraded } else { Exit::Done })
 }

@@ -6,6 +6,7 @@ use super::{
     args::SettingArgs,
     exit::{CliError, Exit},
     machine::Machine,
+    terminal,
 };
 use crate::{
     config::Engine,
@@ -24,16 +25,20 @@ const DISK_WANTED: u64 = 2 << 30;
 pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
     let engine = settings.resolve()?.config.run.engine;
     let adapters = field::adapters();
-    super::print(&report(&Machine::detect(), &adapters))?;
-    let name = engine_name(engine, &adapters).map_err(CliError::Machine)?;
-    super::print(&format!("engine     {name}\n"))?;
+    terminal::print(&report(&Machine::detect(), &adapters))?;
+    let name = engine_name(engine, &adapters).map_err(|e| CliError::Machine(e.to_string()))?;
+    terminal::print(&format!("engine     {name}\n"))?;
     Ok(Exit::Done)
 }
 
 fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> String {
     let unknown = || "unknown".to_owned();
     let threads = machine.threads.map_or_else(unknown, |n| n.to_string());
-    let vectors = if machine.vector_instructions.is_empty() { "none known".to_owned() } else { machine.vector_instructions.join(" ") };
+    let vectors = if machine.vector_instructions.is_empty() {
+        "none known".to_owned()
+    } else {
+        machine.vector_instructions.join(" ")
+    };
     let mut text = format!(
         "artitwin   {} ({} {})\nprocessor  {}, {threads} threads, {vectors}\n",
         env!("CARGO_PKG_VERSION"),
@@ -41,8 +46,12 @@ fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> Str
         std::env::consts::ARCH,
         machine.processor.clone().unwrap_or_else(unknown),
     );
-    let short = |have: Option<u64>, wanted| if have.is_some_and(|h| h < wanted) { "; this may be too little" } else { "" };
-    let size = |bytes: Option<u64>| bytes.map_or_else(unknown, |b| format!("{:.1} GiB", b as f64 / (1u64 << 30) as f64));
+    let short = |have: Option<u64>, wanted| {
+        if have.is_some_and(|h| h < wanted) { "; this may be too little" } else { "" }
+    };
+    let size = |bytes: Option<u64>| {
+        bytes.map_or_else(unknown, |b| format!("{:.1} GiB", b as f64 / (1u64 << 30) as f64))
+    };
     let lines = [
         format!(
             "memory     {} of {} available{}",
@@ -50,7 +59,11 @@ fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> Str
             size(machine.memory_total),
             short(machine.memory_available, MEMORY_WANTED)
         ),
-        format!("disk       {} free in this folder{}", size(machine.disk_free), short(machine.disk_free, DISK_WANTED)),
+        format!(
+            "disk       {} free in this folder{}",
+            size(machine.disk_free),
+            short(machine.disk_free, DISK_WANTED)
+        ),
         match adapters {
             Ok(found) if found.is_empty() => "gpu        no adapter found".to_owned(),
             Ok(found) => found.iter().map(|a| format!("gpu        {a}")).collect::<Vec<_>>().join("\n"),
@@ -63,19 +76,28 @@ fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> Str
     text
 }
 
+/// Why the engine of the settings cannot run here.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineUnfit {
+    /// There is no GPU.
+    #[error("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu")]
+    NoAdapter,
+    /// The GPUs cannot be asked.
+    #[error("run.engine is gpu: {0}")]
+    Adapters(String),
+}
+
 /// What trains the fields, or why it cannot.
-fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> Result<String, String> {
+fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> Result<String, EngineUnfit> {
     match (engine, adapters) {
         (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),
         (Engine::Burn, _) => Ok("burn on the CPU".to_owned()),
-        (Engine::Gpu, Ok(found)) if found.is_empty() => {
-            Err("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu".to_owned())
-        }
+        (Engine::Gpu, Ok(found)) if found.is_empty() => Err(EngineUnfit::NoAdapter),
         (Engine::Gpu, Ok(found)) if found.iter().all(|a| a.contains("(Cpu,")) => {
             Ok("burn on a software adapter, which is slower than the cpu engine".to_owned())
         }
         (Engine::Gpu, Ok(_)) => Ok("burn on a GPU".to_owned()),
-        (Engine::Gpu, Err(error)) => Err(format!("run.engine is gpu: {error}")),
+        (Engine::Gpu, Err(error)) => Err(EngineUnfit::Adapters(error.to_string())),
     }
 }
 
@@ -109,8 +131,13 @@ mod tests {
     fn an_engine_that_cannot_run_is_refused() {
         let software = vec!["llvmpipe (Cpu, Vulkan, driver x)".to_owned()];
         assert!(engine_name(Engine::Gpu, &Ok(software)).unwrap().contains("software"));
-        assert!(engine_name(Engine::Gpu, &Err(EngineError::NotBuilt)).unwrap_err().contains("--features gpu"));
-        assert!(engine_name(Engine::Gpu, &Ok(Vec::new())).unwrap_err().contains("no adapter"));
+        assert!(
+            engine_name(Engine::Gpu, &Err(EngineError::NotBuilt))
+                .unwrap_err()
+                .to_string()
+                .contains("--features gpu")
+        );
+        assert!(matches!(engine_name(Engine::Gpu, &Ok(Vec::new())), Err(EngineUnfit::NoAdapter)));
         assert!(engine_name(Engine::Cpu, &Err(EngineError::NotBuilt)).unwrap().starts_with("cpu, "));
     }
 }

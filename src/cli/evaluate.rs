@@ -3,6 +3,7 @@
 use super::{
     args::EvaluateArgs,
     exit::{CliError, Exit},
+    terminal,
 };
 use crate::evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
 
@@ -15,6 +16,6 @@ pub fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
     let options = EvaluateOptions { samples: args.samples, seed: args.seed, min_component };
     let report = evaluate::run(&args.runs, &args.truth, &options)?;
     let text = if args.json { report.to_json() + "\n" } else { report.to_text() };
-    super::print(&text)?;
+    terminal::print(&text)?;
     Ok(Exit::Done)
 }

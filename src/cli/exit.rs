@@ -61,10 +61,11 @@ pub enum CliError {
     /// The command line asks for what does not go together.
     #[error("{0}")]
     Usage(&'static str),
-    /// Some objects of several have no result; why was told.
+    /// Some objects of several have no result; why was reported.
     #[error(
         "{failed} of {total} objects {}",
-        if *cancelled { "were stopped or failed, the others are in their folders; continue with --resume" } else { "failed, the others are in their folders" }
+        if *cancelled { "were stopped or failed, the others are in their folders; continue with \
+            --resume" } else { "failed, the others are in their folders" }
     )]
     Batch {
         /// Objects without a result.
@@ -97,7 +98,10 @@ impl CliError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Config(_) | Self::Run(RunError::Config(_)) | Self::Usage(_) | Self::Synth(SynthError::Config(_)) => Exit::Usage,
+            Self::Config(_)
+            | Self::Run(RunError::Config(_))
+            | Self::Usage(_)
+            | Self::Synth(SynthError::Config(_)) => Exit::Usage,
             #[cfg(feature = "node")]
             Self::Node(error) if error.is_usage() => Exit::Usage,
             Self::Run(RunError::Cancelled(_)) | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
@@ -124,6 +128,9 @@ mod tests {
         let error: CliError = RunError::stage("field/state0", std::io::Error::other("disk full")).into();
         assert_eq!(error.chain(), "field/state0: disk full");
         let missing = CaptureError::Read { path: "bag".into(), source: std::io::Error::other("gone") };
-        assert_eq!(CliError::from(RunError::stage("capture", missing)).chain(), "capture: cannot read `bag`: gone");
+        assert_eq!(
+            CliError::from(RunError::stage("capture", missing)).chain(),
+            "capture: cannot read `bag`: gone"
+        );
     }
 }

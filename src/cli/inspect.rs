@@ -3,6 +3,7 @@
 use super::{
     args::InspectArgs,
     exit::{CliError, Exit},
+    terminal,
 };
 use crate::io;
 
@@ -12,6 +13,6 @@ use crate::io;
 /// If it cannot be read at all.
 pub fn run(args: &InspectArgs) -> Result<Exit, CliError> {
     let found = io::inspect(&args.bag)?;
-    super::print(&found.to_text())?;
+    terminal::print(&found.to_text())?;
     Ok(if found.is_usable() { Exit::Done } else { Exit::Failed })
 }

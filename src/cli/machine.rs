@@ -4,7 +4,7 @@ use std::{fs, path::Path, thread};
 
 use crate::io::free_bytes;
 
-/// What a run needs to know of the machine; `None`: the system does not tell.
+/// What a run needs to know of the machine; `None`: the system does not say.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Machine {
     /// Name of the processor.
@@ -40,7 +40,11 @@ impl Machine {
 
 /// The first value of a `name : value` table.
 fn field<'a>(table: &'a str, name: &str) -> Option<&'a str> {
-    table.lines().filter_map(|line| line.split_once(':')).find(|(n, _)| n.trim() == name).map(|(_, value)| value.trim())
+    table
+        .lines()
+        .filter_map(|line| line.split_once(':'))
+        .find(|(n, _)| n.trim() == name)
+        .map(|(_, value)| value.trim())
 }
 
 fn kibibytes(table: &str, name: &str) -> Option<u64> {

@@ -18,16 +18,15 @@ mod record;
 mod render;
 mod settings;
 mod synth;
+mod terminal;
 
-use std::{
-    io::{self, Write as _},
-    process::ExitCode,
-};
+use std::process::ExitCode;
 
 use clap::Parser as _;
 
 use args::{Cli, Command};
 use exit::{CliError, Exit};
+use terminal::{tell, written};
 
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
@@ -46,7 +45,7 @@ pub fn main() -> ExitCode {
     ended(run(cli.command))
 }
 
-/// The exit code; an error is told.
+/// The exit code; an error is printed.
 fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
     let exit = outcome.unwrap_or_else(|error| {
         tell(&format!("error: {}", error.chain()));
@@ -70,27 +69,4 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Config { command } => config::run(&command),
         Command::Doctor(settings) => doctor::run(&settings),
     }
-}
-
-/// Writes a result. A reader that went away is not an error.
-fn print(text: &str) -> Result<(), CliError> {
-    written(io::stdout().write_all(lines(text).as_bytes()))
-}
-
-/// What became of writing to standard output, all the way: what is left in the buffer is written too.
-fn written(outcome: io::Result<()>) -> Result<(), CliError> {
-    match outcome.and_then(|()| io::stdout().flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
-        _ => Ok(()),
-    }
-}
-
-/// Writes a diagnostic line; there is nowhere to complain if that fails.
-fn tell(line: &str) {
-    writeln!(io::stderr(), "{}", lines(line)).ok();
-}
-
-/// Text without control characters but the ends of lines: names from files would steer the terminal.
-fn lines(text: &str) -> String {
-    text.split('\n').map(crate::io::printable).collect::<Vec<_>>().join("\n")
 }

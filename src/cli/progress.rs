@@ -1,4 +1,4 @@
-//! What a run tells, shown while it runs: bars on a terminal, plain lines elsewhere, JSON lines on request.
+//! What a run reports, shown while it runs: bars on a terminal, plain lines elsewhere, JSON lines on request.
 
 use std::{
     collections::BTreeMap,
@@ -28,8 +28,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts listening: `json` to stdout, else bars or lines to stderr. JSON that cannot be written sets `stop`: events are what
-    /// such a run is for, and it ends at its next step.
+    /// Starts listening: `json` to stdout, else bars or lines to stderr. JSON that cannot be written sets
+    /// `stop`: events are what such a run is for, and it ends at its next step.
     pub fn start(json: bool, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
@@ -95,8 +95,10 @@ impl<W: Write> Listener for JsonLines<W> {
         }
         let written = serde_json::to_string(event).map_err(io::Error::from);
         let written = written.and_then(|line| writeln!(self.out, "{line}").and_then(|()| self.out.flush()));
-        // Once the reader went away nobody is left to tell; the run goes on.
-        if let Err(error) = written.or_else(|e| if e.kind() == io::ErrorKind::BrokenPipe { Ok(()) } else { Err(e) }) {
+        // Once the reader went away nobody is left to report to; the run goes on.
+        if let Err(error) =
+            written.or_else(|e| if e.kind() == io::ErrorKind::BrokenPipe { Ok(()) } else { Err(e) })
+        {
             self.stop.store(true, Ordering::Relaxed);
             self.outcome = Err(error);
         }
@@ -108,7 +110,7 @@ struct Lines<W> {
     out: W,
     /// When each stage began, and when a step of it was last shown.
     stages: BTreeMap<String, (Duration, Duration)>,
-    /// Told together at the end, where they are read.
+    /// Shown together at the end, where they are read.
     warnings: Vec<String>,
 }
 
@@ -135,10 +137,14 @@ impl<W: Write> Listener for Lines<W> {
                 }
                 *shown = at;
                 let left = time_left(at.saturating_sub(*began), *done, *total);
-                let loss = if let Event::Step { loss, .. } = event { format!(", loss {loss:.4e}") } else { String::new() };
+                let loss = if let Event::Step { loss, .. } = event {
+                    format!(", loss {loss:.4e}")
+                } else {
+                    String::new()
+                };
                 format!("{stage}: {done} of {total}{loss}{left}")
             }
-            Event::Warning { message } => return self.warnings.push(message.clone()),
+            Event::Warning { message, .. } => return self.warnings.push(message.clone()),
             other => match sentence(other) {
                 Some(line) => line,
                 None => return,
@@ -159,7 +165,7 @@ impl<W: Write> Listener for Lines<W> {
 struct Bars {
     all: MultiProgress,
     running: BTreeMap<String, ProgressBar>,
-    /// Told together at the end, where they are read.
+    /// Shown together at the end, where they are read.
     warnings: Vec<String>,
 }
 
@@ -167,10 +173,13 @@ impl Bars {
     fn bar(&mut self, stage: &str, steps: Option<usize>) -> &ProgressBar {
         self.running.entry(stage.to_owned()).or_insert_with(|| {
             let (bar, template) = match steps {
-                Some(steps) => (ProgressBar::new(steps as u64), "{prefix:24} {wide_bar} {pos}/{len} {msg} {eta} left"),
+                Some(steps) => {
+                    (ProgressBar::new(steps as u64), "{prefix:24} {wide_bar} {pos}/{len} {msg} {eta} left")
+                }
                 None => (ProgressBar::new_spinner(), "{prefix:24} {spinner} {elapsed}"),
             };
-            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+            let style =
+                ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
             let bar = self.all.add(bar.with_style(style).with_prefix(printable(stage)));
             bar.enable_steady_tick(Duration::from_millis(200));
             bar
@@ -179,7 +188,8 @@ impl Bars {
 }
 
 impl Bars {
-    /// Writes a line above the bars. `MultiProgress::println` would leave the cursor in it once there are no bars.
+    /// Writes a line above the bars. `MultiProgress::println` would leave the cursor in it once there are no
+    /// bars.
     fn line(&self, text: &str) {
         self.all.suspend(|| writeln!(io::stderr(), "{}", printable(text)).ok());
     }
@@ -197,7 +207,7 @@ impl Listener for Bars {
             Event::Count { stage, done, total } => {
                 self.bar(stage, Some(*total)).set_position(*done as u64);
             }
-            Event::Warning { message } => self.warnings.push(message.clone()),
+            Event::Warning { message, .. } => self.warnings.push(message.clone()),
             other => {
                 if let Event::StageFinished { stage, .. } = other
                     && let Some(bar) = self.running.remove(stage)
@@ -218,7 +228,10 @@ impl Listener for Bars {
 impl Drop for Bars {
     fn drop(&mut self) {
         for (stage, bar) in &self.running {
-            let steps = bar.length().map(|steps| format!(" at step {} of {steps}", bar.position())).unwrap_or_default();
+            let steps = bar
+                .length()
+                .map(|steps| format!(" at step {} of {steps}", bar.position()))
+                .unwrap_or_default();
             bar.finish_and_clear();
             self.line(&format!("{stage}: ended{steps}"));
         }
@@ -229,10 +242,14 @@ impl Drop for Bars {
 fn sentence(event: &Event) -> Option<String> {
     match event {
         // The program says last why it fails.
-        Event::StageStarted { .. } | Event::Step { .. } | Event::Count { .. } | Event::Warning { .. } | Event::Error { .. } => None,
+        Event::StageStarted { .. }
+        | Event::Step { .. }
+        | Event::Count { .. }
+        | Event::Warning { .. }
+        | Event::Error { .. } => None,
         Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
         Event::Failed { message } => Some(format!("failed: {message}")),
-        Event::Note { message } => Some(message.clone()),
+        Event::Note { message, .. } => Some(message.clone()),
         Event::Artifact { path } => Some(format!("wrote {path}")),
     }
 }
@@ -243,12 +260,17 @@ fn time_left(spent: Duration, done: usize, total: usize) -> String {
         return String::new();
     }
     let seconds = (spent.as_secs_f64() * (total - done) as f64 / done as f64).round() as u64;
-    if seconds < 60 { format!(", {seconds} s left") } else { format!(", {} min {} s left", seconds / 60, seconds % 60) }
+    if seconds < 60 {
+        format!(", {seconds} s left")
+    } else {
+        format!(", {} min {} s left", seconds / 60, seconds % 60)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::note::NoteCode;
 
     fn events() -> Vec<(u64, Event)> {
         let stage = || "field/state0".to_owned();
@@ -260,8 +282,14 @@ mod tests {
             (11, step(11, 0.2)),
             (20, step(20, f64::NAN)),
             (99, Event::StageFinished { stage: stage(), seconds: 99.0 }),
-            (99, Event::Warning { message: "topic \u{1b}[2J lost".to_owned() }),
-            (99, Event::Note { message: "stopping".to_owned() }),
+            (
+                99,
+                Event::Warning {
+                    code: NoteCode::RecordingDamaged,
+                    message: "topic \u{1b}[2J lost".to_owned(),
+                },
+            ),
+            (99, Event::Note { code: NoteCode::Stopping, message: "stopping".to_owned() }),
             (99, Event::Artifact { path: "runs/box/box.urdf".to_owned() }),
             (99, Event::StageStarted { stage: "export".to_owned(), steps: None }),
         ]
@@ -321,9 +349,21 @@ mod tests {
         let text = String::from_utf8(json.out).unwrap();
         let parsed: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
         assert_eq!(parsed.len(), events().len());
-        assert_eq!(parsed[0], serde_json::json!({"event": "stage_started", "stage": "field/state0", "steps": 100}));
-        assert_eq!(parsed[1], serde_json::json!({"event": "step", "stage": "field/state0", "done": 1, "total": 100, "loss": 0.5}));
+        assert_eq!(
+            parsed[0],
+            serde_json::json!({"event": "stage_started", "stage": "field/state0", "steps": 100})
+        );
+        let stage = "field/state0";
+        assert_eq!(
+            parsed[1],
+            serde_json::json!({"event": "step", "stage": stage, "done": 1, "total": 100, "loss": 0.5})
+        );
         assert_eq!(parsed[4]["loss"], serde_json::Value::Null);
+        let warning = "topic \u{1b}[2J lost";
+        assert_eq!(
+            parsed[6],
+            serde_json::json!({"event": "warning", "code": "recording_damaged", "message": warning})
+        );
         assert_eq!(parsed[8], serde_json::json!({"event": "artifact", "path": "runs/box/box.urdf"}));
     }
 
@@ -339,7 +379,7 @@ mod tests {
     fn the_listener_ends_though_a_sender_is_left() {
         let (progress, sender) = Progress::start(false, Arc::default());
         progress.finish().unwrap();
-        sender.send(Event::Note { message: String::new() }).ok();
+        sender.send(Event::Note { code: NoteCode::Stopping, message: String::new() }).ok();
     }
 
     #[test]

@@ -13,15 +13,18 @@ use super::{
     args::ReconstructArgs,
     exit::{CliError, Exit},
     progress::Progress,
-    render,
+    render, terminal,
 };
-use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
+use crate::{
+    note::NoteCode,
+    run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError},
+};
 
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
 /// # Errors
-/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops it too. Of several
-/// objects those that succeeded are there.
+/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
+/// it too. Of several objects those that succeeded are there.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) = Progress::start(args.json, Arc::clone(&stop));
@@ -36,7 +39,7 @@ pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let mut exit = Exit::Done;
     for outcome in done.into_iter().flatten() {
         if !args.json {
-            super::print(&render::outcome(&outcome))?;
+            terminal::print(&render::outcome(&outcome))?;
         }
         if outcome.degraded {
             exit = Exit::Degraded;
@@ -51,7 +54,11 @@ pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
 }
 
 /// The outcome of every object.
-fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>, stop: &Arc<AtomicBool>) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
+fn reconstruct(
+    args: &ReconstructArgs,
+    events: &Sender<Event>,
+    stop: &Arc<AtomicBool>,
+) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
     let resolved = args.resolve()?;
     let request = |sources: Vec<PathBuf>| ReconstructRequest {
         sources,
@@ -70,7 +77,8 @@ fn reconstruct(args: &ReconstructArgs, events: &Sender<Event>, stop: &Arc<Atomic
     let Some(jobs) = args.jobs else {
         if args.bags.len() > 1 && (!args.split.is_empty() || args.marker_topic.is_some()) {
             return Err(CliError::Usage(
-                "--split and --marker-topic divide one recording, but one for each state was given; leave out one or the other",
+                "--split and --marker-topic divide one recording, but one for each state was given; leave \
+                 out one or the other",
             ));
         }
         return Ok(vec![Ok(run::reconstruct(&request(args.bags.clone()), &monitor)?)]);
@@ -87,7 +95,10 @@ fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), C
         }
         events
             .send(Event::Note {
-                message: "stopping after this step; ask again to stop at once: finished stages are kept either way".to_owned(),
+                code: NoteCode::Stopping,
+                message:
+                    "stopping after this step; ask again to stop at once: finished stages are kept either way"
+                        .to_owned(),
             })
             .ok();
     })?;

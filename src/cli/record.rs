@@ -3,6 +3,7 @@
 use super::{
     args::RecordArgs,
     exit::{CliError, Exit},
+    terminal,
 };
 
 /// Records until it is asked to end; prints what was written.
@@ -11,9 +12,9 @@ use super::{
 /// If the recorder cannot start or the disk refuses.
 pub fn run(args: &RecordArgs) -> Result<Exit, CliError> {
     let recorded = crate::node::record(&args.bag, &args.arguments)?;
-    super::print(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
+    terminal::print(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
     if recorded.dropped > 0 {
-        super::tell(&format!("warning: {} messages were lost or dropped", recorded.dropped));
+        terminal::tell(&format!("warning: {} messages were lost or dropped", recorded.dropped));
     }
     Ok(if recorded.dropped > 0 { Exit::Degraded } else { Exit::Done })
 }

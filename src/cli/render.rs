@@ -7,7 +7,7 @@ use crate::{
     run::{JointSummary, Outcome},
 };
 
-/// Where the result lies, its joints, whether it is degraded. Warnings were told at the end of the run.
+/// Where the result lies, its joints, whether it is degraded. Warnings were shown at the end of the run.
 pub fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
@@ -20,7 +20,7 @@ pub fn outcome(outcome: &Outcome) -> String {
             1 => (1, "warning"),
             n => (n, "warnings"),
         };
-        writeln!(text, "  degraded: {count} {warnings}, told above and in report.json").unwrap_or_default();
+        writeln!(text, "  degraded: {count} {warnings}, listed above and in report.json").unwrap_or_default();
     }
     text
 }
@@ -30,18 +30,28 @@ fn joint(joint: &JointSummary) -> String {
     let axis = triple(joint.axis_in_world, 4);
     match joint.kind {
         JointKind::Prismatic => {
-            format!("{}: prismatic, {:.1} mm along ({axis}){}", joint.name, joint.motion * 1000.0, positions(joint, 1000.0))
+            format!(
+                "{}: prismatic, {:.1} mm along ({axis}){}",
+                joint.name,
+                joint.motion * 1000.0,
+                positions(joint, 1000.0)
+            )
         }
         kind => {
             let point = triple(joint.point_in_world_m, 4);
-            let turn = format!("{}: {}, {:.2} deg about ({axis}) through ({point}) m", joint.name, kind.name(), joint.motion.to_degrees());
+            let turn = format!(
+                "{}: {}, {:.2} deg about ({axis}) through ({point}) m",
+                joint.name,
+                kind.name(),
+                joint.motion.to_degrees()
+            );
             let pitch = kind.pitch_m_per_rad().map(|p| format!(", advancing {:.2} mm a radian", 1e3 * p));
             turn + &pitch.unwrap_or_default() + &positions(joint, 1f64.to_degrees())
         }
     }
 }
 
-/// Positions in all states, where the motion does not tell them.
+/// Positions in all states, where the motion alone does not give them.
 fn positions(joint: &JointSummary, scale: f64) -> String {
     let all: Vec<String> = joint.positions.iter().map(|q| format!("{:.1}", q * scale + 0.0)).collect();
     if all.len() > 2 { format!("; in the states at {}", all.join(", ")) } else { String::new() }
@@ -50,6 +60,7 @@ fn positions(joint: &JointSummary, scale: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::note::{Note, NoteCode};
 
     #[test]
     fn joints_are_one_line_each() {
@@ -64,14 +75,21 @@ mod tests {
         let outcome = Outcome {
             folder: "runs/box".into(),
             joints: vec![joint(JointKind::Revolute, -0.5), joint(JointKind::Prismatic, 0.1234)],
-            warnings: vec!["12 frames lost".to_owned()],
+            warnings: vec![Note::new(NoteCode::PosesMissing, "12 frames lost")],
             stood: false,
             degraded: true,
         };
-        let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through (0.2500, 0.5000, 0.0000) m\n  \
-                        lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warning, told above and in report.json\n";
+        let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through \
+            (0.2500, 0.5000, 0.0000) m\n  \
+                        lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warning, \
+                        listed above and in report.json\n";
         assert_eq!(super::outcome(&outcome), expected);
-        let three = JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
-        assert!(super::joint(&three).ends_with("; in the states at 0.0, 20.0, -123.4"), "{}", super::joint(&three));
+        let three =
+            JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
+        assert!(
+            super::joint(&three).ends_with("; in the states at 0.0, 20.0, -123.4"),
+            "{}",
+            super::joint(&three)
+        );
     }
 }

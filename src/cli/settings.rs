@@ -36,11 +36,19 @@ impl ReconstructArgs {
             ("--seed", "run.seed", self.seed.map(Value::from)),
             ("--init", "run.init", self.init.clone().map(Value::from)),
             ("--limits", "model.limits", self.limits.clone().map(Value::from)),
-            ("--matcher", "matching.onnx", self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned()))),
+            (
+                "--matcher",
+                "matching.onnx",
+                self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned())),
+            ),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
             ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),
-            ("--workspace", "capture.isolate.workspace", self.workspace.map(|b| Value::Sequence(b.iter().map(|c| numbers(c)).collect()))),
+            (
+                "--workspace",
+                "capture.isolate.workspace",
+                self.workspace.map(|b| Value::Sequence(b.iter().map(|c| numbers(c)).collect())),
+            ),
         ];
         for (option, key, value) in options {
             value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::{
     args::{OutputArgs, SynthArgs},
     exit::{CliError, Exit},
+    terminal,
 };
 use crate::{
     io,
@@ -33,19 +34,27 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
     };
     let OutputArgs { out, name, force } = args.output.clone();
     let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;
-    committed.note().into_iter().for_each(|note| super::tell(&note));
-    let mut text = format!("{}: {} of {} parts\n", committed.folder.display(), object.family, object.parts.len());
+    committed.note().iter().for_each(|note| terminal::tell(&note.text));
+    let mut text =
+        format!("{}: {} of {} parts\n", committed.folder.display(), object.family, object.parts.len());
     for part in &object.parts {
         // Writing to a String cannot fail.
         match &part.joint {
             None => writeln!(text, "  {}: static", part.name),
             Some(joint) => {
                 let parent = &object.parts[joint.parent].name;
-                writeln!(text, "  {}: {} on {parent}, {:.4} to {:.4}", part.name, joint.kind.name(), joint.positions[0], joint.positions[1])
+                writeln!(
+                    text,
+                    "  {}: {} on {parent}, {:.4} to {:.4}",
+                    part.name,
+                    joint.kind.name(),
+                    joint.positions[0],
+                    joint.positions[1]
+                )
             }
         }
         .unwrap_or_default();
     }
-    super::print(&text)?;
+    terminal::print(&text)?;
     Ok(Exit::Done)
 }

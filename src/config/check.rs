@@ -2,35 +2,45 @@
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
-use super::{Config, ConfigError};
+use super::{Config, error::ConfigError};
 use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
 
 /// Smallest value of what must be positive.
 const POSITIVE: f64 = 1e-9;
 
-/// Checks all groups.
-pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
-    config.run.check()?;
-    if config.matching.onnx.is_some() && !cfg!(feature = "onnx") {
-        let reason = "this binary was built without ONNX models; build it with `cargo build --release --features onnx`";
-        return Err(unusable("matching.onnx", reason));
+impl Config {
+    /// Refuses values that no run can use.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unusable`] with the key of the first one.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        self.run.check()?;
+        if self.matching.onnx.is_some() && !cfg!(feature = "onnx") {
+            let reason = "this binary was built without ONNX models; build it with `cargo build --release \
+                --features onnx`";
+            return Err(unusable("matching.onnx", reason));
+        }
+        self.capture.check().map_err(|error| match error {
+            CaptureError::Setting { key, reason } => unusable(key, reason),
+            other => unusable("capture", other),
+        })?;
+        self.train.validate().map_err(|error| match error {
+            FieldError::Config { key, value, low, high } => {
+                outside(&format!("train.{key}"), value, low, high)
+            }
+            other => unusable("train", other),
+        })?;
+        self.articulation.check().map_err(|error| match error {
+            TrainerError::Setting { name, value, remedy } => {
+                unusable(format!("articulation.{name}"), format!("{value}; {remedy}"))
+            }
+            other => unusable("articulation", other),
+        })?;
+        ranges(self).into_iter().try_for_each(|(key, value, low, high)| match value {
+            v if v >= low && v <= high => Ok(()),
+            v => Err(outside(key, v, low, high)),
+        })
     }
-    config.capture.check().map_err(|error| match error {
-        CaptureError::Setting { key, reason } => unusable(key, reason),
-        other => unusable("capture", other),
-    })?;
-    config.train.validate().map_err(|error| match error {
-        FieldError::Config { key, value, low, high } => outside(&format!("train.{key}"), value, low, high),
-        other => unusable("train", other),
-    })?;
-    config.articulation.check().map_err(|error| match error {
-        TrainerError::Setting { name, value, remedy } => unusable(format!("articulation.{name}"), format!("{value}; {remedy}")),
-        other => unusable("articulation", other),
-    })?;
-    ranges(config).into_iter().try_for_each(|(key, value, low, high)| match value {
-        v if v >= low && v <= high => Ok(()),
-        v => Err(outside(key, v, low, high)),
-    })
 }
 
 fn unusable(key: impl Into<String>, reason: impl ToString) -> ConfigError {
@@ -43,7 +53,16 @@ fn outside(key: &str, value: f64, low: f64, high: f64) -> ConfigError {
 
 /// Key, value, least and greatest of every number that no group checks itself.
 fn ranges(config: &Config) -> Vec<(&'static str, f64, f64, f64)> {
-    [capture(config), surface(config), matching(config), register(config), joint(config), model(config), look(config)].concat()
+    [
+        capture(config),
+        surface(config),
+        matching(config),
+        register(config),
+        joint(config),
+        model(config),
+        look(config),
+    ]
+    .concat()
 }
 
 type Ranges = Vec<(&'static str, f64, f64, f64)>;
@@ -54,7 +73,12 @@ fn capture(config: &Config) -> Ranges {
         ("capture.noise.constant_m", noise.constant_m, 0.0, 1.0),
         ("capture.noise.quadratic_per_m", noise.quadratic_per_m, 0.0, 1.0),
         // Without any noise all weights are infinite.
-        ("capture.noise.constant_m + capture.noise.quadratic_per_m", noise.constant_m + noise.quadratic_per_m, POSITIVE, 2.0),
+        (
+            "capture.noise.constant_m + capture.noise.quadratic_per_m",
+            noise.constant_m + noise.quadratic_per_m,
+            POSITIVE,
+            2.0,
+        ),
         ("capture.noise.edge_sigmas", noise.edge_sigmas, 0.0, 1e3),
         ("capture.noise.grazing_cosine", noise.grazing_cosine, POSITIVE, 1.0),
     ]

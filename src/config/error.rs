@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::Origins;
+use super::origins::Origins;
+use crate::limits::CONFIG;
 
 /// Why a configuration was refused; every message says where and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -23,8 +24,8 @@ pub enum ConfigError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is larger than [`super::MAX_FILE_BYTES`].
-    #[error("{}: larger than {} bytes: not a configuration", path.display(), super::MAX_FILE_BYTES)]
+    /// The file is larger than [`CONFIG`].
+    #[error("{}: larger than {} bytes: not a configuration", path.display(), CONFIG.bytes)]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -38,7 +39,10 @@ pub enum ConfigError {
         reason: String,
     },
     /// Two objects of one command would get one name.
-    #[error("{first} and {second} would both be named {name}; rename one, or reconstruct them into different folders")]
+    #[error(
+        "{first} and {second} would both be named {name}; rename one, or reconstruct them into different \
+         folders"
+    )]
     SameName {
         /// The name.
         name: String,

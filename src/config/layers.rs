@@ -5,21 +5,14 @@ use std::{collections::BTreeMap, fmt::Write as _, io::ErrorKind, path::Path};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_norway::{Mapping, Value};
 
-use super::{ConfigError, lines::key_lines, nearest, preset::preset};
+use super::{error::ConfigError, lines::key_lines, nearest, origins::Origins, preset::preset};
 use crate::{
     files,
-    limits::{CONFIG, parse_yaml},
+    limits::{CONFIG, YamlError, parse_yaml},
 };
 
-/// Largest configuration file, bytes.
-pub const MAX_FILE_BYTES: u64 = CONFIG.bytes;
 /// Groups within groups; deeper nesting is refused.
 const MAX_DEPTH: usize = 8;
-
-/// Where every value came from: key path to `file:line`, an option or `default`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-#[serde(transparent)]
-pub struct Origins(pub BTreeMap<String, String>);
 
 /// Layers merged so far. Values stay YAML until [`Self::resolve`].
 #[derive(Clone, Debug)]
@@ -58,7 +51,7 @@ impl Layers {
         self.text(&path, text)
     }
 
-    /// Adds a YAML file of at most [`MAX_FILE_BYTES`].
+    /// Adds a YAML file, bounded by `limits::CONFIG`.
     ///
     /// # Errors
     /// If it cannot be read, is too large, or as [`Self::text`].
@@ -68,8 +61,10 @@ impl Layers {
             _ => ConfigError::Read { path: path.to_owned(), source },
         })?;
         let name = path.display().to_string();
-        let text = std::str::from_utf8(&bytes)
-            .map_err(|error| ConfigError::Syntax { origin: name.clone(), reason: format!("not UTF-8 text: {error}") })?;
+        let text = std::str::from_utf8(&bytes).map_err(|error| ConfigError::Syntax {
+            origin: name.clone(),
+            reason: format!("not UTF-8 text: {error}"),
+        })?;
         self.text(&name, text)
     }
 
@@ -78,7 +73,7 @@ impl Layers {
     /// # Errors
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
     pub fn text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let layer: Value = parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: name.to_owned(), reason })?;
+        let layer: Value = parse_yaml(text).map_err(|error| syntax(name.to_owned(), &error))?;
         let lines = key_lines(text);
         self.add(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),
@@ -96,7 +91,7 @@ impl Layers {
         if key.trim().is_empty() || text.trim().is_empty() {
             return Err(malformed());
         }
-        let value = parse_yaml(text).map_err(|reason| ConfigError::Syntax { origin: format!("--set {assignment}"), reason })?;
+        let value = parse_yaml(text).map_err(|error| syntax(format!("--set {assignment}"), &error))?;
         self.assign("--set", key.trim(), value)
     }
 
@@ -107,7 +102,10 @@ impl Layers {
     pub fn assign(&mut self, option: &str, key: &str, value: Value) -> Result<(), ConfigError> {
         let nest = |inner, part: &str| Value::Mapping(Mapping::from_iter([(Value::from(part), inner)]));
         if key.split('.').count() > MAX_DEPTH {
-            return Err(ConfigError::Syntax { origin: option.to_owned(), reason: format!("{key} has more than {MAX_DEPTH} parts") });
+            return Err(ConfigError::Syntax {
+                origin: option.to_owned(),
+                reason: format!("{key} has more than {MAX_DEPTH} parts"),
+            });
         }
         self.add(key.rsplit('.').fold(value, nest), &|_| option.to_owned())
     }
@@ -117,7 +115,8 @@ impl Layers {
     /// # Errors
     /// [`ConfigError::Value`] with key and origin of a value that does not fit.
     pub fn resolve<T: Serialize + DeserializeOwned>(self) -> Result<Resolved<T>, ConfigError> {
-        let config: T = serde_norway::from_value(self.merged.clone()).map_err(|error| self.culprit::<T>(&error.to_string()))?;
+        let config: T = serde_norway::from_value(self.merged.clone())
+            .map_err(|error| self.culprit::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
         let origin = |key: String| {
             let origin = nearest_ancestor(&self.origins, &key).map_or("default", String::as_str).to_owned();
@@ -127,7 +126,7 @@ impl Layers {
         Ok(Resolved { config, origins, values })
     }
 
-    /// Merges a layer; `origin` tells where a key of it stands.
+    /// Merges a layer; `origin` says where a key of it stands.
     fn add(&mut self, layer: Value, origin: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
         let Self { defaults, merged, origins } = self;
         let valid = || keys(defaults);
@@ -164,7 +163,12 @@ impl<T> Resolved<T> {
     pub fn to_lines_with_origins(&self) -> String {
         let lines: Vec<(String, &str)> = leaves(&self.values)
             .into_iter()
-            .map(|(key, value)| (format!("{key} = {}", show(value)), self.origins.0.get(&key).map_or("default", String::as_str)))
+            .map(|(key, value)| {
+                (
+                    format!("{key} = {}", show(value)),
+                    self.origins.0.get(&key).map_or("default", String::as_str),
+                )
+            })
             .collect();
         let width = lines.iter().map(|(text, _)| text.len()).max().unwrap_or(0);
         lines.iter().fold(String::new(), |mut all, (text, origin)| {
@@ -175,6 +179,10 @@ impl<T> Resolved<T> {
     }
 }
 
+fn syntax(origin: String, error: &YamlError) -> ConfigError {
+    ConfigError::Syntax { origin, reason: error.to_string() }
+}
+
 /// What a merge changes and asks on its way down.
 struct Target<'a> {
     origins: &'a mut BTreeMap<String, String>,
@@ -182,8 +190,15 @@ struct Target<'a> {
     valid: &'a dyn Fn() -> Vec<String>,
 }
 
-/// Puts `layer` over `merged` at `path`; `schema` is the default there. Groups merge, anything else is replaced whole.
-fn merge(target: &mut Target, path: &str, schema: &Value, merged: &mut Value, layer: Value) -> Result<(), ConfigError> {
+/// Puts `layer` over `merged` at `path`; `schema` is the default there. Groups merge, anything else is
+/// replaced whole.
+fn merge(
+    target: &mut Target,
+    path: &str,
+    schema: &Value,
+    merged: &mut Value,
+    layer: Value,
+) -> Result<(), ConfigError> {
     let origin = (target.origin)(path);
     let Value::Mapping(group) = schema else {
         check_leaf(&origin, path, &layer, 0)?;
@@ -194,8 +209,16 @@ fn merge(target: &mut Target, path: &str, schema: &Value, merged: &mut Value, la
     let given = match layer {
         Value::Null => return Ok(()),
         Value::Mapping(given) => given,
-        _ if path.is_empty() => return Err(ConfigError::Syntax { origin, reason: "not a mapping of groups".to_owned() }),
-        _ => return Err(ConfigError::Group { origin, key: path.to_owned(), keys: names(group).collect::<Vec<_>>().join(", ") }),
+        _ if path.is_empty() => {
+            return Err(ConfigError::Syntax { origin, reason: "not a mapping of groups".to_owned() });
+        }
+        _ => {
+            return Err(ConfigError::Group {
+                origin,
+                key: path.to_owned(),
+                keys: names(group).collect::<Vec<_>>().join(", "),
+            });
+        }
     };
     for (key, value) in given {
         let Value::String(name) = key else {
@@ -214,7 +237,12 @@ fn merge(target: &mut Target, path: &str, schema: &Value, merged: &mut Value, la
 /// Refuses numbers that are not finite and deep nesting.
 fn check_leaf(origin: &str, key: &str, value: &Value, depth: usize) -> Result<(), ConfigError> {
     let refuse = |reason: &str| {
-        Err(ConfigError::Value { origin: origin.to_owned(), key: key.to_owned(), value: show(value), reason: reason.to_owned() })
+        Err(ConfigError::Value {
+            origin: origin.to_owned(),
+            key: key.to_owned(),
+            value: show(value),
+            reason: reason.to_owned(),
+        })
     };
     match value {
         _ if depth > MAX_DEPTH => refuse("nested too deeply"),
@@ -278,13 +306,18 @@ fn show(value: &Value) -> String {
         Value::Sequence(items) => format!("[{}]", items.iter().map(show).collect::<Vec<_>>().join(", ")),
         Value::Tagged(tagged) => format!("{} {}", tagged.tag, show(&tagged.value)),
         Value::Mapping(map) => {
-            format!("{{{}}}", map.iter().map(|(k, v)| format!("{}: {}", show(k), show(v))).collect::<Vec<_>>().join(", "))
+            format!(
+                "{{{}}}",
+                map.iter().map(|(k, v)| format!("{}: {}", show(k), show(v))).collect::<Vec<_>>().join(", ")
+            )
         }
         Value::Number(n) if n.is_f64() => match n.as_f64() {
             Some(v) if f64::from(v as f32).to_bits() == v.to_bits() => format!("{:?}", v as f32),
             _ => n.to_string(),
         },
-        _ => serde_norway::to_string(value).map_or_else(|_| format!("{value:?}"), |s| s.trim_end().to_owned()),
+        _ => {
+            serde_norway::to_string(value).map_or_else(|_| format!("{value:?}"), |s| s.trim_end().to_owned())
+        }
     }
 }
 
@@ -394,7 +427,8 @@ mod tests {
 
     #[test]
     fn what_is_shown_can_be_given_back() {
-        let shown = layers("run: {steps: 7, parts: 3}", &["run.rate=0.3", "noise.shape=!bent {sigmas: 2}"]).unwrap();
+        let shown =
+            layers("run: {steps: 7, parts: 3}", &["run.rate=0.3", "noise.shape=!bent {sigmas: 2}"]).unwrap();
         let again = layers(&shown.to_yaml().unwrap(), &[]).unwrap();
         assert_eq!(again.config, shown.config);
     }
@@ -411,15 +445,27 @@ mod tests {
 
     #[test]
     fn mistakes_are_named_with_their_place() {
-        assert_eq!(refused("run:\n  step: 5\n", &[]), "a.yaml:2: unknown key run.step; did you mean run.steps?");
-        assert_eq!(refused("", &["noise.windw=3"]), "--set: unknown key noise.windw; did you mean noise.window?");
-        assert_eq!(refused("run: 3", &[]), "a.yaml:1: run is a group of keys, not a value; it has: steps, rate, parts");
+        assert_eq!(
+            refused("run:\n  step: 5\n", &[]),
+            "a.yaml:2: unknown key run.step; did you mean run.steps?"
+        );
+        assert_eq!(
+            refused("", &["noise.windw=3"]),
+            "--set: unknown key noise.windw; did you mean noise.window?"
+        );
+        assert_eq!(
+            refused("run: 3", &[]),
+            "a.yaml:1: run is a group of keys, not a value; it has: steps, rate, parts"
+        );
         let message = refused("run:\n  rate: 2\n  steps: many\n", &["noise.name=x"]);
         assert_eq!(message, "a.yaml:3: run.steps = many: invalid type: string \"many\", expected usize");
         let message = refused("", &["run.steps=-1"]);
         assert!(message.starts_with("--set: run.steps = -1: invalid value"), "{message}");
         let message = refused("noise: {edge: {sigma: 1}}", &[]);
-        assert!(message.contains("noise.edge") && message.contains("sigma") && message.contains("sigmas"), "{message}");
+        assert!(
+            message.contains("noise.edge") && message.contains("sigma") && message.contains("sigmas"),
+            "{message}"
+        );
         assert!(refused("", &["noise.shape=!bent {sigmas: .inf}"]).contains("not a finite number"));
         assert!(refused("", &["run.rate=.nan"]).contains("not a finite number"));
         assert!(refused("", &["noise.window=[0, .inf]"]).contains("not a finite number"));
@@ -439,11 +485,14 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             Layers::new(&Settings::default()).unwrap().file(&path)
         };
-        assert!(matches!(read(&vec![b'#'; MAX_FILE_BYTES as usize + 1]), Err(ConfigError::TooLarge { .. })));
+        assert!(matches!(read(&vec![b'#'; CONFIG.bytes as usize + 1]), Err(ConfigError::TooLarge { .. })));
         assert!(matches!(read(&[0xff, 0xfe]), Err(ConfigError::Syntax { .. })));
         assert!(read(b"run: {steps: 3}").is_ok());
         std::fs::remove_file(&path).unwrap();
-        assert!(matches!(Layers::new(&Settings::default()).unwrap().file(&path), Err(ConfigError::Read { .. })));
+        assert!(matches!(
+            Layers::new(&Settings::default()).unwrap().file(&path),
+            Err(ConfigError::Read { .. })
+        ));
     }
 
     #[test]
@@ -462,7 +511,12 @@ mod tests {
             }
         }
         assert!(
-            Layers::new(&Settings::default()).unwrap().preset("papr").unwrap_err().to_string().contains("default, fields, preview, paper")
+            Layers::new(&Settings::default())
+                .unwrap()
+                .preset("papr")
+                .unwrap_err()
+                .to_string()
+                .contains("default, fields, preview, paper")
         );
     }
 
@@ -471,7 +525,8 @@ mod tests {
         #[test]
         fn the_last_value_of_a_key_counts(values in prop::collection::vec((0usize..3, 0usize..100), 0..12)) {
             let keys = ["run.steps", "run.parts", "noise.edge.width"];
-            let mut layers = Layers::new(&Settings { noise: Noise { edge: Some(Edge::default()), ..Noise::default() }, ..Settings::default() }).unwrap();
+            let noise = Noise { edge: Some(Edge::default()), ..Noise::default() };
+            let mut layers = Layers::new(&Settings { noise, ..Settings::default() }).unwrap();
             let mut last = [None; 3];
             for (key, value) in values {
                 layers.set(&format!("{}={value}", keys[key])).unwrap();

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-/// Line (from 1) of every key in block style, by its path. Keys inside braces are not found: they stand where the
-/// nearest key around them does.
+/// Line (from 1) of every key in block style, by its path. Keys inside braces are not found: they stand where
+/// the nearest key around them does.
 pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
     let mut lines = BTreeMap::new();
     let mut open: Vec<(usize, String)> = Vec::new();
@@ -36,8 +36,8 @@ mod tests {
 
     #[test]
     fn keys_are_found_at_any_depth() {
-        let text =
-            "# settings: none\nrun:\n  seed: 3\n\n'field':\n  levels: 4\n  noise:\n    - 1\n    edge: a:b\n  hidden:   8\ntop: {x: 1}\n";
+        let text = "# settings: none\nrun:\n  seed: 3\n\n'field':\n  levels: 4\n  noise:\n    - \
+            1\n    edge: a:b\n  hidden:   8\ntop: {x: 1}\n";
         let expected = [
             ("run", 2),
             ("run.seed", 3),

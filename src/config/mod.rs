@@ -1,26 +1,30 @@
 //! Layered YAML configuration with the origin of every value.
 //!
-//! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every layer holds
-//! differences only. Values are merged as YAML and turned into a [`Config`] once, so a key that nobody reads is refused
-//! with its place and the nearest valid key. There are no environment variables.
+//! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every
+//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so a key that
+//! nobody reads is refused with its place and the nearest valid key. There are no environment variables.
 //!
-//! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is serialized
-//! (no `skip_serializing_if`): the serialized default is the list of valid keys.
+//! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is
+//! serialized (no `skip_serializing_if`): the serialized default is the list of valid keys.
 
 mod check;
 mod error;
 mod layers;
 mod lines;
 mod nearest;
+mod origins;
 mod preset;
 mod run;
 
 use serde::{Deserialize, Serialize};
 
 pub use error::ConfigError;
-pub use layers::{Layers, MAX_FILE_BYTES, Origins, Resolved};
-pub use preset::{PRESETS, preset_cost};
-pub use run::{Engine, Init, MAX_PARTS, RunConfig};
+pub use layers::{Layers, Resolved};
+pub use origins::Origins;
+#[cfg(test)]
+pub use preset::PRESETS;
+pub use preset::preset_cost;
+pub use run::{Engine, Init, RunConfig};
 
 use crate::{
     articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
@@ -55,20 +59,22 @@ pub struct Config {
     pub model: ModelConfig,
     /// Visual meshes and textures.
     pub look: LookConfig,
-    /// How the files tell it.
+    /// How the files say it.
     pub export: ExportConfig,
 }
 
 impl Config {
-    /// Refuses values that no run can use.
+    /// The settings of a built-in preset: `default`, `preview`, `fields` or `paper`.
     ///
     /// # Errors
-    /// [`ConfigError::Unusable`] with the key of the first one.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        check::check(self)
+    /// If there is none of that name.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        let mut layers = Layers::new(&Self::default())?;
+        layers.preset(name)?;
+        Ok(layers.resolve()?.config)
     }
 
-    /// Whether parts and motions are sought by consistency between the states' fields (method.md 4).
+    /// Whether parts and motions are sought by consistency between the states' fields (docs/method.md 12.8).
     #[must_use]
     pub fn seeks_consistency(&self) -> bool {
         self.articulation.refine || self.run.init == Init::Identity

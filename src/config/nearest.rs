@@ -6,7 +6,7 @@ const MAX_KEY: usize = 128;
 /// What to try instead of `key`: the nearest of `valid` by edit distance, or where to look.
 pub fn hint(key: &str, valid: &[String]) -> String {
     let distance = |candidate: &str| {
-        // A right key in the wrong group, or without one, is nearer than its whole path tells.
+        // A right key in the wrong group, or without one, is nearer than its whole path suggests.
         let of_path = strsim::osa_distance(key, candidate);
         of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))
     };
@@ -26,7 +26,8 @@ mod tests {
     use super::*;
 
     fn check(key: &str, expected: &str) {
-        let valid = ["run.seed", "run.parts", "field.levels", "field.hidden", "capture.noise.edge_sigmas"].map(str::to_owned);
+        let valid = ["run.seed", "run.parts", "field.levels", "field.hidden", "capture.noise.edge_sigmas"]
+            .map(str::to_owned);
         assert!(hint(key, &valid).contains(expected), "{key}: {}", hint(key, &valid));
     }
 

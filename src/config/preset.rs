@@ -1,6 +1,6 @@
 //! The presets of `launch_configs/`, built in.
 
-use super::ConfigError;
+use super::error::ConfigError;
 
 /// Name and text of every preset.
 pub const PRESETS: [(&str, &str); 4] = [
@@ -10,14 +10,23 @@ pub const PRESETS: [(&str, &str); 4] = [
     ("paper", include_str!("../../launch_configs/paper.yaml")),
 ];
 
-/// What a preset costs in accuracy, as measured on rendered recordings (README, Measured); nothing for other names.
+/// What a preset costs in accuracy, as measured on rendered recordings (docs/figures.md); nothing for other
+/// names.
 #[must_use]
 pub fn preset_cost(name: &str) -> Option<&'static str> {
     match name {
         "default" => Some("the most accurate of the presets"),
-        "fields" => Some("joints and surfaces about as accurate as by the preset default, in many times its time"),
-        "preview" => Some("joint errors up to twice those of the preset default, or 0.02 deg; surfaces up to three times as far off"),
-        "paper" => Some("the published method, for comparison: joint errors up to a hundred times those of the preset default"),
+        "fields" => {
+            Some("joints and surfaces about as accurate as by the preset default, in many times its time")
+        }
+        "preview" => Some(
+            "joint errors up to twice those of the preset default, or 0.02 deg; surfaces up to three times \
+             as far off",
+        ),
+        "paper" => Some(
+            "the published method, for comparison: joint errors up to a hundred times those of the preset \
+             default",
+        ),
         _ => None,
     }
 }
@@ -26,6 +35,9 @@ pub fn preset_cost(name: &str) -> Option<&'static str> {
 pub(super) fn preset(name: &str) -> Result<(String, &'static str), ConfigError> {
     match PRESETS.iter().find(|(n, _)| *n == name) {
         Some((name, text)) => Ok((format!("launch_configs/{name}.yaml"), text)),
-        None => Err(ConfigError::UnknownPreset { name: name.to_owned(), known: PRESETS.map(|(n, _)| n).join(", ") }),
+        None => Err(ConfigError::UnknownPreset {
+            name: name.to_owned(),
+            known: PRESETS.map(|(n, _)| n).join(", "),
+        }),
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::ConfigError;
+use super::error::ConfigError;
 
 /// Most parts an object may be asked to have.
 pub const MAX_PARTS: usize = 16;
@@ -25,7 +25,13 @@ pub struct RunConfig {
 
 impl Default for RunConfig {
     fn default() -> Self {
-        Self { preset: "default".to_owned(), seed: 0, parts: None, engine: Engine::default(), init: Init::default() }
+        Self {
+            preset: "default".to_owned(),
+            seed: 0,
+            parts: None,
+            engine: Engine::default(),
+            init: Init::default(),
+        }
     }
 }
 

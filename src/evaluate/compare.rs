@@ -13,10 +13,10 @@ use super::{
     surface_metrics::{chamfer, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
-use crate::{geometry::Pose, run::stage_rng, surface::TriangleMesh};
+use crate::{geometry::Pose, random::stage_rng, surface::TriangleMesh};
 
-/// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square metre and 10,000 samples
-/// (method.md 6: `1000 * 2 A / (pi N)`).
+/// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square meter and 10,000
+/// samples (`1000 * 2 A / (pi N)`; docs/method.md 13.2).
 const FLOOR_PER_M2: f64 = 0.0637;
 /// Samples that the constant holds for.
 const FLOOR_SAMPLES: f64 = 10_000.0;
@@ -49,12 +49,13 @@ pub struct MeshRow {
     pub cd_floor: Option<f64>,
     /// What that floor is expected to be: `0.0637 A` for 10,000 samples.
     pub cd_floor_expected: f64,
-    /// Area of the true surface, square metres.
+    /// Area of the true surface, square meters.
     pub area_m2: f64,
-    /// Accuracy: mean distance from the found surface to the true one, millimetres.
+    /// Accuracy: mean distance from the found surface to the true one, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
-    /// Completeness: mean distance from the true points that some camera saw to the found surface, millimetres.
+    /// Completeness: mean distance from the true points that some camera saw to the found surface,
+    /// millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_mm: Option<f64>,
 }
@@ -62,13 +63,20 @@ pub struct MeshRow {
 /// Measures one run.
 ///
 /// # Errors
-/// More than [`MAX_PARTS`] movable parts.
-pub fn compare(name: &str, truth: &Truth, run: &RunFiles, options: &EvaluateOptions) -> Result<Evaluation, EvaluateError> {
-    let wanted: Vec<(&TruePart, &TrueJoint)> = truth.parts.iter().filter_map(|p| Some((p, p.joint.as_ref()?))).collect();
+/// More than `MAX_PARTS` movable parts.
+pub fn compare(
+    name: &str,
+    truth: &Truth,
+    run: &RunFiles,
+    options: &EvaluateOptions,
+) -> Result<Evaluation, EvaluateError> {
+    let wanted: Vec<(&TruePart, &TrueJoint)> =
+        truth.parts.iter().filter_map(|p| Some((p, p.joint.as_ref()?))).collect();
     let movable = run.parts.len() - 1;
     let cost: Vec<Vec<f64>> = wanted.iter().map(|(part, joint)| costs(part, joint, run)).collect();
     let count = wanted.len().max(movable);
-    let pairs = cheapest_pairs(&cost, movable).ok_or(EvaluateError::TooManyParts { count, limit: MAX_PARTS })?;
+    let pairs =
+        cheapest_pairs(&cost, movable).ok_or(EvaluateError::TooManyParts { count, limit: MAX_PARTS })?;
     let found: BTreeMap<usize, usize> = pairs.into_iter().collect();
     let row = |(i, (part, joint)): (usize, &(&TruePart, &TrueJoint))| match found.get(&i) {
         Some(&k) => JointRow::matched(&part.name, joint, run, k + 1, cost[i][k]),
@@ -92,16 +100,19 @@ pub fn compare(name: &str, truth: &Truth, run: &RunFiles, options: &EvaluateOpti
             mesh.insert(key, row);
         }
     }
-    let parts_found = run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
+    let parts_found =
+        run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
     Ok(Evaluation { run: name.to_owned(), parts_true: truth.parts.len(), parts_found, joints, mesh })
 }
 
-/// Mean displacement of a true part under the motion of every found movable part over all states that run and truth have,
-/// metres.
+/// Mean displacement of a true part under the motion of every found movable part over all states that run and
+/// truth have, meters.
 fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
     let points = &part.meshes[0].vertices;
     let states = run.states.len();
-    let in_state = |part: usize, (k, motion): (usize, &Pose)| displacement_m(points, motion, &run.motion(part, k + 1)).unwrap_or(f64::MAX);
+    let in_state = |part: usize, (k, motion): (usize, &Pose)| {
+        displacement_m(points, motion, &run.motion(part, k + 1)).unwrap_or(f64::MAX)
+    };
     let over_all = |part: usize| {
         let all: Vec<f64> = joint.motions().take(states - 1).enumerate().map(|m| in_state(part, m)).collect();
         all.iter().sum::<f64>() / all.len() as f64
@@ -109,14 +120,24 @@ fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
     (1..run.parts.len()).map(over_all).collect()
 }
 
-fn mesh_row(key: &str, truth: &Truth, part: Option<&TruePart>, found: &TriangleMesh, state: usize, options: &EvaluateOptions) -> MeshRow {
+fn mesh_row(
+    key: &str,
+    truth: &Truth,
+    part: Option<&TruePart>,
+    found: &TriangleMesh,
+    state: usize,
+    options: &EvaluateOptions,
+) -> MeshRow {
     let true_mesh = part.map_or(&truth.whole[state], |p| &p.meshes[state]);
     let stage = format!("evaluate/{key}");
-    let draw = |mesh: &TriangleMesh, k| sample_surface(mesh, options.samples, &mut stage_rng(options.seed, &stage, k));
+    let draw = |mesh: &TriangleMesh, k| {
+        sample_surface(mesh, options.samples, &mut stage_rng(options.seed, &stage, k))
+    };
     let samples = draw(found, 0);
     let of_part = |p: &&super::truth::SeenPoint| part.is_none_or(|part| p.part == part.index);
     // As in the reference tool: first every fourth point, then those of the part.
-    let seen: Vec<Point3<f64>> = truth.seen[state].iter().step_by(SEEN_STRIDE).filter(of_part).map(|p| p.point).collect();
+    let seen: Vec<Point3<f64>> =
+        truth.seen[state].iter().step_by(SEEN_STRIDE).filter(of_part).map(|p| p.point).collect();
     let area_m2 = true_mesh.area_m2();
     MeshRow {
         cd: chamfer(&samples, &draw(true_mesh, 1)),

@@ -2,8 +2,8 @@
 
 use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
 
-/// The mesh without the components that have fewer than `share` times the triangles of the largest one. Triangles are
-/// connected by common vertices; vertices at the same position are one.
+/// The mesh without the components that have fewer than `share` times the triangles of the largest one.
+/// Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
 pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     let welded = weld(mesh, 0.0);

@@ -26,13 +26,14 @@ impl MeshDistance {
     /// Sorts the triangles of a mesh that has some.
     #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Self {
-        let mut triangles: Vec<_> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.cast::<f64>())).collect();
+        let mut triangles: Vec<_> =
+            (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.cast::<f64>())).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
         build(&mut nodes, &mut triangles, 0);
         Self { nodes, triangles }
     }
 
-    /// Distance to the nearest triangle, metres; infinite without triangles.
+    /// Distance to the nearest triangle, meters; infinite without triangles.
     #[must_use]
     pub fn unsigned(&self, point: &Point3<f64>) -> f64 {
         let mut best = f64::INFINITY;
@@ -67,7 +68,8 @@ impl MeshDistance {
 }
 
 fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize) {
-    let start = (Point3::from(Vector3::repeat(f64::INFINITY)), Point3::from(Vector3::repeat(f64::NEG_INFINITY)));
+    let start =
+        (Point3::from(Vector3::repeat(f64::INFINITY)), Point3::from(Vector3::repeat(f64::NEG_INFINITY)));
     let (lower, upper) = triangles.iter().flatten().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
     let index = nodes.len();
     nodes.push(Node { lower, upper, next: first, count: triangles.len() });
@@ -121,7 +123,10 @@ fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{evaluate::surface_metrics::sample_surface, model::example::box_mesh, run::stage_rng, surface::merge};
+    use crate::{
+        evaluate::surface_metrics::sample_surface, model::example::box_mesh, random::stage_rng,
+        surface::merge,
+    };
 
     #[test]
     fn agrees_with_boxes_and_with_a_full_search() {
@@ -135,11 +140,13 @@ mod tests {
             let exact = if q.max() > 0.0 { q.sup(&Vector3::zeros()).norm() } else { -q.max() };
             assert!((distance.unsigned(p) - exact).abs() < 1e-6);
         }
-        let boxes: Vec<_> = (0..40).map(|i| box_mesh([i as f32 * 0.1; 3], [i as f32 * 0.1 + 0.05; 3], [0; 3])).collect();
+        let boxes: Vec<_> =
+            (0..40).map(|i| box_mesh([i as f32 * 0.1; 3], [i as f32 * 0.1 + 0.05; 3], [0; 3])).collect();
         let many = merge(&boxes.iter().collect::<Vec<_>>());
         let distance = MeshDistance::new(&many);
         for p in &cloud {
-            let all = (0..many.triangles.len()).map(|t| (closest(&many.corners(t).map(|c| c.cast()), p) - p).norm());
+            let all = (0..many.triangles.len())
+                .map(|t| (closest(&many.corners(t).map(|c| c.cast()), p) - p).norm());
             assert!((distance.unsigned(p) - all.fold(f64::INFINITY, f64::min)).abs() < 1e-12);
         }
         assert!(MeshDistance::new(&TriangleMesh::default()).unsigned(&Point3::origin()).is_infinite());

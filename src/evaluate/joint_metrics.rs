@@ -6,8 +6,8 @@ use serde::Serialize;
 use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
 use crate::geometry::{Pose, line_distance_m, rotation_angle_rad};
 
-/// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out, and all of
-/// them where the part was not found.
+/// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out,
+/// and all of them where the part was not found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointRow {
     /// Name of the true part.
@@ -29,19 +29,20 @@ pub struct JointRow {
     /// Angle between the axes, sign ignored, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_deg: Option<f64>,
-    /// Mean displacement of the true part's vertices between the found and the true motion, over all states, millimetres.
+    /// Mean displacement of the true part's vertices between the found and the true motion, over all states,
+    /// millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_mm: Option<f64>,
-    /// Revolute and screw: distance of the two axes as lines, millimetres; parallel lines keep their gap.
+    /// Revolute and screw: distance of the two axes as lines, millimeters; parallel lines keep their gap.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_mm: Option<f64>,
     /// Revolute and screw: angle of the rotation between the found and the true motion to state 1, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_deg: Option<f64>,
-    /// Prismatic: length of the difference of the translations to state 1, millimetres.
+    /// Prismatic: length of the difference of the translations to state 1, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_mm: Option<f64>,
-    /// The same for the states behind the first two that run and truth have, degrees or millimetres.
+    /// The same for the states behind the first two that run and truth have, degrees or millimeters.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub further_motions: Vec<f64>,
 }
@@ -61,12 +62,20 @@ impl JointRow {
         let turns = truth.kind != "prismatic";
         let motion = |t: &Pose, m: &Pose| {
             let slide_mm = 1000.0 * (m.translation.vector - t.translation.vector).norm();
-            if turns { rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees() } else { slide_mm }
+            if turns {
+                rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees()
+            } else {
+                slide_mm
+            }
         };
         let states = truth.motions().take(run.states.len() - 1).enumerate();
         let motions: Vec<f64> = states.map(|(k, t)| motion(t, &run.motion(found, k + 1))).collect();
-        let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs());
-        let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| line_distance_m((&p, &d), (&truth.origin, &truth.axis));
+        let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| {
+            d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs())
+        };
+        let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| {
+            line_distance_m((&p, &d), (&truth.origin, &truth.axis))
+        };
         Self {
             part: part.to_owned(),
             type_true: truth.kind.clone(),
@@ -84,9 +93,10 @@ impl JointRow {
     }
 }
 
-/// Mean displacement in metres between two motions of the same points; `None` without points.
+/// Mean displacement in meters between two motions of the same points; `None` without points.
 #[must_use]
 pub fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
-    let distances: Vec<f64> = points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
+    let distances: Vec<f64> =
+        points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
     mean(&distances)
 }

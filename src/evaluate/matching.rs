@@ -3,8 +3,9 @@
 /// Most parts on either side.
 pub const MAX_PARTS: usize = 20;
 
-/// The one-to-one pairs (row, column) of a cost table with the smallest sum; as many as there are of the fewer side.
-/// Exact, by dynamic programming over the sets of the larger side. Rows in rising order; `None` beyond [`MAX_PARTS`].
+/// The one-to-one pairs (row, column) of a cost table with the smallest sum; as many as there are of the
+/// fewer side. Exact, by dynamic programming over the sets of the larger side. Rows in rising order; `None`
+/// beyond [`MAX_PARTS`].
 #[must_use]
 pub fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, usize)>> {
     let rows = cost.len();
@@ -57,12 +58,17 @@ mod tests {
         }
         let skip = brute(cost, columns, row + 1, used, left);
         let take = (0..columns).filter(|c| used >> c & 1 == 0);
-        take.map(|c| cost[row][c] + brute(cost, columns, row + 1, used | 1 << c, left - 1)).fold(skip, f64::min)
+        take.map(|c| cost[row][c] + brute(cost, columns, row + 1, used | 1 << c, left - 1))
+            .fold(skip, f64::min)
     }
 
     proptest! {
         #[test]
-        fn agrees_with_trying_everything(rows in 0usize..6, columns in 0usize..6, values in prop::collection::vec(0.0..1.0f64, 36)) {
+        fn agrees_with_trying_everything(
+            rows in 0usize..6,
+            columns in 0usize..6,
+            values in prop::collection::vec(0.0..1.0f64, 36),
+        ) {
             let cost: Vec<Vec<f64>> = (0..rows).map(|r| values[6 * r..6 * r + columns].to_vec()).collect();
             let pairs = cheapest_pairs(&cost, columns).unwrap();
             prop_assert_eq!(pairs.len(), rows.min(columns));

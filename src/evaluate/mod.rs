@@ -1,8 +1,8 @@
-//! Metrics of a finished run against ground truth (method.md 6), from the files that a simulator gets.
+//! Metrics of a finished run against ground truth (docs/method.md 13), from the files that a simulator gets.
 //!
-//! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong, lines keep their
-//! distance also where they are parallel, surfaces are measured in millimetres, and each Chamfer distance comes with the
-//! floor that sampling alone gives.
+//! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong,
+//! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
+//! Chamfer distance comes with the floor that sampling alone gives.
 
 mod compare;
 mod components;
@@ -19,14 +19,11 @@ use std::path::{Path, PathBuf};
 
 use crate::io::{MeshFileError, NpyError, UrdfError};
 
-pub use compare::{Evaluation, MeshRow, compare};
-pub use components::large_components;
-pub use joint_metrics::JointRow;
-pub use published::{Published, PublishedRow};
+pub use compare::{Evaluation, compare};
+pub use published::Published;
 pub use report::EvaluationReport;
 pub use run_files::RunFiles;
-pub use surface_metrics::{chamfer, mean_distance_mm, sample_surface};
-pub use truth::{SeenPoint, TrueJoint, TruePart, Truth};
+pub use truth::Truth;
 
 /// Share of the largest component below which the published evaluation drops components.
 pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
@@ -70,7 +67,10 @@ pub enum EvaluateError {
         source: std::io::Error,
     },
     /// The folder is no run.
-    #[error("{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json in it")]
+    #[error(
+        "{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json \
+         in it"
+    )]
     NotARun {
         /// The folder.
         path: PathBuf,
@@ -116,7 +116,11 @@ pub enum EvaluateError {
 ///
 /// # Errors
 /// No run; a file that is missing, damaged or beyond a limit, named in the error.
-pub fn run(runs: &[PathBuf], truth: &Path, options: &EvaluateOptions) -> Result<EvaluationReport, EvaluateError> {
+pub fn run(
+    runs: &[PathBuf],
+    truth: &Path,
+    options: &EvaluateOptions,
+) -> Result<EvaluationReport, EvaluateError> {
     if runs.is_empty() {
         return Err(EvaluateError::NoRun);
     }
@@ -131,5 +135,12 @@ pub fn run(runs: &[PathBuf], truth: &Path, options: &EvaluateOptions) -> Result<
     }
     let published = Published::of(&trials);
     let &EvaluateOptions { samples, seed, min_component } = options;
-    Ok(EvaluationReport { truth: truth.display().to_string(), samples, seed, min_component, trials, published })
+    Ok(EvaluationReport {
+        truth: truth.display().to_string(),
+        samples,
+        seed,
+        min_component,
+        trials,
+        published,
+    })
 }

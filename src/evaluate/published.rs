@@ -1,8 +1,8 @@
-//! The published metrics in their printed units, over trials (method.md 6 and 8.2).
+//! The published metrics in their printed units, over trials (docs/method.md 13).
 //!
-//! The definitions are those of the tables, with one exception: the axis position of parallel lines is their gap, where a
-//! released tool prints zero. As in the tables the true joint type decides which numbers a joint has; whether the type was
-//! found is told apart from them.
+//! The definitions are those of the tables, with one exception: the axis position of parallel lines is their
+//! gap, where a released tool prints zero. As in the tables the true joint type decides which numbers a joint
+//! has; whether the type was found is counted apart from them.
 
 use serde::Serialize;
 
@@ -28,7 +28,7 @@ pub struct PublishedRow {
 /// The published metrics of all trials.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Published {
-    /// Index of the best trial: the one with the most smallest values (method.md 6).
+    /// Index of the best trial: the one with the most smallest values (docs/method.md 13.3).
     pub best_trial: usize,
     /// Trials in which a part is missing.
     pub failed_trials: usize,
@@ -40,8 +40,10 @@ impl Published {
     /// The published metrics of some trials of the same object; `None` without trials.
     #[must_use]
     pub fn of(trials: &[Evaluation]) -> Option<Self> {
-        let names: Vec<(String, &'static str)> = numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
-        let table: Vec<Vec<Option<f64>>> = trials.iter().map(|t| numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
+        let names: Vec<(String, &'static str)> =
+            numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
+        let table: Vec<Vec<Option<f64>>> =
+            trials.iter().map(|t| numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
         let column = |i: usize| table.iter().map(|t| t[i]).collect::<Vec<_>>();
         let columns: Vec<Vec<Option<f64>>> = (0..names.len()).map(column).collect();
         let best_trial = best_trial(&columns, trials.len());
@@ -87,14 +89,16 @@ fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     (Some(m), mean(&squared).map(f64::sqrt))
 }
 
-/// The trial that attains the smallest value of most metrics. Among equals the one that attains the smallest value of the
-/// metric with the largest variance decides, then the next; then the first trial.
+/// The trial that attains the smallest value of most metrics. Among equals the one that attains the smallest
+/// value of the metric with the largest variance decides, then the next; then the first trial.
 fn best_trial(columns: &[Vec<Option<f64>>], trials: usize) -> usize {
     let least = |column: &Vec<Option<f64>>| column.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let mut order: Vec<usize> = (0..columns.len()).collect();
     let variance: Vec<f64> = columns.iter().map(|c| mean_std(c).1.unwrap_or(0.0)).collect();
     order.sort_by(|&a, &b| variance[b].total_cmp(&variance[a]));
-    let attains = |trial: usize| order.iter().map(|&m| columns[m][trial] == Some(least(&columns[m]))).collect::<Vec<bool>>();
+    let attains = |trial: usize| {
+        order.iter().map(|&m| columns[m][trial] == Some(least(&columns[m]))).collect::<Vec<bool>>()
+    };
     let score = |trial: usize| {
         let attains = attains(trial);
         (attains.iter().filter(|a| **a).count(), attains)
@@ -108,7 +112,9 @@ mod tests {
 
     #[test]
     fn best_trial_has_most_minima_and_ties_go_by_variance() {
-        let columns = |rows: &[&[f64]]| rows.iter().map(|r| r.iter().map(|v| Some(*v)).collect()).collect::<Vec<Vec<_>>>();
+        let columns = |rows: &[&[f64]]| {
+            rows.iter().map(|r| r.iter().map(|v| Some(*v)).collect()).collect::<Vec<Vec<_>>>()
+        };
         assert_eq!(best_trial(&columns(&[&[3.0, 1.0, 2.0], &[3.0, 1.0, 2.0], &[0.0, 1.0, 2.0]]), 3), 1);
         // One minimum each: the second metric varies most.
         assert_eq!(best_trial(&columns(&[&[1.0, 1.1], &[9.0, 2.0]]), 2), 1);

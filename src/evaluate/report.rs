@@ -31,7 +31,7 @@ impl EvaluationReport {
     /// The report as indented JSON. A run's entry has the keys of the reference tool and some more.
     #[must_use]
     pub fn to_json(&self) -> String {
-        // Maps with text keys and finite or missing numbers always serialise.
+        // Maps with text keys and finite or missing numbers always serialize.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
@@ -72,7 +72,12 @@ fn joint_cells(row: &JointRow) -> Vec<String> {
     }
     let kind = row.kind.clone().unwrap_or_default();
     let kind = if row.type_right == Some(true) { kind } else { format!("{kind}, not {}", row.type_true) };
-    let all = |first: f64| std::iter::once(first).chain(row.further_motions.iter().copied()).map(|m| format!("{m:.3}")).collect::<Vec<_>>();
+    let all = |first: f64| {
+        std::iter::once(first)
+            .chain(row.further_motions.iter().copied())
+            .map(|m| format!("{m:.3}"))
+            .collect::<Vec<_>>()
+    };
     let motion = match (row.motion_deg, row.motion_mm) {
         (Some(deg), _) => format!("{} deg", all(deg).join(" / ")),
         (_, Some(mm)) => format!("{} mm", all(mm).join(" / ")),
@@ -87,13 +92,23 @@ fn mesh_cells(name: &str, row: &MeshRow) -> Vec<String> {
 }
 
 fn push_published(out: &mut String, published: &Published, trials: usize) {
-    let spread = if trials > 1 { format!(" over {trials} trials, best trial {}", published.best_trial + 1) } else { String::new() };
+    let spread = if trials > 1 {
+        format!(" over {trials} trials, best trial {}", published.best_trial + 1)
+    } else {
+        String::new()
+    };
     writeln!(out, "\nmetrics as published{spread}").ok();
     let mut rows = vec![["metric", "unit", "mean", "std", "best"].map(String::from).to_vec()];
     for row in &published.rows {
         let places = if row.unit == "m" { 4 } else { 3 };
         let failed = |v: Option<f64>| v.map_or("F".into(), |v| format!("{v:.places$}"));
-        rows.push(vec![row.metric.clone(), row.unit.into(), failed(row.mean), failed(row.std), failed(row.best)]);
+        rows.push(vec![
+            row.metric.clone(),
+            row.unit.into(),
+            failed(row.mean),
+            failed(row.std),
+            failed(row.best),
+        ]);
     }
     if trials == 1 {
         rows.iter_mut().for_each(|r| r.truncate(3));
@@ -101,7 +116,12 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     }
     table(out, &rows);
     if published.failed_trials > 0 {
-        writeln!(out, "in {} of {trials} trials a part is missing; mean and std are over the others", published.failed_trials).ok();
+        writeln!(
+            out,
+            "in {} of {trials} trials a part is missing; mean and std are over the others",
+            published.failed_trials
+        )
+        .ok();
     }
 }
 
@@ -116,7 +136,8 @@ fn table(out: &mut String, rows: &[Vec<String>]) {
     let widths: Vec<usize> = (0..columns).map(width).collect();
     for row in rows {
         let cells = row.iter().zip(&widths).enumerate();
-        let cells: Vec<String> = cells.map(|(i, (s, &w))| if i == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") }).collect();
+        let cells: Vec<String> =
+            cells.map(|(i, (s, &w))| if i == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") }).collect();
         writeln!(out, "  {}", cells.join("  ").trim_end()).ok();
     }
 }

@@ -39,8 +39,8 @@ struct StateEntry {
 }
 
 impl RunFiles {
-    /// Reads the one `.urdf` of a folder (`.ros.urdf` aside) and `report.json` beside it. Components with fewer than
-    /// `min_component` times the triangles of the largest are dropped from each link's mesh.
+    /// Reads the one `.urdf` of a folder (`.ros.urdf` aside) and `report.json` beside it. Components with
+    /// fewer than `min_component` times the triangles of the largest are dropped from each link's mesh.
     ///
     /// # Errors
     /// A file that is missing or damaged, named in the error.
@@ -53,10 +53,14 @@ impl RunFiles {
         }
         let path = folder.join("report.json");
         let text = read_text(&path, REPORT)?;
-        let report: ReportFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
+        let report: ReportFile = serde_json::from_str(&text)
+            .map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
         let states: Vec<BTreeMap<String, f64>> = report.states.into_iter().map(|s| s.joints).collect();
         if states.len() < 2 {
-            return Err(EvaluateError::Invalid { path, problem: format!("{} states; two are needed", states.len()) });
+            return Err(EvaluateError::Invalid {
+                path,
+                problem: format!("{} states; two are needed", states.len()),
+            });
         }
         let parts = tree.rigid_parts();
         Ok(Self { tree, states, parts })
@@ -65,7 +69,9 @@ impl RunFiles {
     /// The surface of some links in the world in a state.
     #[must_use]
     pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
-        let placed = |&l: &usize| self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]));
+        let placed = |&l: &usize| {
+            self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]))
+        };
         let placed: Vec<TriangleMesh> = links.iter().map(placed).collect();
         merge(&placed.iter().collect::<Vec<_>>())
     }
@@ -74,10 +80,12 @@ impl RunFiles {
     #[must_use]
     pub fn motion(&self, part: usize, state: usize) -> Pose {
         let head = self.parts[part][0];
-        self.tree.world_from_link(head, &self.states[state]) * self.tree.world_from_link(head, &self.states[0]).inverse()
+        self.tree.world_from_link(head, &self.states[state])
+            * self.tree.world_from_link(head, &self.states[0]).inverse()
     }
 
-    /// Axis of a part's joint in the world in state 0: direction and a point; `None` for the part of the root.
+    /// Axis of a part's joint in the world in state 0: direction and a point; `None` for the part of the
+    /// root.
     #[must_use]
     pub fn axis(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.tree.joint_of(self.parts[part][0])?;
@@ -86,8 +94,8 @@ impl RunFiles {
         Some((direction, world_from_joint.translation.vector.into()))
     }
 
-    /// `revolute`, `prismatic` or `screw`, which is a turning link on a sliding one without a mesh or the reverse;
-    /// `fixed` for the part of the root.
+    /// `revolute`, `prismatic` or `screw`, which is a turning link on a sliding one without a mesh or the
+    /// reverse; `fixed` for the part of the root.
     #[must_use]
     pub fn kind(&self, part: usize) -> &'static str {
         let name = |kind| match kind {
@@ -97,7 +105,8 @@ impl RunFiles {
         };
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
         let kind = name(joint.kind);
-        let carrier = self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
+        let carrier =
+            self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
         match (kind, carrier.map(|c| name(c.kind))) {
             ("revolute", Some("prismatic")) | ("prismatic", Some("revolute")) => "screw",
             _ => kind,
@@ -106,12 +115,15 @@ impl RunFiles {
 }
 
 fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
-    let entries = fs::read_dir(folder).map_err(|source| EvaluateError::Disk { path: folder.to_owned(), source })?;
+    let entries =
+        fs::read_dir(folder).map_err(|source| EvaluateError::Disk { path: folder.to_owned(), source })?;
     let name = |p: &PathBuf| p.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let is_urdf = |p: &PathBuf| name(p).ends_with(".urdf") && !name(p).ends_with(".ros.urdf");
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {
         (Some(path), 0) => Ok(path),
-        (last, rest) => Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) }),
+        (last, rest) => {
+            Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) })
+        }
     }
 }

@@ -34,8 +34,8 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     (0..count).map(|_| draw()).collect()
 }
 
-/// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest of `b`, plus
-/// the same from `b` to `a`, times 1000 (method.md 6). `None` where a set is empty.
+/// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
+/// of `b`, plus the same from `b` to `a`, times 1000 (docs/method.md 13.2). `None` where a set is empty.
 #[must_use]
 pub fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
@@ -47,7 +47,7 @@ fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
     mean(&squared?)
 }
 
-/// Mean distance from points to a mesh, millimetres; `None` without points or triangles.
+/// Mean distance from points to a mesh, millimeters; `None` without points or triangles.
 #[must_use]
 pub fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
     if mesh.is_empty() {
@@ -66,7 +66,7 @@ pub(super) fn mean(values: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{model::example::box_mesh, run::stage_rng};
+    use crate::{model::example::box_mesh, random::stage_rng};
 
     #[test]
     fn samples_lie_on_the_surface_by_area() {
@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn chamfer_of_a_square_has_the_known_floor() {
-        // Method.md 6: two samplings of the same surface of A square metres are 0.0637 A apart.
+        // docs/method.md (13.3): two samplings of the same surface of A square meters are 0.0637 A apart.
         let mut square = box_mesh([0.0; 3], [1.0; 3], [0; 3]);
         square.triangles.truncate(2);
         let draw = |k| sample_surface(&square, 10_000, &mut stage_rng(3, "test", k));

@@ -21,7 +21,7 @@ pub struct TrueJoint {
     pub kind: String,
     /// Direction.
     pub axis: Unit<Vector3<f64>>,
-    /// A point on the axis, metres; of no meaning for a prismatic joint.
+    /// A point on the axis, meters; of no meaning for a prismatic joint.
     pub origin: Point3<f64>,
     /// Motion of the part in the world.
     pub state1_from_state0: Pose,
@@ -52,7 +52,7 @@ pub struct TruePart {
 /// A true surface point that some camera saw.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenPoint {
-    /// World point, metres.
+    /// World point, meters.
     pub point: Point3<f64>,
     /// Number of its part.
     pub part: usize,
@@ -88,15 +88,16 @@ struct PartEntry {
 }
 
 impl Truth {
-    /// Reads `truth.json` and `truth/state{0,1}/{part_<i>,whole}.ply` and, where it exists, `seen.npy` (rows x, y, z,
-    /// part).
+    /// Reads `truth.json` and `truth/state{0,1}/{part_<i>,whole}.ply` and, where it exists, `seen.npy` (rows
+    /// x, y, z, part).
     ///
     /// # Errors
     /// A file that is missing or damaged, named in the error.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         let path = folder.join("truth.json");
         let text = read_text(&path, TRUTH)?;
-        let file: TruthFile = serde_json::from_str(&text).map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
+        let file: TruthFile = serde_json::from_str(&text)
+            .map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
         let state = |s: usize| folder.join(format!("truth/state{s}"));
         let mesh = |s: usize, name: &str| read_mesh(&state(s).join(format!("{name}.ply")));
         let mut parts = Vec::with_capacity(file.parts.len());
@@ -105,14 +106,24 @@ impl Truth {
             parts.push(TruePart {
                 index: entry.index,
                 name: entry.name.clone(),
-                joint: joint(entry).map_err(|problem| EvaluateError::Invalid { path: path.clone(), problem })?,
+                joint: joint(entry).map_err(|fault| EvaluateError::Invalid {
+                    path: path.clone(),
+                    problem: fault.to_string(),
+                })?,
                 meshes: [mesh(0, &name)?, mesh(1, &name)?],
             });
         }
         if parts.iter().filter(|p| p.joint.is_none()).count() != 1 {
-            return Err(EvaluateError::Invalid { path, problem: "exactly one part must be of type fixed".into() });
+            return Err(EvaluateError::Invalid {
+                path,
+                problem: "exactly one part must be of type fixed".into(),
+            });
         }
-        Ok(Self { parts, whole: [mesh(0, "whole")?, mesh(1, "whole")?], seen: [seen(&state(0))?, seen(&state(1))?] })
+        Ok(Self {
+            parts,
+            whole: [mesh(0, "whole")?, mesh(1, "whole")?],
+            seen: [seen(&state(0))?, seen(&state(1))?],
+        })
     }
 }
 
@@ -121,24 +132,46 @@ pub(super) fn read_text(path: &Path, limit: FileLimit) -> Result<String, Evaluat
     files::read_text(path, limit).map_err(|source| EvaluateError::Disk { path: path.to_owned(), source })
 }
 
-fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, String> {
-    let name = &entry.name;
+/// What is wrong with a part.
+#[derive(Debug, thiserror::Error)]
+enum PartFault {
+    #[error("part '{part}' is of type '{kind}'; fixed, revolute, prismatic and screw are known")]
+    Type { part: String, kind: String },
+    #[error("part '{0}' needs axis, origin and state1_from_state0")]
+    Incomplete(String),
+    #[error("part '{0}' has an axis of no length")]
+    NoAxis(String),
+    #[error("state1_from_state0 of part '{0}' is not rigid")]
+    NotRigid(String),
+    #[error("a further_from_state0 of part '{0}' is not rigid")]
+    FurtherNotRigid(String),
+}
+
+fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
+    let name = || entry.name.clone();
     if entry.kind == "fixed" {
         return Ok(None);
     }
     if !["revolute", "prismatic", "screw"].contains(&entry.kind.as_str()) {
-        return Err(format!("part '{name}' is of type '{}'; fixed, revolute, prismatic and screw are known", entry.kind));
+        return Err(PartFault::Type { part: name(), kind: entry.kind.clone() });
     }
-    let (Some(axis), Some(origin), Some(motion)) = (entry.axis, entry.origin, entry.state1_from_state0) else {
-        return Err(format!("part '{name}' needs axis, origin and state1_from_state0"));
+    let (Some(axis), Some(origin), Some(motion)) = (entry.axis, entry.origin, entry.state1_from_state0)
+    else {
+        return Err(PartFault::Incomplete(name()));
     };
     // The length of the largest numbers is no number.
     let direction = Unit::try_new(Vector3::from(axis), 1e-9).filter(|a| a.norm() > 0.5);
-    let axis = direction.ok_or_else(|| format!("part '{name}' has an axis of no length"))?;
-    let motion = rigid(&motion).ok_or_else(|| format!("state1_from_state0 of part '{name}' is not rigid"))?;
+    let axis = direction.ok_or_else(|| PartFault::NoAxis(name()))?;
+    let motion = rigid(&motion).ok_or_else(|| PartFault::NotRigid(name()))?;
     let further: Option<Vec<Pose>> = entry.further_from_state0.iter().map(rigid).collect();
-    let further_from_state0 = further.ok_or_else(|| format!("a further_from_state0 of part '{name}' is not rigid"))?;
-    Ok(Some(TrueJoint { kind: entry.kind.clone(), axis, origin: Point3::from(origin), state1_from_state0: motion, further_from_state0 }))
+    let further_from_state0 = further.ok_or_else(|| PartFault::FurtherNotRigid(name()))?;
+    Ok(Some(TrueJoint {
+        kind: entry.kind.clone(),
+        axis,
+        origin: Point3::from(origin),
+        state1_from_state0: motion,
+        further_from_state0,
+    }))
 }
 
 /// A pose from a row-major 4x4 matrix; `None` where that is not rigid.
@@ -147,7 +180,12 @@ fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
     let straight = (r.transpose() * r - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0;
     let translation: Vector3<f64> = m.fixed_view::<3, 1>(0, 3).into();
-    straight.then(|| Pose::from_parts(translation.into(), UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r))))
+    straight.then(|| {
+        Pose::from_parts(
+            translation.into(),
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r)),
+        )
+    })
 }
 
 fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
@@ -157,8 +195,13 @@ fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
     }
     let array = read_npy(&path)?;
     if array.columns != 4 {
-        return Err(EvaluateError::Invalid { path, problem: format!("{} columns; x, y, z and part are needed", array.columns) });
+        return Err(EvaluateError::Invalid {
+            path,
+            problem: format!("{} columns; x, y, z and part are needed", array.columns),
+        });
     }
     let rows = (0..array.rows).map(|i| array.row(i));
-    Ok(rows.map(|r| SeenPoint { point: Point3::new(r[0], r[1], r[2]), part: r[3].max(0.0) as usize }).collect())
+    Ok(rows
+        .map(|r| SeenPoint { point: Point3::new(r[0], r[1], r[2]), part: r[3].max(0.0) as usize })
+        .collect())
 }

@@ -1,4 +1,4 @@
-//! What a report tells of the camera poses.
+//! What a report says of the camera poses.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,14 +13,14 @@ const DIGITS: usize = 4;
 pub struct CameraPosesReport {
     /// State of the object.
     pub state: usize,
-    /// Whether the poses were corrected; if not, the other values tell what a correction would have done.
+    /// Whether the poses were corrected; if not, the other values say what a correction would have done.
     pub corrected: bool,
-    /// Root mean square length of the corrections, millimetres.
+    /// Root mean square length of the corrections, millimeters.
     pub correction_mm: f64,
     /// Root mean square angle of the corrections, degrees.
     pub correction_deg: f64,
-    /// Robust standard deviation of the distances between surfaces that two frames see, before and after, millimetres; of
-    /// readings that the correction was not fitted to.
+    /// Robust standard deviation of the distances between surfaces that two frames see, before and after,
+    /// millimeters; of readings that the correction was not fitted to.
     pub residual_mm: [f64; 2],
 }
 

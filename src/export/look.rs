@@ -10,6 +10,7 @@ use crate::{
     capture::Capture,
     geometry::Pose,
     model::ArticulatedModel,
+    statistics::median,
     surface::{BakeView, RenderItem, TriangleMesh, bake, keep_components, render, simplify, unwrap},
 };
 
@@ -26,7 +27,7 @@ const PLAIN_TEXELS: f64 = 400.0;
 pub struct LookConfig {
     /// Most triangles of a part's visual mesh.
     pub max_faces: usize,
-    /// Decimation stops before it moves the surface by more, metres.
+    /// Decimation stops before it moves the surface by more, meters.
     pub max_error_m: f64,
     /// Longest side of a texture, pixels.
     pub max_texture_px: usize,
@@ -85,9 +86,15 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     let meshes: Vec<TriangleMesh> = model.links.iter().map(|l| reduced(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
-        let item = |(i, mesh)| RenderItem { mesh, world_from_mesh: model.world_from_link(i, positions), tint: None };
+        let item =
+            |(i, mesh)| RenderItem { mesh, world_from_mesh: model.world_from_link(i, positions), tint: None };
         let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
-        depths.push(frames.iter().map(|f| render(&items, &f.intrinsics, &f.world_from_camera, false).depth_m).collect());
+        depths.push(
+            frames
+                .iter()
+                .map(|f| render(&items, &f.intrinsics, &f.world_from_camera, false).depth_m)
+                .collect(),
+        );
     }
     let look_of = |(i, mesh): (usize, TriangleMesh)| {
         let mut views = Vec::new();
@@ -142,16 +149,15 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look 
     Look { mesh, corners, triangles, size_px: atlas.size_px, texture }
 }
 
-/// Size of a texel, metres: somewhat finer than the median pixel of the photos on the mesh.
+/// Size of a texel, meters: somewhat finer than the median pixel of the photos on the mesh.
 fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
     let center = mesh.bounds().map(|(lo, hi)| nalgebra::center(&lo, &hi).cast::<f64>());
     let footprint = |v: &BakeView| {
         let depth_m = v.frame.in_camera(&(v.world_from_mesh * center?)).z;
         (depth_m > 0.0).then(|| depth_m / v.frame.intrinsics.fx)
     };
-    let mut all: Vec<f64> = views.iter().filter_map(footprint).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).map_or(extent_m(mesh) / PLAIN_TEXELS, |m| TEXEL_SHARE * m)
+    let pixel_m = median(views.iter().filter_map(footprint).collect());
+    pixel_m.map_or(extent_m(mesh) / PLAIN_TEXELS, |m| TEXEL_SHARE * m)
 }
 
 #[cfg(test)]
@@ -165,7 +171,8 @@ mod tests {
         let look = look(&mesh, &[], &LookConfig::default());
         assert_eq!((look.mesh.triangles.len(), look.corners.len()), (12, 24));
         for c in &look.corners {
-            let (x, y) = ((c.uv[0] * look.size_px as f64) as usize, ((1.0 - c.uv[1]) * look.size_px as f64) as usize);
+            let (x, y) =
+                ((c.uv[0] * look.size_px as f64) as usize, ((1.0 - c.uv[1]) * look.size_px as f64) as usize);
             assert_eq!(look.texture[y * look.size_px + x], [200, 60, 50]);
             assert!((c.normal.amax() - 1.0).abs() < 1e-9, "the edges of a box are sharp");
         }

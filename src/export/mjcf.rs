@@ -1,4 +1,5 @@
-//! MJCF text: what URDF cannot tell MuJoCo: textures, excluded pairs, keyframes, friction, armature, springs.
+//! MJCF text: what URDF cannot hold for MuJoCo: textures, excluded pairs, keyframes, friction, armature,
+//! springs.
 
 use std::fmt::Write as _;
 
@@ -29,7 +30,8 @@ const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." auto
   </default>
 "#;
 
-/// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that friction holds.
+/// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that
+/// friction holds.
 const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
 
 /// Ending of the name of the slide that carries a screw's hinge.
@@ -66,17 +68,23 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
     text
 }
 
-/// Joints in the order in which the bodies of the text bring them, which is the order of positions in a keyframe.
+/// Joints in the order in which the bodies of the text bring them, which is the order of positions in a
+/// keyframe.
 fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
     let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
-    children.flat_map(|j| std::iter::once(j).chain(joint_order(model, model.joints[j].child)).collect::<Vec<_>>()).collect()
+    children
+        .flat_map(|j| std::iter::once(j).chain(joint_order(model, model.joints[j].child)).collect::<Vec<_>>())
+        .collect()
 }
 
 /// Ties the slide of every screw to its hinge.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
     let thread = |joint: &Joint| {
         let (name, pitch) = (escape(&joint.name), short(joint.kind.pitch_m_per_rad()?));
-        Some(format!("    <joint name=\"{name}_thread\" joint1=\"{name}{ADVANCE}\" joint2=\"{name}\" polycoef=\"0 {pitch} 0 0 0\"/>\n"))
+        Some(format!(
+            "    <joint name=\"{name}_thread\" joint1=\"{name}{ADVANCE}\" joint2=\"{name}\" polycoef=\"0 \
+             {pitch} 0 0 0\"/>\n"
+        ))
     };
     let threads: String = model.joints.iter().filter_map(thread).collect();
     if !threads.is_empty() {
@@ -88,12 +96,23 @@ fn push_assets(text: &mut String, link: &Link) {
     let name = escape(&link.name);
     if !link.visual.is_empty() {
         let file = escape(&visual_path(link));
-        writeln!(text, "    <texture name=\"{name}\" type=\"2d\" file=\"{}\"/>", file.replace(".obj", ".png")).ok();
+        writeln!(
+            text,
+            "    <texture name=\"{name}\" type=\"2d\" file=\"{}\"/>",
+            file.replace(".obj", ".png")
+        )
+        .ok();
         writeln!(text, "    <material name=\"{name}\" texture=\"{name}\" specular=\"0.1\"/>").ok();
         writeln!(text, "    <mesh name=\"{name}_visual\" file=\"{file}\"/>").ok();
     }
     for k in 0..link.collision.len() {
-        writeln!(text, "    <mesh name=\"{}\" file=\"{}\"/>", escape(&solid_name(link, k)), escape(&solid_path(link, k))).ok();
+        writeln!(
+            text,
+            "    <mesh name=\"{}\" file=\"{}\"/>",
+            escape(&solid_name(link, k)),
+            escape(&solid_path(link, k))
+        )
+        .ok();
     }
 }
 
@@ -105,12 +124,22 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
     let (mass, i) = (&link.inertial, &link.inertial.inertia);
     let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(i[k])).join(" ");
     let com = triple(mass.center_of_mass.coords.as_ref());
-    writeln!(text, "{pad}  <inertial pos=\"{com}\" mass=\"{}\" fullinertia=\"{full}\"/>", short(mass.mass_kg)).ok();
+    writeln!(
+        text,
+        "{pad}  <inertial pos=\"{com}\" mass=\"{}\" fullinertia=\"{full}\"/>",
+        short(mass.mass_kg)
+    )
+    .ok();
     if let Some(joint) = joint {
         push_joint(text, joint, &pad);
     }
     if !link.visual.is_empty() {
-        writeln!(text, "{pad}  <geom class=\"visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" material=\"{name}\"/>").ok();
+        writeln!(
+            text,
+            "{pad}  <geom class=\"visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" \
+            material=\"{name}\"/>"
+        )
+        .ok();
     }
     for k in 0..link.collision.len() {
         let solid = escape(&solid_name(link, k));
@@ -131,7 +160,8 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
     let (l, d) = (&joint.limit, &joint.dynamics);
     writeln!(
         text,
-        "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" frictionloss=\"{}\" armature=\"{}\" \
+        "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" \
+         frictionloss=\"{}\" armature=\"{}\" \
          stiffness=\"{}\" springref=\"{}\" {HARD_FRICTION}/>",
         escape(&joint.name),
         triple(joint.axis.as_ref().as_ref()),
@@ -172,9 +202,20 @@ mod tests {
         model.joints[0].dynamics.friction = 0.3;
         let text = mjcf(&model);
         let count = |what: &str| text.matches(what).count();
-        assert_eq!([count("<body "), count("<joint "), count("<exclude "), count("<key "), count("<texture ")], [3, 2, 2, 2, 3]);
-        assert_eq!([count("class=\"visual\" name"), count("class=\"collision\" name"), count("<inertial ")], [3, 3, 3]);
-        assert!(text.contains("qpos=\"1.25 0\"") && text.contains("frictionloss=\"0.3\"") && text.contains("range=\"0 0.18\""), "{text}");
+        assert_eq!(
+            [count("<body "), count("<joint "), count("<exclude "), count("<key "), count("<texture ")],
+            [3, 2, 2, 2, 3]
+        );
+        assert_eq!(
+            [count("class=\"visual\" name"), count("class=\"collision\" name"), count("<inertial ")],
+            [3, 3, 3]
+        );
+        assert!(
+            text.contains("qpos=\"1.25 0\"")
+                && text.contains("frictionloss=\"0.3\"")
+                && text.contains("range=\"0 0.18\""),
+            "{text}"
+        );
         assert!(roxmltree::Document::parse(&text).is_ok());
     }
 
@@ -185,7 +226,9 @@ mod tests {
         let text = mjcf(&model);
         assert!(text.contains("<joint name=\"drawer_slide_advance\" type=\"slide\""), "{text}");
         assert!(text.contains("<joint name=\"drawer_slide\" type=\"hinge\""));
-        assert!(text.contains("joint1=\"drawer_slide_advance\" joint2=\"drawer_slide\" polycoef=\"0 0.5 0 0 0\""));
+        assert!(
+            text.contains("joint1=\"drawer_slide_advance\" joint2=\"drawer_slide\" polycoef=\"0 0.5 0 0 0\"")
+        );
         // Both positions of the screw stand in every keyframe.
         assert!(text.contains("qpos=\"0 0.09 0.18\""), "{text}");
         assert!(roxmltree::Document::parse(&text).is_ok());

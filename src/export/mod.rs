@@ -1,7 +1,9 @@
-//! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a disk.
+//! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
+//! disk.
 
 mod camera_poses;
 mod check;
+pub mod diagnosed;
 mod look;
 mod mjcf;
 #[cfg(test)]
@@ -22,20 +24,20 @@ mod usda;
 mod viewer;
 
 pub use camera_poses::CameraPosesReport;
-pub use check::{CheckFinding, Folder, Level, check_folder, require_sound};
-pub use look::{Corner, Look, LookConfig, look, looks};
-pub use mjcf::mjcf;
-pub use obj::{mtl, solid_obj, textured_obj};
+pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+#[cfg(test)]
+pub use look::look;
+pub use look::{LookConfig, looks};
+#[cfg(test)]
+pub use obj::textured_obj;
 pub use package::{ExportConfig, ExportFile, package, urdf_package};
-pub use part_count::{EvidencePointReport, PartCountReport};
-pub use picture::{Arrow, Picture, PictureError, PictureKind, Window, axis_arrows, cutout_png, part_color};
+pub use part_count::PartCountReport;
+pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
-pub use report_json::{
-    DynamicsReport, InputFacts, JointReport, LimitReport, LinkReport, ParentReport, Quantity, REPORT_FORMAT, RecordedCamera, Rendering,
-    Report, RunFacts, StageTime, StateReport,
-};
-pub use sdf::sdf;
-pub use start::{InitialMotion, compare_starts, nearest_starts};
-pub use urdf::{UrdfScrew, roll_pitch_yaw, ros_urdf, solid_name, solid_path, urdf, visual_path};
+pub use report_json::{InputFacts, RecordedCamera, Rendering, Report, RunFacts, StageTime};
+#[cfg(test)]
+pub use start::InitialMotion;
+pub use start::{compare_starts, nearest_starts};
+pub use urdf::roll_pitch_yaw;
+#[cfg(test)]
 pub use usda::usda;
-pub use viewer::viewer_html;

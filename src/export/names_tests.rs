@@ -2,9 +2,16 @@
 
 use proptest::prelude::*;
 
-use super::*;
+use super::{
+    look::Look,
+    mjcf::mjcf,
+    sdf::sdf,
+    urdf::{UrdfScrew, ros_urdf, urdf},
+    viewer::viewer_html,
+    *,
+};
 use crate::{
-    gap::{effects::catalogue, twin_tree::TwinTree},
+    gap::{model::effects::catalogue, twin_tree::TwinTree},
     io::twin_of,
     model::{ArticulatedModel, escape_xml, example::cabinet, is_xml_text, validate},
 };
@@ -32,7 +39,9 @@ fn name() -> impl Strategy<Value = String> {
         "\\",
     ]);
     let piece = prop_oneof![odd.prop_map(str::to_owned), any::<String>()];
-    prop::collection::vec(piece, 1..4).prop_map(|p| p.concat()).prop_filter("what XML has no form for", |t| is_xml_text(t))
+    prop::collection::vec(piece, 1..4)
+        .prop_map(|p| p.concat())
+        .prop_filter("what XML has no form for", |t| is_xml_text(t))
 }
 
 /// The cabinet with other names; numbers before them keep them apart.
@@ -61,9 +70,17 @@ fn sorted<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
 
 fn twin(name: &str) -> TwinTree {
     let [r, a, b, j] = ["r", "a", "b", "j"].map(|front| escape_xml(&format!("{front}{name}")));
-    let inertial = "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>";
-    let joint = format!("<joint name='{j}' type='continuous'><parent link='{a}'/><child link='{b}'/><axis xyz='0 0 1'/></joint>");
-    twin_of(&format!("<robot name='{r}'><link name='{a}'/><link name='{b}'>{inertial}</link>{joint}</robot>"), [0.0; 3]).unwrap()
+    let inertial =
+        "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>";
+    let joint = format!(
+        "<joint name='{j}' type='continuous'><parent link='{a}'/><child link='{b}'/><axis xyz='0 0 \
+         1'/></joint>"
+    );
+    twin_of(
+        &format!("<robot name='{r}'><link name='{a}'/><link name='{b}'>{inertial}</link>{joint}</robot>"),
+        [0.0; 3],
+    )
+    .unwrap()
 }
 
 proptest! {
@@ -72,7 +89,8 @@ proptest! {
     #[test]
     fn names_in_xml_are_read_back(name in name()) {
         let model = renamed(&name);
-        let (links, joints) = (sorted(model.links.iter().map(|l| &l.name)), sorted(model.joints.iter().map(|j| &j.name)));
+        let links = sorted(model.links.iter().map(|l| &l.name));
+        let joints = sorted(model.joints.iter().map(|j| &j.name));
         for text in [urdf(&model, UrdfScrew::Nearest), ros_urdf(&model, UrdfScrew::Nearest)] {
             prop_assert_eq!((names(&text, "link"), names(&text, "joint")), (links.clone(), joints.clone()));
         }
@@ -107,7 +125,7 @@ proptest! {
     #[test]
     fn names_in_the_mjcf_of_a_diagnosis_are_read_back(name in name()) {
         let tree = twin(&name);
-        let (text, _) = crate::gap::mjcf::mjcf(&tree, &[], &catalogue(0), "twin.xml");
+        let (text, _) = crate::export::diagnosed::mjcf::mjcf(&tree, &[], &catalogue(0), "twin.xml");
         prop_assert_eq!(names(&text, "joint"), [tree.joints[0].name.clone()]);
         prop_assert_eq!(names(&text, "general"), [tree.joints[0].name.clone()]);
         prop_assert_eq!(names(&text, "body"), [tree.links[1].name.clone()]);
@@ -118,7 +136,8 @@ proptest! {
     #[test]
     fn pages_hold_a_name_as_text(name in name()) {
         let model = renamed(&name);
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        let config = LookConfig::default();
+        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &config)).collect();
         let textures = vec![Vec::new(); looks.len()];
         let page = viewer_html(&model, &looks, &textures);
         prop_assert_eq!(page.matches("</script>").count(), 2);
@@ -127,8 +146,10 @@ proptest! {
         prop_assert_eq!(data["joints"][0]["name"].as_str(), Some(model.joints[0].name.as_str()));
         let title = page.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
         prop_assert_eq!(title, escape_xml(&model.name));
-        let html = report_html(&Report::new(&model, RunFacts::default()), &ReportPictures::default()).unwrap();
-        let plain = report_html(&Report::new(&cabinet(), RunFacts::default()), &ReportPictures::default()).unwrap();
+        let page = |model: &ArticulatedModel| {
+            report_html(&Report::new(model, RunFacts::default()), &ReportPictures::default()).unwrap()
+        };
+        let (html, plain) = (page(&model), page(&cabinet()));
         prop_assert_eq!(html.matches('<').count(), plain.matches('<').count());
     }
 
@@ -139,10 +160,12 @@ proptest! {
         // Nothing with such a name is exported; were it, it would be a name all the same.
         prop_assert!(!validate(&model).is_empty());
         let plain = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        let config = LookConfig::default();
+        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &config)).collect();
         let text = usda(&model, &looks);
         let prims: Vec<&str> = text.lines().filter_map(|l| l.trim_start().strip_prefix("def ")).collect();
-        let expected = usda(&cabinet(), &looks).lines().filter(|l| l.trim_start().starts_with("def ")).count();
+        let is_definition = |line: &&str| line.trim_start().starts_with("def ");
+        let expected = usda(&cabinet(), &looks).lines().filter(is_definition).count();
         prop_assert_eq!(prims.len(), expected);
         for prim in prims {
             prop_assert!(plain(prim.split('"').nth(1).unwrap()), "{}", prim);

@@ -1,6 +1,7 @@
 //! Numbers as text: few digits, no minus zero, the same on every run.
 
-/// `value` with `places` digits after the point at most, without trailing zeros; never `-0`, never an exponent.
+/// `value` with `places` digits after the point at most, without trailing zeros; never `-0`, never an
+/// exponent.
 ///
 /// For lengths and angles, whose noise below the last place carries no meaning.
 #[must_use]

@@ -7,13 +7,13 @@ use nalgebra::Vector3;
 use super::{look::Look, number::decimal};
 use crate::{model::identifier, surface::ConvexSolid};
 
-/// Digits after the point of a vertex position: 0.1 micrometre.
+/// Digits after the point of a vertex position: 0.1 micrometer.
 const POSITION_PLACES: usize = 7;
 /// Digits of a texture coordinate: a twentieth of a texel of a large texture.
 const UV_PLACES: usize = 6;
 
-/// OBJ text of a textured mesh: positions (metres), texture coordinates in `[0, 1]`, unit normals, triangles; the one
-/// material `name` of `name.mtl`.
+/// OBJ text of a textured mesh: positions (meters), texture coordinates in `[0, 1]`, unit normals, triangles;
+/// the one material `name` of `name.mtl`.
 #[must_use]
 pub fn textured_obj(look: &Look, name: &str) -> String {
     let name = identifier(name);
@@ -80,7 +80,11 @@ mod tests {
 
     fn triangle() -> TriangleMesh {
         TriangleMesh {
-            vertices: vec![Point3::new(0.0, 0.0, -0.0), Point3::new(0.1, 0.0, 0.0), Point3::new(0.0, 0.25, 0.0)],
+            vertices: vec![
+                Point3::new(0.0, 0.0, -0.0),
+                Point3::new(0.1, 0.0, 0.0),
+                Point3::new(0.0, 0.25, 0.0),
+            ],
             triangles: vec![[0, 1, 2]],
             colors: vec![[255, 0, 128]; 3],
         }
@@ -91,7 +95,10 @@ mod tests {
         let text = textured_obj(&look(&triangle(), &[], &LookConfig::default()), "lid");
         assert!(text.starts_with("mtllib lid.mtl\no lid\nv 0 0 0\nv 0.1 0 0\nv 0 0.25 0\nvt "), "{text}");
         assert!(text.ends_with("usemtl lid\nf 1/1/1 2/2/2 3/3/3\n"), "{text}");
-        let uv = text.lines().filter_map(|l| l.strip_prefix("vt ")).flat_map(|l| l.split(' ').map(|x| x.parse::<f64>().unwrap()));
+        let uv = text
+            .lines()
+            .filter_map(|l| l.strip_prefix("vt "))
+            .flat_map(|l| l.split(' ').map(|x| x.parse::<f64>().unwrap()));
         assert!(uv.clone().count() == 6 && uv.into_iter().all(|x| x > 0.0 && x < 1.0));
         assert!(mtl("lid").contains("Kd 1 1 1\n") && mtl("lid").ends_with("map_Kd lid.png\n"));
     }

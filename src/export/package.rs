@@ -15,11 +15,11 @@ use super::{
 };
 use crate::model::{ArticulatedModel, identifier};
 
-/// Choices among ways to tell a simulator the same.
+/// Choices among ways to say the same to a simulator.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportConfig {
-    /// How URDF tells of a screw joint.
+    /// How URDF holds a screw joint.
     pub urdf_screw: UrdfScrew,
 }
 
@@ -33,8 +33,8 @@ pub struct ExportFile {
     pub bytes: Vec<u8>,
 }
 
-/// All files of a model but its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package, meshes, textures,
-/// previews, viewer. `looks` in the order of the links. The model must be without findings
+/// All files of a model but its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package,
+/// meshes, textures, previews, viewer. `looks` in the order of the links. The model must be without findings
 /// ([`crate::model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
@@ -51,7 +51,8 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
         ("CMakeLists.txt".to_owned(), cmake_lists(model)),
         ("viewer.html".to_owned(), viewer_html(model, looks, &textures)),
     ];
-    let mut files: Vec<ExportFile> = texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
+    let mut files: Vec<ExportFile> =
+        texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
     for ((link, look), png) in model.links.iter().zip(looks).zip(textures) {
         let path = visual_path(link);
         let stem = path.trim_end_matches(".obj").to_owned();
@@ -59,7 +60,10 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
         files.push(ExportFile { path: format!("{stem}.mtl"), bytes: mtl(&link.name).into_bytes() });
         files.push(ExportFile { path: format!("{stem}.png"), bytes: png });
         for (k, solid) in link.collision.iter().enumerate() {
-            files.push(ExportFile { path: solid_path(link, k), bytes: solid_obj(solid, &solid_name(link, k)).into_bytes() });
+            files.push(ExportFile {
+                path: solid_path(link, k),
+                bytes: solid_obj(solid, &solid_name(link, k)).into_bytes(),
+            });
         }
     }
     files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail(model) });

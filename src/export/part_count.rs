@@ -38,8 +38,8 @@ pub struct EvidencePointReport {
 }
 
 impl PartCountReport {
-    /// Of a registration that was asked for `given` parts, or for as many as there are, and found some on a `curve` of evidence,
-    /// most parts first.
+    /// Of a registration that was asked for `given` parts, or for as many as there are, and found some on a
+    /// `curve` of evidence, most parts first.
     #[must_use]
     pub fn new(given: Option<usize>, found: usize, curve: &[EvidencePoint], least_evidence: f64) -> Self {
         let point = |p: &EvidencePoint| EvidencePointReport {
@@ -61,7 +61,8 @@ impl PartCountReport {
             // Writing to a string cannot fail.
             writeln!(
                 rows,
-                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td><td class=\"number\">{}</td></tr>",
+                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td><td \
+                 class=\"number\">{}</td></tr>",
                 p.parts,
                 decimal(p.evidence, 1),
                 decimal(p.unexplained, 1),

@@ -17,11 +17,18 @@ use crate::{
 const JPEG_QUALITY: u8 = 85;
 /// Half length of a drawn axis as a share of the child's longest side.
 const AXIS_SHARE: f64 = 0.6;
-/// Colours of parts in drawings: the one that stays, then the movable ones in turn.
-const PART_COLORS: [[u8; 3]; 7] =
-    [[176, 182, 190], [46, 123, 214], [232, 118, 32], [38, 158, 98], [176, 66, 148], [214, 178, 30], [54, 168, 184]];
+/// Colors of parts in drawings: the one that stays, then the movable ones in turn.
+const PART_COLORS: [[u8; 3]; 7] = [
+    [176, 182, 190],
+    [46, 123, 214],
+    [232, 118, 32],
+    [38, 158, 98],
+    [176, 66, 148],
+    [214, 178, 30],
+    [54, 168, 184],
+];
 
-/// Colour of a part in drawings, sRGB; part 0 is the one that stays. Colours repeat beyond the seventh part.
+/// Color of a part in drawings, sRGB; part 0 is the one that stays. Colors repeat beyond the seventh part.
 #[must_use]
 pub fn part_color(part: usize) -> [u8; 3] {
     if part == 0 { PART_COLORS[0] } else { PART_COLORS[1 + (part - 1) % (PART_COLORS.len() - 1)] }
@@ -44,7 +51,7 @@ pub struct Arrow {
     pub from: [f64; 2],
     /// Head.
     pub to: [f64; 2],
-    /// sRGB colour.
+    /// sRGB color.
     pub color: [u8; 3],
     /// Text beside the head.
     pub label: String,
@@ -81,18 +88,24 @@ pub struct Window {
 }
 
 impl Window {
-    /// The window around the marked pixels of some masks (`width * height`, row-major) with a margin of an eighth of its
-    /// size, in the proportions of the picture; the whole picture where nothing is marked.
+    /// The window around the marked pixels of some masks (`width * height`, row-major) with a margin of an
+    /// eighth of its size, in the proportions of the picture; the whole picture where nothing is marked.
     #[must_use]
     pub fn around(masks: &[&[bool]], width: usize, height: usize) -> Self {
-        let marked = masks.iter().flat_map(|m| m.iter().enumerate()).filter(|(_, m)| **m).map(|(i, _)| (i % width, i / width));
+        let marked = masks
+            .iter()
+            .flat_map(|m| m.iter().enumerate())
+            .filter(|(_, m)| **m)
+            .map(|(i, _)| (i % width, i / width));
         let start = (usize::MAX, usize::MAX, 0, 0);
-        let (x0, y0, x1, y1) = marked.fold(start, |b, (x, y)| (b.0.min(x), b.1.min(y), b.2.max(x), b.3.max(y)));
+        let (x0, y0, x1, y1) =
+            marked.fold(start, |b, (x, y)| (b.0.min(x), b.1.min(y), b.2.max(x), b.3.max(y)));
         if x0 > x1 {
             return Self { x: 0, y: 0, width, height };
         }
         // Share of the picture that holds both sides of the box and its margin.
-        let share = (1.25 * ((x1 + 1 - x0) as f64 / width as f64).max((y1 + 1 - y0) as f64 / height as f64)).min(1.0);
+        let share =
+            (1.25 * ((x1 + 1 - x0) as f64 / width as f64).max((y1 + 1 - y0) as f64 / height as f64)).min(1.0);
         let side = |first: usize, last: usize, all: usize| {
             let size = ((share * all as f64).round() as usize).clamp(1, all);
             let middle = (first + last) / 2;
@@ -134,9 +147,12 @@ impl Picture {
     pub fn cropped(&self, window: &Window) -> Self {
         let (x, y) = (window.x.min(self.width), window.y.min(self.height));
         let (width, height) = (window.width.min(self.width - x), window.height.min(self.height - y));
-        let row = |v: usize| self.rgb.get(3 * (v * self.width + x)..3 * (v * self.width + x + width)).unwrap_or_default();
+        let row = |v: usize| {
+            self.rgb.get(3 * (v * self.width + x)..3 * (v * self.width + x + width)).unwrap_or_default()
+        };
         let shift = |[u, v]: [f64; 2]| [u - x as f64, v - y as f64];
-        let arrows = self.arrows.iter().map(|a| Arrow { from: shift(a.from), to: shift(a.to), ..a.clone() }).collect();
+        let arrows =
+            self.arrows.iter().map(|a| Arrow { from: shift(a.from), to: shift(a.to), ..a.clone() }).collect();
         Self {
             width,
             height,
@@ -155,7 +171,9 @@ impl Picture {
         let caption = escape(&self.caption);
         let data = self.data_uri()?;
         let (w, h) = (self.width, self.height);
-        let mut html = format!("<figure><div class=\"frame\"><img src=\"{data}\" width=\"{w}\" height=\"{h}\" alt=\"{caption}\">");
+        let mut html = format!(
+            "<figure><div class=\"frame\"><img src=\"{data}\" width=\"{w}\" height=\"{h}\" alt=\"{caption}\">"
+        );
         if !self.arrows.is_empty() {
             html.push_str(&svg(&self.arrows, w, h));
         }
@@ -167,9 +185,16 @@ impl Picture {
     fn data_uri(&self) -> Result<String, PictureError> {
         let fit = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
         let bytes = self.width.checked_mul(self.height).and_then(|n| n.checked_mul(3));
-        let (Some(width), Some(height), true) = (fit(self.width), fit(self.height), bytes == Some(self.rgb.len())) else {
+        let (Some(width), Some(height), true) =
+            (fit(self.width), fit(self.height), bytes == Some(self.rgb.len()))
+        else {
             let Self { width, height, .. } = *self;
-            return Err(PictureError::Size { caption: self.caption.clone(), bytes: self.rgb.len(), width, height });
+            return Err(PictureError::Size {
+                caption: self.caption.clone(),
+                bytes: self.rgb.len(),
+                width,
+                height,
+            });
         };
         let mut out = Vec::new();
         let (kind, result) = match self.kind {
@@ -177,21 +202,27 @@ impl Picture {
                 let encoder = JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY);
                 ("jpeg", encoder.write_image(&self.rgb, width, height, ExtendedColorType::Rgb8))
             }
-            PictureKind::Drawing => ("png", PngEncoder::new(&mut out).write_image(&self.rgb, width, height, ExtendedColorType::Rgb8)),
+            PictureKind::Drawing => (
+                "png",
+                PngEncoder::new(&mut out).write_image(&self.rgb, width, height, ExtendedColorType::Rgb8),
+            ),
         };
         result.map_err(|source| PictureError::Encode { caption: self.caption.clone(), source })?;
         Ok(format!("data:image/{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(out)))
     }
 }
 
-/// A PNG of the pixels for which `shown` holds, the others transparent; empty for a size that is not that of the pixels.
+/// A PNG of the pixels for which `shown` holds, the others transparent; empty for a size that is not that of
+/// the pixels.
 #[must_use]
 pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(usize) -> bool) -> Vec<u8> {
     let pixel = |(i, c): (usize, &[u8; 3])| if shown(i) { [c[0], c[1], c[2], 255] } else { [0; 4] };
     let rgba: Vec<u8> = rgb.iter().enumerate().flat_map(pixel).collect();
     let mut bytes = Vec::new();
     // Writing to memory fails only for a size that does not fit its pixels.
-    PngEncoder::new(&mut bytes).write_image(&rgba, width as u32, height as u32, ExtendedColorType::Rgba8).ok();
+    PngEncoder::new(&mut bytes)
+        .write_image(&rgba, width as u32, height as u32, ExtendedColorType::Rgba8)
+        .ok();
     bytes
 }
 
@@ -201,7 +232,8 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     let mut out = format!("<svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">");
     for arrow in arrows {
         let [[x0, y0], [x1, y1]] = [arrow.from, arrow.to];
-        let along = Vector3::new(x1 - x0, y1 - y0, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::x) * (22.0 * size);
+        let along = Vector3::new(x1 - x0, y1 - y0, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::x)
+            * (22.0 * size);
         let head = |side: f64| [x1 - along.x + side * 0.45 * along.y, y1 - along.y - side * 0.45 * along.x];
         let ([ax, ay], [bx, by]) = (head(1.0), head(-1.0));
         let path = [x0, y0, x1, y1, ax, ay, x1, y1, bx, by].map(|v| decimal(v, 1));
@@ -213,7 +245,8 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
             let stroke = decimal(stroke * size, 2);
             write!(
                 out,
-                "<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{stroke}\" stroke-linecap=\"round\" stroke-linejoin=\"round\"/>"
+                "<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{stroke}\" \
+                 stroke-linecap=\"round\" stroke-linejoin=\"round\"/>"
             )
             .ok();
         }
@@ -227,7 +260,8 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         let (font, rim) = (decimal(29.0 * size, 1), decimal(7.0 * size, 1));
         write!(
             out,
-            "<text x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\" font-size=\"{font}\" stroke-width=\"{rim}\" fill=\"rgb({r} {g} {b})\">{}</text>",
+            "<text x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\" font-size=\"{font}\" \
+             stroke-width=\"{rim}\" fill=\"rgb({r} {g} {b})\">{}</text>",
             escape(&arrow.label)
         )
         .ok();
@@ -236,10 +270,16 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     out
 }
 
-/// Arrows along the joint axes of a model in a state, as a camera sees them: through the middle of the part, a slider's
-/// from there towards rising positions. An axis with an end behind the camera is left out; nothing hides an axis.
+/// Arrows along the joint axes of a model in a state, as a camera sees them: through the middle of the part,
+/// a slider's from there towards rising positions. An axis with an end behind the camera is left out; nothing
+/// hides an axis.
 #[must_use]
-pub fn axis_arrows(model: &ArticulatedModel, state: usize, intrinsics: &Intrinsics, world_from_camera: &Pose) -> Vec<Arrow> {
+pub fn axis_arrows(
+    model: &ArticulatedModel,
+    state: usize,
+    intrinsics: &Intrinsics,
+    world_from_camera: &Pose,
+) -> Vec<Arrow> {
     let Some(positions) = model.states.get(state) else { return Vec::new() };
     let draw = |joint: &crate::model::Joint| {
         let link = &model.links[joint.child];
@@ -256,10 +296,16 @@ pub fn axis_arrows(model: &ArticulatedModel, state: usize, intrinsics: &Intrinsi
         };
         let world_from_link = model.world_from_link(joint.child, positions);
         let pixel = |v: Vector3<f64>| {
-            let (u, v) = intrinsics.project(&world_from_camera.inverse_transform_point(&(world_from_link * Point3::from(v))))?;
+            let (u, v) = intrinsics
+                .project(&world_from_camera.inverse_transform_point(&(world_from_link * Point3::from(v))))?;
             Some([u, v])
         };
-        Some(Arrow { from: pixel(from)?, to: pixel(to)?, color: part_color(joint.child), label: joint.name.clone() })
+        Some(Arrow {
+            from: pixel(from)?,
+            to: pixel(to)?,
+            color: part_color(joint.child),
+            label: joint.name.clone(),
+        })
     };
     model.joints.iter().filter_map(draw).collect()
 }
@@ -272,13 +318,20 @@ mod tests {
     #[test]
     fn a_figure_holds_its_image_and_arrows() {
         let arrow = Arrow { from: [1.0, 1.0], to: [9.0, 5.0], color: [1, 2, 3], label: "a<b".into() };
-        let mut picture =
-            Picture { width: 10, height: 6, rgb: vec![120; 180], caption: "x & y".into(), arrows: vec![arrow], ..Picture::default() };
+        let mut picture = Picture {
+            width: 10,
+            height: 6,
+            rgb: vec![120; 180],
+            caption: "x & y".into(),
+            arrows: vec![arrow],
+            ..Picture::default()
+        };
         for (kind, mime) in [(PictureKind::Photo, "image/jpeg"), (PictureKind::Drawing, "image/png")] {
             picture.kind = kind;
             let html = picture.figure().unwrap();
             let (_, rest) = html.split_once(&format!("{mime};base64,")).unwrap();
-            let bytes = base64::engine::general_purpose::STANDARD.decode(rest.split_once('"').unwrap().0).unwrap();
+            let bytes =
+                base64::engine::general_purpose::STANDARD.decode(rest.split_once('"').unwrap().0).unwrap();
             let image = image::load_from_memory(&bytes).unwrap().to_rgb8();
             assert_eq!((image.dimensions(), image.get_pixel(3, 3).0[0].abs_diff(120) < 3), ((10, 6), true));
             assert!(html.contains("x &amp; y") && html.contains("a&lt;b") && html.contains("M1 1L9 5M"));
@@ -299,7 +352,10 @@ mod tests {
         let arrow = Arrow { from: [40.0, 20.0], to: [44.0, 30.0], color: [0; 3], label: String::new() };
         let picture = Picture { width: 80, height: 60, rgb, arrows: vec![arrow], ..Picture::default() };
         let part = picture.cropped(&window);
-        assert_eq!((part.rgb.len(), &part.rgb[..2], &part.rgb[part.rgb.len() - 3..][..2]), (18 * 14 * 3, &[33, 18][..], &[50, 31][..]));
+        assert_eq!(
+            (part.rgb.len(), &part.rgb[..2], &part.rgb[part.rgb.len() - 3..][..2]),
+            (18 * 14 * 3, &[33, 18][..], &[50, 31][..])
+        );
         assert_eq!(part.arrows[0].from, [7.0, 2.0]);
         let corner = picture.cropped(&Window { x: 70, y: 55, width: 99, height: 99 });
         assert_eq!((corner.width, corner.height, corner.rgb.len()), (10, 5, 150));
@@ -309,7 +365,7 @@ mod tests {
     fn axes_are_drawn_where_the_camera_sees_them() {
         let model = cabinet();
         let k = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
-        // Three metres in front, looking back along -x, z up.
+        // Three meters in front, looking back along -x, z up.
         let eye = Point3::new(3.0, 0.0, 0.3);
         let world_from_camera = Pose::face_towards(&eye, &Point3::new(0.0, 0.0, 0.3), &-Vector3::z());
         let arrows = axis_arrows(&model, 1, &k, &world_from_camera);

@@ -46,10 +46,12 @@ pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
     bytes
 }
 
-/// An animated GIF: one turn around the object while the joints go from the first observed state to the last and back.
+/// An animated GIF: one turn around the object while the joints go from the first observed state to the last
+/// and back.
 #[must_use]
 pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
-    let small: Vec<TriangleMesh> = model.links.iter().map(|l| simplify(&l.visual, TURNTABLE_FACES, f64::INFINITY)).collect();
+    let small: Vec<TriangleMesh> =
+        model.links.iter().map(|l| simplify(&l.visual, TURNTABLE_FACES, f64::INFINITY)).collect();
     let meshes: Vec<&TriangleMesh> = small.iter().collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
     let mut bytes = Vec::new();
@@ -78,7 +80,8 @@ fn view(
     azimuth_rad: f64,
     [width, height]: [usize; 2],
 ) -> Vec<[u8; 3]> {
-    let item = |(i, mesh): (usize, &&'_ TriangleMesh)| (i, model.world_from_link(i, positions), mesh.bounds());
+    let item =
+        |(i, mesh): (usize, &&'_ TriangleMesh)| (i, model.world_from_link(i, positions), mesh.bounds());
     let posed: Vec<_> = meshes.iter().enumerate().map(item).collect();
     // A sphere around all boxes in all states: the camera stands still while the joints move.
     let mut corners: Vec<Point3<f64>> = Vec::new();
@@ -86,7 +89,9 @@ fn view(
         for (i, _, bounds) in &posed {
             let Some((lo, hi)) = bounds else { continue };
             let pose = model.world_from_link(*i, state);
-            corners.extend((0..8).map(|k| pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))));
+            corners.extend((0..8).map(|k| {
+                pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))
+            }));
         }
     }
     let Some(first) = corners.first().copied() else { return vec![[255; 3]; width * height] };
@@ -97,9 +102,19 @@ fn view(
     // Optical frames look along z with y down.
     let world_from_camera = Isometry3::face_towards(&eye, &middle, &-Vector3::z());
     let focal = FOCAL * width as f64;
-    let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx: 0.5 * (width as f64 - 1.0), cy: 0.5 * (height as f64 - 1.0) };
-    let items: Vec<RenderItem> =
-        posed.iter().zip(meshes).map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None }).collect();
+    let intrinsics = Intrinsics {
+        width,
+        height,
+        fx: focal,
+        fy: focal,
+        cx: 0.5 * (width as f64 - 1.0),
+        cy: 0.5 * (height as f64 - 1.0),
+    };
+    let items: Vec<RenderItem> = posed
+        .iter()
+        .zip(meshes)
+        .map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None })
+        .collect();
     render(&items, &intrinsics, &world_from_camera, true).rgb
 }
 

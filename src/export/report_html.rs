@@ -18,7 +18,7 @@ const STYLE: &str = include_str!("report.css");
 pub struct ReportPictures {
     /// A photo of every state and beside it the twin in the same pose from the same camera.
     pub states: Vec<PhotoAndTwin>,
-    /// The parts in the colours of [`part_color`] with their axes.
+    /// The parts in the colors of [`part_color`] with their axes.
     pub parts: Vec<Picture>,
     /// What was kept as the object.
     pub kept: Vec<Picture>,
@@ -48,8 +48,10 @@ pub struct PhotoAndTwin {
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
     let mut out = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">\n\
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
+         content=\"width=device-width\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+         style-src 'unsafe-inline'\">\n\
          <title>{name}: articulated twin</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n"
     );
     push_header(&mut out, report);
@@ -74,8 +76,7 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
 // Writing to a string cannot fail: the results below are dropped.
 
 fn push_header(out: &mut String, report: &Report) {
-    let doubts = report.run.warnings.len() + report.joints.iter().map(|j| j.cautions.len()).sum::<usize>();
-    let (class, word) = match doubts {
+    let (class, word) = match report.run.warnings.len() {
         0 => ("pill", "No warnings".to_owned()),
         1 => ("pill check", "1 warning".to_owned()),
         n => ("pill check", format!("{n} warnings")),
@@ -86,7 +87,10 @@ fn push_header(out: &mut String, report: &Report) {
     writeln!(out, "<p class=\"verdict\"><span class=\"{class}\">{word}</span>{}.</p>", escape(&verdict)).ok();
     let mut facts = vec![count(report.links.len(), "part"), count(report.joints.len(), "joint")];
     if !report.run.input.frames.is_empty() {
-        facts.push(format!("{} frames", report.run.input.frames.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ")));
+        facts.push(format!(
+            "{} frames",
+            report.run.input.frames.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ")
+        ));
     }
     facts.push(duration(report.total_seconds()));
     facts.push(format!("seed {}", report.run.seed));
@@ -100,8 +104,8 @@ fn sentence(joint: &JointReport) -> String {
 }
 
 fn push_warnings(out: &mut String, report: &Report) {
-    let cautions = report.joints.iter().flat_map(|j| j.cautions.iter().map(|c| format!("{}: {c}", j.name)));
-    let all: Vec<String> = report.run.warnings.iter().cloned().chain(cautions).collect();
+    // Those of the joints are among them.
+    let all: Vec<String> = report.run.warnings.iter().map(ToString::to_string).collect();
     push_list(out, "warnings", "Warnings", &all);
 }
 
@@ -113,12 +117,18 @@ fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
     writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
 }
 
-fn push_pictures(out: &mut String, title: &str, pictures: &[&Picture], columns: usize) -> Result<(), PictureError> {
+fn push_pictures(
+    out: &mut String,
+    title: &str,
+    pictures: &[&Picture],
+    columns: usize,
+) -> Result<(), PictureError> {
     if pictures.is_empty() {
         return Ok(());
     }
     let columns = columns.min(pictures.len());
-    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"pictures\" style=\"--columns: {columns}\">").ok();
+    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"pictures\" style=\"--columns: {columns}\">")
+        .ok();
     for picture in pictures {
         out.push_str(&picture.figure()?);
         out.push('\n');
@@ -128,19 +138,29 @@ fn push_pictures(out: &mut String, title: &str, pictures: &[&Picture], columns: 
 }
 
 fn push_joints(out: &mut String, report: &Report) {
-    let head = ["Joint", "Type", "Motion", "Axis in the world", "Axis \u{b1}", "Place \u{b1}", "Support", "Residual"];
+    let head = [
+        "Joint",
+        "Type",
+        "Motion",
+        "Axis in the world",
+        "Axis \u{b1}",
+        "Place \u{b1}",
+        "Support",
+        "Residual",
+    ];
     let mut rows = String::new();
     for joint in &report.joints {
         let child = report.links.iter().position(|l| l.name == joint.child).unwrap_or_default();
-        let place = if joint.motion.unit == "rad" { spread(joint.origin_std_mm, "mm") } else { "\u{2013}".into() };
+        let place =
+            if joint.motion.unit == "rad" { spread(joint.origin_std_mm, "mm") } else { "\u{2013}".into() };
         let through = if joint.motion.unit == "rad" {
             format!("<br><span class=\"soft\">through {} m</span>", vector(joint.origin))
         } else {
             String::new()
         };
-        let alone = joint
-            .axis_alone
-            .map_or_else(String::new, |a| format!("<br><span class=\"soft\">{} by its motion alone</span>", spread(a.std_deg, "\u{b0}")));
+        let alone = joint.axis_alone.map_or_else(String::new, |a| {
+            format!("<br><span class=\"soft\">{} by its motion alone</span>", spread(a.std_deg, "\u{b0}"))
+        });
         let share = if joint.tried > 0 { 100.0 * joint.inliers as f64 / joint.tried as f64 } else { 0.0 };
         let cells = [
             format!(
@@ -165,7 +185,8 @@ fn push_joints(out: &mut String, report: &Report) {
         }
         rows.push_str("</tr>\n");
         for caution in &joint.cautions {
-            writeln!(rows, "<tr class=\"caution\"><td colspan=\"8\">{}</td></tr>", escape(caution)).ok();
+            writeln!(rows, "<tr class=\"caution\"><td colspan=\"8\">{}</td></tr>", escape(&caution.text))
+                .ok();
         }
     }
     push_table(out, "Joints", &head, &rows);
@@ -176,16 +197,33 @@ fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
         return;
     }
     let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
-    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>").ok();
+    writeln!(
+        out,
+        "<section>\n<h2>{title}</h2>\n<div \
+        class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>"
+    )
+    .ok();
 }
 
-/// What the states cannot tell of each joint, and how the parts were counted.
+/// What is not observable of each joint, and how the parts were counted.
 fn push_unknown(out: &mut String, report: &Report) {
-    let said = |j: &JointReport| j.not_observable.iter().map(|n| format!("{}: {n}", j.name)).collect::<Vec<_>>();
-    push_list(out, "unknown", "Not observable in these states", &report.joints.iter().flat_map(said).collect::<Vec<_>>());
+    let said =
+        |j: &JointReport| j.not_observable.iter().map(|n| format!("{}: {n}", j.name)).collect::<Vec<_>>();
+    push_list(
+        out,
+        "unknown",
+        "Not observable in these states",
+        &report.joints.iter().flat_map(said).collect::<Vec<_>>(),
+    );
     if let Some(count) = &report.run.part_count {
-        let title = if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
-        push_table(out, title, &["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"], &count.rows());
+        let title =
+            if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
+        push_table(
+            out,
+            title,
+            &["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"],
+            &count.rows(),
+        );
     }
 }
 
@@ -194,7 +232,8 @@ fn push_links(out: &mut String, report: &Report) {
     for (i, link) in report.links.iter().enumerate() {
         writeln!(
             rows,
-            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{}<br><span class=\"soft\">{}</span></td></tr>",
+            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td \
+             class=\"number\">{}<br><span class=\"soft\">{}</span></td></tr>",
             dot(i),
             escape(&link.name),
             link.triangles,
@@ -216,7 +255,12 @@ fn push_times(out: &mut String, report: &Report) {
     for stage in &report.run.stages {
         let share = decimal(100.0 * stage.seconds / longest, 1);
         let (name, time) = (escape(&stage.name), duration(stage.seconds));
-        writeln!(out, "<span>{name}</span><div class=\"bar\" style=\"width: {share}%\"></div><span class=\"number\">{time}</span>").ok();
+        writeln!(
+            out,
+            "<span>{name}</span><div class=\"bar\" style=\"width: {share}%\"></div><span \
+            class=\"number\">{time}</span>"
+        )
+        .ok();
     }
     out.push_str("</div>\n</section>\n");
 }
@@ -226,29 +270,50 @@ fn push_start(out: &mut String, report: &Report) {
     for m in &report.run.initialization {
         let source = if m.used { escape(&m.source) } else { format!("not used: {}", escape(&m.source)) };
         let both = |rotation_deg, displacement_mm| {
-            format!("{} / {}", unit(&decimal(rotation_deg, 3), "\u{b0}"), unit(&decimal(displacement_mm, 2), "mm"))
+            format!(
+                "{} / {}",
+                unit(&decimal(rotation_deg, 3), "\u{b0}"),
+                unit(&decimal(displacement_mm, 2), "mm")
+            )
         };
-        let (start, change) = (both(m.start_rotation_deg, m.start_displacement_mm), both(m.rotation_deg, m.displacement_mm));
-        writeln!(rows, "<tr>{}</tr>", [escape(&m.joint), source, start, change].map(|c| format!("<td>{c}</td>")).concat()).ok();
+        let (start, change) =
+            (both(m.start_rotation_deg, m.start_displacement_mm), both(m.rotation_deg, m.displacement_mm));
+        writeln!(
+            rows,
+            "<tr>{}</tr>",
+            [escape(&m.joint), source, start, change].map(|c| format!("<td>{c}</td>")).concat()
+        )
+        .ok();
     }
-    push_table(out, "From the start to the result", &["Joint", "Started from", "Start turns / moves part by", "Result differs by"], &rows);
+    push_table(
+        out,
+        "From the start to the result",
+        &["Joint", "Started from", "Start turns / moves part by", "Result differs by"],
+        &rows,
+    );
 }
 
 fn push_run(out: &mut String, report: &Report) {
     let run = &report.run;
     let mut entries: Vec<(&str, String)> = Vec::new();
     entries.extend(run.input.paths.iter().map(|p| ("Input", p.clone())));
-    entries.extend([("Preset", run.preset.clone()), ("Device", run.device.clone()), ("Configuration", run.config_digest.clone())]);
+    entries.extend([
+        ("Preset", run.preset.clone()),
+        ("Device", run.device.clone()),
+        ("Configuration", run.config_digest.clone()),
+    ]);
     entries.extend(run.versions.iter().map(|(name, version)| (name.as_str(), version.clone())));
-    entries.extend(run.notes.iter().map(|n| ("Note", n.clone())));
+    entries.extend(run.notes.iter().map(|n| ("Note", n.text.clone())));
     let items = entries.iter().filter(|(_, text)| !text.is_empty());
-    let items: String = items.map(|(name, text)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(name), escape(text))).collect();
+    let items: String =
+        items.map(|(name, text)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(name), escape(text))).collect();
     writeln!(out, "<section>\n<h2>Run</h2>\n<dl>\n{items}</dl>\n</section>").ok();
 }
 
-/// A motion with its standard deviation in degrees or millimetres.
+/// A motion with its standard deviation in degrees or millimeters.
 fn motion(value: &Quantity, std: &SpreadReport) -> String {
-    let (factor, unit) = if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
+    let (factor, unit) =
+        if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let spread = match std.value {
         Some(std) => format!("\u{b1} {}{unit}", decimal((factor * std).max(0.01), 2)),
         None => format!("(deviation {NOT_DETERMINED})"),
@@ -263,10 +328,18 @@ fn spread(value: Option<f64>, its_unit: &str) -> String {
 
 /// Positions in all states, where there are more than two, and what was observed.
 fn positions(joint: &JointReport) -> String {
-    let (factor, unit) = if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
+    let (factor, unit) =
+        if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let all: Vec<String> = joint.positions.iter().map(|p| minus(&decimal(factor * p.value, 2))).collect();
-    let Some([lower, upper]) = joint.limit.observed_in else { return String::new() };
-    format!("<br><span class=\"soft\">in the states at {}{unit}; limits seen in states {lower} and {upper}</span>", escape(&all.join(", ")))
+    if all.len() < 3 {
+        return String::new();
+    }
+    let [lower, upper] = joint.limit.observed_in;
+    format!(
+        "<br><span class=\"soft\">in the states at {}{unit}; limits seen in states {lower} and \
+         {upper}</span>",
+        escape(&all.join(", "))
+    )
 }
 
 /// Three coordinates.
@@ -304,19 +377,30 @@ fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::note::{Note, NoteCode};
     use crate::{
         export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime},
         model::example::cabinet,
     };
 
     fn picture(caption: &str) -> Picture {
-        Picture { width: 8, height: 6, rgb: vec![90; 144], caption: caption.into(), kind: PictureKind::Drawing, arrows: vec![] }
+        Picture {
+            width: 8,
+            height: 6,
+            rgb: vec![90; 144],
+            caption: caption.into(),
+            kind: PictureKind::Drawing,
+            arrows: vec![],
+        }
     }
 
     fn page(edit: impl FnOnce(&mut Report, &mut ReportPictures)) -> String {
         let run = RunFacts {
             input: InputFacts { paths: vec!["bags/cabinet".into()], frames: vec![30, 28] },
-            stages: vec![StageTime { name: "field/state0".into(), seconds: 124.0 }, StageTime { name: "export".into(), seconds: 1.5 }],
+            stages: vec![
+                StageTime { name: "field/state0".into(), seconds: 124.0 },
+                StageTime { name: "export".into(), seconds: 1.5 },
+            ],
             initialization: vec![InitialMotion {
                 joint: "door_hinge".into(),
                 source: "registration".into(),
@@ -331,7 +415,11 @@ mod tests {
         };
         let mut report = Report::new(&cabinet(), run);
         let mut pictures = ReportPictures {
-            states: vec![PhotoAndTwin { photo: picture("photo"), twin: picture("twin"), ..PhotoAndTwin::default() }],
+            states: vec![PhotoAndTwin {
+                photo: picture("photo"),
+                twin: picture("twin"),
+                ..PhotoAndTwin::default()
+            }],
             parts: vec![picture("parts")],
             kept: vec![picture("kept")],
         };
@@ -362,8 +450,10 @@ mod tests {
     #[test]
     fn warnings_and_cautions_come_first() {
         let html = page(|report, _| {
-            report.run.warnings.push("2 frames had no pose".into());
-            report.joints[0].cautions.push("little support".into());
+            let caution = Note::new(NoteCode::JointContradicted, "little support");
+            report.run.warnings.push(Note::new(NoteCode::PosesMissing, "2 frames had no pose"));
+            report.run.warnings.push(caution.about("door_hinge"));
+            report.joints[0].cautions.push(caution);
         });
         assert!(html.contains(">2 warnings<") && html.contains("<li>door_hinge: little support</li>"));
         assert!(html.find("2 frames had no pose") < html.find("<img"));
@@ -373,7 +463,7 @@ mod tests {
     fn text_cannot_become_markup() {
         let html = page(|report, pictures| {
             report.name = "<script>alert(1)</script>".into();
-            report.run.notes.push("a < b & c".into());
+            report.run.notes.push(Note::new(NoteCode::TopicsChosen, "a < b & c"));
             pictures.kept[0].caption = "\"><script>".into();
         });
         assert!(!html.contains("<script") && html.contains("a &lt; b &amp; c"));
@@ -381,8 +471,11 @@ mod tests {
 
     #[test]
     fn every_element_is_closed() {
-        let html = page(|report, _| report.run.warnings.push("x".into()));
-        for tag in ["section", "div", "table", "tr", "td", "figure", "h2", "ul", "li", "dl", "dd", "span", "main", "header"] {
+        let html = page(|report, _| report.run.warnings.push(Note::new(NoteCode::PosesMissing, "x")));
+        for tag in [
+            "section", "div", "table", "tr", "td", "figure", "h2", "ul", "li", "dl", "dd", "span", "main",
+            "header",
+        ] {
             let open = html.matches(&format!("<{tag}>")).count() + html.matches(&format!("<{tag} ")).count();
             assert_eq!(open, html.matches(&format!("</{tag}>")).count(), "{tag}");
         }
@@ -390,9 +483,14 @@ mod tests {
 
     #[test]
     fn durations_are_readable() {
-        for (seconds, text) in
-            [(0.04, "0.0 s"), (9.94, "9.9 s"), (59.6, "60 s"), (119.4, "119 s"), (119.6, "2 min 00 s"), (3671.0, "61 min 11 s")]
-        {
+        for (seconds, text) in [
+            (0.04, "0.0 s"),
+            (9.94, "9.9 s"),
+            (59.6, "60 s"),
+            (119.4, "119 s"),
+            (119.6, "2 min 00 s"),
+            (3671.0, "61 min 11 s"),
+        ] {
             assert_eq!(duration(seconds), text);
         }
     }

@@ -5,18 +5,22 @@ use std::collections::BTreeMap;
 use nalgebra::Unit;
 use serde::{Deserialize, Serialize};
 
-use super::{camera_poses::CameraPosesReport, number::round_significant, part_count::PartCountReport, start::InitialMotion};
+use super::{
+    camera_poses::CameraPosesReport, number::round_significant, part_count::PartCountReport,
+    start::InitialMotion,
+};
 use crate::{
     geometry::{Intrinsics, Pose},
     model::{ArticulatedModel, Deviations, Joint, JointKind, LimitSource, ParentScore},
+    note::Note,
 };
 
 /// Version of the layout of `report.json`.
-pub const REPORT_FORMAT: &str = "artitwin-report/1";
+pub const REPORT_FORMAT: &str = "artitwin-report/2";
 /// Significant digits of numbers in the report.
 const DIGITS: usize = 10;
 
-/// The contents of `report.json`. Metres, radians, seconds and kilograms unless the key says otherwise.
+/// The contents of `report.json`. Meters, radians, seconds and kilograms unless the key says otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// [`REPORT_FORMAT`].
@@ -37,7 +41,7 @@ pub struct Report {
 /// One observed state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StateReport {
-    /// Position of every joint by name, radians or metres.
+    /// Position of every joint by name, radians or meters.
     pub joints: BTreeMap<String, f64>,
 }
 
@@ -61,36 +65,39 @@ pub struct JointReport {
     pub child: String,
     /// Direction of the axis in the world in state 0.
     pub axis: [f64; 3],
-    /// A point on the axis in the world in state 0, metres.
+    /// A point on the axis in the world in state 0, meters.
     pub origin: [f64; 3],
     /// Position in state 1 minus position in state 0; of more states that of the one farthest from state 0.
     pub motion: Quantity,
-    /// Position in every state with its standard deviation, in the unit of the motion; left out of two states.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Position in every state with its standard deviation, in the unit of the motion.
+    #[serde(default)]
     pub positions: Vec<PositionReport>,
     /// Position interval.
     pub limit: LimitReport,
     /// Friction and damping.
     #[serde(default)]
     pub dynamics: DynamicsReport,
-    /// Root mean square angle between estimated and true axis by the covariance, degrees; null: not determined.
+    /// Root mean square angle between estimated and true axis by the covariance, degrees; null: not
+    /// determined.
     pub axis_std_deg: Option<f64>,
-    /// Root mean square distance of the axis from the true one by the covariance, across the axis, millimetres; of no
-    /// meaning for a prismatic joint; null: not determined.
+    /// Root mean square distance of the axis from the true one by the covariance, across the axis,
+    /// millimeters; of no meaning for a prismatic joint; null: not determined.
     pub origin_std_mm: Option<f64>,
     /// Standard deviation of the motion.
     pub motion_std: SpreadReport,
-    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and metres, row by row.
+    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and meters, row by
+    /// row.
     pub covariance: Vec<[f64; 7]>,
     /// Points and matches that support the motion.
     pub inliers: usize,
     /// Those that were tried.
     pub tried: usize,
-    /// Root mean square distance of the supporting points after the motion, millimetres.
+    /// Root mean square distance of the supporting points after the motion, millimeters.
     pub residual_rms_mm: f64,
     /// Cost of every joint type (Bayesian information criterion); lower is better.
     pub type_scores: BTreeMap<String, f64>,
-    /// Squared error of the parameters against what independent observations would give; the covariance holds it.
+    /// Squared error of the parameters against what independent observations would give; the covariance holds
+    /// it.
     #[serde(default)]
     pub dispersion: f64,
     /// How well each link would carry the child, by name.
@@ -100,10 +107,10 @@ pub struct JointReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis_alone: Option<AxisAloneReport>,
     /// What speaks against trusting this joint.
-    pub cautions: Vec<String>,
-    /// What the observed states cannot tell of it.
+    pub cautions: Vec<Note>,
+    /// What is not observable in the states.
     #[serde(default)]
-    pub not_observable: Vec<String>,
+    pub not_observable: Vec<Note>,
 }
 
 /// An axis by the motion of its part alone.
@@ -120,7 +127,7 @@ pub struct AxisAloneReport {
 pub struct ParentReport {
     /// Score of the best joint of one freedom against that of the free motion; lower is simpler.
     pub excess: f64,
-    /// Distance of both, the larger of both states, millimetres.
+    /// Distance of both, the larger of both states, millimeters.
     pub gap_mm: f64,
 }
 
@@ -129,7 +136,7 @@ pub struct ParentReport {
 pub struct PositionReport {
     /// The state.
     pub state: usize,
-    /// Position, radians or metres.
+    /// Position, radians or meters.
     pub value: f64,
     /// Standard deviation; none where it is not known. State 0 is where positions are counted from.
     pub std: Option<f64>,
@@ -156,7 +163,7 @@ pub struct SpreadReport {
 /// An interval of joint positions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitReport {
-    /// Lowest position, radians or metres.
+    /// Lowest position, radians or meters.
     pub lower: f64,
     /// Highest position.
     pub upper: f64,
@@ -164,21 +171,21 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// What both bounds are: `observed`, the interval that holds the states, which the joint reaches at least; or
-    /// `swept`, as far as the collision solids let it go.
+    /// What both bounds are: `observed`, the interval that holds the states, which the joint reaches at
+    /// least; or `swept`, as far as the collision solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
     #[serde(default)]
     pub observed: [f64; 2],
-    /// States that show these two; left out of two states.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub observed_in: Option<[usize; 2]>,
+    /// States that show these two.
+    #[serde(default)]
+    pub observed_in: [usize; 2],
     /// Outer bound: the interval without collision; none where it was not swept.
     #[serde(default)]
     pub swept: Option<[f64; 2]>,
 }
 
-/// What resists a joint's motion; N m or N, per radian or metre.
+/// What resists a joint's motion; N m or N, per radian or meter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DynamicsReport {
     /// Coulomb friction.
@@ -204,7 +211,7 @@ pub struct LinkReport {
     /// Convex collision solids.
     #[serde(default)]
     pub solids: usize,
-    /// Area of the surface, square metres.
+    /// Area of the surface, square meters.
     pub area_m2: f64,
     /// Vertices of the mesh.
     pub vertices: usize,
@@ -242,10 +249,10 @@ pub struct RunFacts {
     pub fingerprint: String,
     /// What computed: processor or graphics adapter, threads.
     pub device: String,
-    /// Sentences about what was found and chosen.
-    pub notes: Vec<String>,
-    /// Sentences about what was degraded.
-    pub warnings: Vec<String>,
+    /// What was found and chosen.
+    pub notes: Vec<Note>,
+    /// What was degraded.
+    pub warnings: Vec<Note>,
 }
 
 /// How close the rendered twin looks to a photo.
@@ -270,7 +277,7 @@ pub struct Rendering {
 pub struct RecordedCamera {
     /// Pinhole model, pixels.
     pub intrinsics: Intrinsics,
-    /// Homogeneous matrix, row-major, metres; the optical frame has x right, y down, z forward.
+    /// Homogeneous matrix, row-major, meters; the optical frame has x right, y down, z forward.
     pub world_from_camera: [[f64; 4]; 4],
 }
 
@@ -279,7 +286,10 @@ impl RecordedCamera {
     #[must_use]
     pub fn new(intrinsics: Intrinsics, world_from_camera: &Pose) -> Self {
         let matrix = world_from_camera.to_homogeneous();
-        Self { intrinsics, world_from_camera: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])) }
+        Self {
+            intrinsics,
+            world_from_camera: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
+        }
     }
 }
 
@@ -306,7 +316,12 @@ impl Report {
     #[must_use]
     pub fn new(model: &ArticulatedModel, run: RunFacts) -> Self {
         let state = |positions: &Vec<f64>| StateReport {
-            joints: model.joints.iter().zip(positions).map(|(j, &q)| (j.name.clone(), round_significant(q, 12))).collect(),
+            joints: model
+                .joints
+                .iter()
+                .zip(positions)
+                .map(|(j, &q)| (j.name.clone(), round_significant(q, 12)))
+                .collect(),
         };
         let link = |l: &crate::model::Link| LinkReport {
             name: l.name.clone(),
@@ -331,7 +346,7 @@ impl Report {
     /// The report as indented JSON with a line break at the end. Numbers that are not finite become `null`.
     #[must_use]
     pub fn to_json(&self) -> String {
-        // Maps with text keys always serialise.
+        // Maps with text keys always serialize.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
@@ -359,7 +374,10 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         name: joint.name.clone(),
         kind: joint.kind.name().into(),
         pitch_m_per_rad: joint.kind.pitch_m_per_rad().map(|p| round_significant(p, DIGITS)),
-        pitch_std_m_per_rad: joint.kind.pitch_m_per_rad().map(|_| round_significant(e.pitch_std_m_per_rad, 4)),
+        pitch_std_m_per_rad: joint
+            .kind
+            .pitch_m_per_rad()
+            .map(|_| round_significant(e.pitch_std_m_per_rad, 4)),
         parent: model.links[joint.parent].name.clone(),
         child: model.links[joint.child].name.clone(),
         axis: round3(axis.into()),
@@ -376,7 +394,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
                 LimitSource::Swept => "swept".into(),
             },
             observed: model.observed_interval(index).map(|q| round_significant(q, 12)),
-            observed_in: (model.states.len() > 2).then(|| observed_in(model, index)),
+            observed_in: observed_in(model, index),
             swept: l.swept.map(|s| s.map(|q| round_significant(q, DIGITS))),
         },
         dynamics: DynamicsReport {
@@ -387,11 +405,19 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         axis_std_deg: spread(deviation.axis_rad, 1f64.to_degrees()),
         origin_std_mm: spread(deviation.origin_m, 1e3),
         motion_std: SpreadReport { value: spread(deviation.motion, 1.0), unit: unit.to_owned() },
-        covariance: e.covariance.row_iter().map(|r| std::array::from_fn(|k| round_significant(r[k], DIGITS))).collect(),
+        covariance: e
+            .covariance
+            .row_iter()
+            .map(|r| std::array::from_fn(|k| round_significant(r[k], DIGITS)))
+            .collect(),
         inliers: e.inliers,
         tried: e.tried,
         residual_rms_mm: round_significant(1000.0 * e.residual_rms_m, 4),
-        type_scores: e.type_scores.iter().map(|(k, v)| (k.clone(), round_significant(*v, DIGITS))).collect(),
+        type_scores: e
+            .type_scores
+            .iter()
+            .map(|(k, v)| (k.name().to_owned(), round_significant(v, DIGITS)))
+            .collect(),
         dispersion: round_significant(e.dispersion, 4),
         parents: e.parents.iter().map(|(name, p)| (name.clone(), parent_report(p))).collect(),
         axis_alone: e.axis_alone.map(|a| AxisAloneReport {
@@ -403,16 +429,23 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     }
 }
 
-/// Position in every state, of more than two states.
+/// Position in every state.
 fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
-    if model.states.len() < 3 {
-        return Vec::new();
-    }
     let std = |state: usize| match state.checked_sub(1) {
         None => Some(0.0),
-        Some(k) => model.joints[joint].evidence.position_std.get(k).copied().filter(|s| s.is_finite()).map(|s| round_significant(s, 4)),
+        Some(k) => model.joints[joint]
+            .evidence
+            .position_std
+            .get(k)
+            .copied()
+            .filter(|s| s.is_finite())
+            .map(|s| round_significant(s, 4)),
     };
-    let of = |(state, q): (usize, &Vec<f64>)| PositionReport { state, value: round_significant(q[joint], 12), std: std(state) };
+    let of = |(state, q): (usize, &Vec<f64>)| PositionReport {
+        state,
+        value: round_significant(q[joint], 12),
+        std: std(state),
+    };
     model.states.iter().enumerate().map(of).collect()
 }
 
@@ -422,7 +455,10 @@ fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {
-    ParentReport { excess: round_significant(score.excess, 4), gap_mm: round_significant(1e3 * score.gap_m, 4) }
+    ParentReport {
+        excess: round_significant(score.excess, 4),
+        gap_mm: round_significant(1e3 * score.gap_m, 4),
+    }
 }
 
 /// Unit of a joint's positions.
@@ -431,7 +467,7 @@ fn unit(kind: JointKind) -> &'static str {
 }
 
 fn round3(v: [f64; 3]) -> [f64; 3] {
-    // Positions and directions: noise below a picometre says nothing.
+    // Positions and directions: noise below a picometer says nothing.
     v.map(|x| (x * 1e12).round() * 1e-12 + 0.0).map(|x| round_significant(x, DIGITS))
 }
 
@@ -449,9 +485,12 @@ mod tests {
     fn facts() -> RunFacts {
         RunFacts {
             input: InputFacts { paths: vec!["bags/cabinet".into()], frames: vec![30, 28] },
-            stages: vec![StageTime { name: "field/state0".into(), seconds: 12.5 }, StageTime { name: "articulate".into(), seconds: 7.5 }],
+            stages: vec![
+                StageTime { name: "field/state0".into(), seconds: 12.5 },
+                StageTime { name: "articulate".into(), seconds: 7.5 },
+            ],
             seed: 7,
-            warnings: vec!["2 frames had no pose".into()],
+            warnings: vec![Note::new(crate::note::NoteCode::PosesMissing, "2 frames had no pose")],
             ..RunFacts::default()
         }
     }
@@ -469,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_are_told_in_the_world_with_units() {
+    fn joints_are_given_in_the_world_with_units() {
         let mut model = cabinet();
         let hinge = &mut model.joints[0];
         hinge.evidence.covariance.fill(0.0);
@@ -481,11 +520,21 @@ mod tests {
         hinge.evidence.covariance[(6, 6)] = 4e-6;
         let report = Report::new(&model, facts());
         let door = &report.joints[0];
-        assert!((door.axis_std_deg.unwrap() - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4, "{:?}", door.axis_std_deg);
+        assert!(
+            (door.axis_std_deg.unwrap() - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4,
+            "{:?}",
+            door.axis_std_deg
+        );
         assert!((door.origin_std_mm.unwrap() - 1.414).abs() < 1e-3);
-        assert_eq!((door.motion.value, door.motion.unit.as_str(), door.motion_std.value), (1.25, "rad", Some(0.002)));
+        assert_eq!(
+            (door.motion.value, door.motion.unit.as_str(), door.motion_std.value),
+            (1.25, "rad", Some(0.002))
+        );
         assert_eq!((report.joints[1].motion.value, report.joints[1].motion.unit.as_str()), (-0.18, "m"));
-        assert_eq!((door.parent.as_str(), door.child.as_str(), door.kind.as_str()), ("body", "door", "revolute"));
+        assert_eq!(
+            (door.parent.as_str(), door.child.as_str(), door.kind.as_str()),
+            ("body", "door", "revolute")
+        );
         assert!((Vector3::from(door.axis) - axis).norm() < 1e-9 && door.origin == [0.2, -0.25, 0.3]);
     }
 
@@ -503,7 +552,9 @@ mod tests {
     #[test]
     fn the_start_is_compared_with_the_end() {
         let model = cabinet();
-        let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
+        let end = |i: usize| {
+            model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse()
+        };
         let same = compare_starts(&model, "registration", true, &[end(1), end(2)]);
         assert!(same.iter().all(|m| m.rotation_deg < 1e-6 && m.displacement_mm < 1e-6), "{same:?}");
         let off = compare_starts(&model, "identity", false, &[Pose::identity(), Pose::identity()]);
@@ -516,7 +567,9 @@ mod tests {
     #[test]
     fn motions_of_another_order_are_matched_with_the_joints() {
         let model = cabinet();
-        let end = |i: usize| model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse();
+        let end = |i: usize| {
+            model.world_from_link(i, &model.states[1]) * model.world_from_link(i, &model.states[0]).inverse()
+        };
         let near = |i: usize| Pose::translation(0.001, 0.0, 0.0) * end(i);
         assert_eq!(nearest_starts(&model, &[near(2), near(1)]), [near(1), near(2)]);
     }

@@ -7,8 +7,10 @@ use crate::model::{ArticulatedModel, escape_xml as escape, identifier};
 pub fn package_xml(model: &ArticulatedModel) -> String {
     let name = escape(&model.name);
     format!(
-        "<?xml version=\"1.0\"?>\n<package format=\"3\">\n  <name>{name}</name>\n  <version>0.0.1</version>\n  \
-         <description>Twin of a recorded object: {name}</description>\n  <maintainer email=\"nobody@example.com\">nobody</maintainer>\n  \
+        "<?xml version=\"1.0\"?>\n<package \
+         format=\"3\">\n  <name>{name}</name>\n  <version>0.0.1</version>\n  \
+         <description>Twin of a recorded object: {name}</description>\n  <maintainer \
+         email=\"nobody@example.com\">nobody</maintainer>\n  \
          <license>unknown</license>\n  <buildtool_depend>ament_cmake</buildtool_depend>\n  <export>\n    \
          <build_type>ament_cmake</build_type>\n  </export>\n</package>\n"
     )
@@ -21,6 +23,7 @@ pub fn cmake_lists(model: &ArticulatedModel) -> String {
     format!(
         "cmake_minimum_required(VERSION 3.8)\nproject({name})\nfind_package(ament_cmake REQUIRED)\n\
          install(DIRECTORY meshes DESTINATION share/${{PROJECT_NAME}})\n\
-         install(FILES {name}.urdf {name}.ros.urdf {name}.xml model.sdf model.config DESTINATION share/${{PROJECT_NAME}})\nament_package()\n"
+         install(FILES {name}.urdf {name}.ros.urdf {name}.xml model.sdf model.config DESTINATION \
+         share/${{PROJECT_NAME}})\nament_package()\n"
     )
 }

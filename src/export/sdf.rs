@@ -13,8 +13,10 @@ use crate::{
 pub fn sdf(model: &ArticulatedModel) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let mut text = format!(
-        "<?xml version=\"1.0\"?>\n<sdf version=\"1.9\">\n  <model name=\"{}\" canonical_link=\"{root}\">\n    <self_collide>false</self_collide>\n    \
-         <joint name=\"world_fixed\" type=\"fixed\">\n      <parent>world</parent>\n      <child>{root}</child>\n    </joint>\n",
+        "<?xml version=\"1.0\"?>\n<sdf version=\"1.9\">\n  <model name=\"{}\" \
+         canonical_link=\"{root}\">\n    <self_collide>false</self_collide>\n    \
+         <joint name=\"world_fixed\" \
+         type=\"fixed\">\n      <parent>world</parent>\n      <child>{root}</child>\n    </joint>\n",
         escape(&model.name)
     );
     let closed = vec![0.0; model.joints.len()];
@@ -32,7 +34,8 @@ pub fn sdf(model: &ArticulatedModel) -> String {
 #[must_use]
 pub fn model_config(model: &ArticulatedModel) -> String {
     format!(
-        "<?xml version=\"1.0\"?>\n<model>\n  <name>{0}</name>\n  <version>1.0</version>\n  <sdf version=\"1.9\">model.sdf</sdf>\n  \
+        "<?xml version=\"1.0\"?>\n<model>\n  <name>{0}</name>\n  <version>1.0</version>\n  <sdf \
+         version=\"1.9\">model.sdf</sdf>\n  \
          <description>Twin of a recorded object: {0}</description>\n</model>\n",
         escape(&model.name)
     )
@@ -43,9 +46,15 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     // Writing to a string cannot fail, here and below.
     writeln!(text, "    <link name=\"{name}\">\n      <pose>{}</pose>", pose(model_from_link)).ok();
     let com = triple(mass.center_of_mass.coords.as_ref());
-    writeln!(text, "      <inertial>\n        <pose>{com} 0 0 0</pose>\n        <mass>{}</mass>\n        <inertia>", short(mass.mass_kg))
-        .ok();
-    for (tag, k) in [("ixx", (0, 0)), ("ixy", (0, 1)), ("ixz", (0, 2)), ("iyy", (1, 1)), ("iyz", (1, 2)), ("izz", (2, 2))] {
+    writeln!(
+        text,
+        "      <inertial>\n        <pose>{com} 0 0 0</pose>\n        <mass>{}</mass>\n        <inertia>",
+        short(mass.mass_kg)
+    )
+    .ok();
+    for (tag, k) in
+        [("ixx", (0, 0)), ("ixy", (0, 1)), ("ixz", (0, 2)), ("iyy", (1, 1)), ("iyz", (1, 2)), ("izz", (2, 2))]
+    {
         writeln!(text, "          <{tag}>{}</{tag}>", short(i[k])).ok();
     }
     text.push_str("        </inertia>\n      </inertial>\n");
@@ -60,8 +69,8 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
 
 fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
     let (name, path) = (escape(name), escape(path));
-    writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>\n            <uri>{path}</uri>\n          </mesh>")
-        .ok();
+    writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>").ok();
+    writeln!(text, "            <uri>{path}</uri>\n          </mesh>").ok();
     writeln!(text, "        </geometry>\n      </{tag}>").ok();
 }
 
@@ -69,10 +78,20 @@ fn push_joint(text: &mut String, joint: &Joint, model: &ArticulatedModel) {
     let kind = if joint.kind.pitch_m_per_rad().is_some() { "screw" } else { joint.kind.name() };
     let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
     let (l, d) = (&joint.limit, &joint.dynamics);
-    writeln!(text, "    <joint name=\"{}\" type=\"{kind}\">\n      <parent>{parent}</parent>", escape(&joint.name)).ok();
+    writeln!(
+        text,
+        "    <joint name=\"{}\" type=\"{kind}\">\n      <parent>{parent}</parent>",
+        escape(&joint.name)
+    )
+    .ok();
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
-        // Metres a revolution; positive for a right-handed thread.
-        writeln!(text, "      <screw_thread_pitch>{}</screw_thread_pitch>", short(std::f64::consts::TAU * pitch)).ok();
+        // Meters a revolution; positive for a right-handed thread.
+        writeln!(
+            text,
+            "      <screw_thread_pitch>{}</screw_thread_pitch>",
+            short(std::f64::consts::TAU * pitch)
+        )
+        .ok();
     }
     writeln!(
         text,
@@ -80,12 +99,18 @@ fn push_joint(text: &mut String, joint: &Joint, model: &ArticulatedModel) {
         triple(joint.axis.as_ref().as_ref())
     )
     .ok();
-    for (tag, value) in [("lower", l.lower), ("upper", l.upper), ("effort", l.effort), ("velocity", l.velocity)] {
+    for (tag, value) in
+        [("lower", l.lower), ("upper", l.upper), ("effort", l.effort), ("velocity", l.velocity)]
+    {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }
     text.push_str("        </limit>\n        <dynamics>\n");
-    let dynamics =
-        [("damping", d.damping), ("friction", d.friction), ("spring_reference", d.spring_reference), ("spring_stiffness", d.stiffness)];
+    let dynamics = [
+        ("damping", d.damping),
+        ("friction", d.friction),
+        ("spring_reference", d.spring_reference),
+        ("spring_stiffness", d.stiffness),
+    ];
     for (tag, value) in dynamics {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }

@@ -15,17 +15,22 @@ pub struct InitialMotion {
     pub used: bool,
     /// Angle of the start's rotation, degrees.
     pub start_rotation_deg: f64,
-    /// Mean displacement of the part's vertices by the start, millimetres.
+    /// Mean displacement of the part's vertices by the start, millimeters.
     pub start_displacement_mm: f64,
     /// Angle of the rotation between start and end, degrees.
     pub rotation_deg: f64,
-    /// Mean displacement of the part's vertices between start and end, millimetres.
+    /// Mean displacement of the part's vertices between start and end, millimeters.
     pub displacement_mm: f64,
 }
 
 /// Compares motions (`state1_from_state0` in the world, in the order of the joints) with those of the model.
 #[must_use]
-pub fn compare_starts(model: &ArticulatedModel, source: &str, used: bool, starts: &[Pose]) -> Vec<InitialMotion> {
+pub fn compare_starts(
+    model: &ArticulatedModel,
+    source: &str,
+    used: bool,
+    starts: &[Pose],
+) -> Vec<InitialMotion> {
     let angle_deg = |pose: &Pose| rotation_angle_rad(&pose.rotation).to_degrees();
     let compare = |(index, start): (usize, &Pose)| {
         let part = MovingPart::of(model, index);
@@ -42,13 +47,17 @@ pub fn compare_starts(model: &ArticulatedModel, source: &str, used: bool, starts
     starts.iter().take(model.joints.len()).enumerate().map(compare).collect()
 }
 
-/// Motions in the order of the joints: the closest pair of joint and motion first, each used once. For motions whose order
-/// is that of another search for parts.
+/// Motions in the order of the joints: the closest pair of joint and motion first, each used once. For
+/// motions whose order is that of another search for parts.
 #[must_use]
 pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
     let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of(model, j)).collect();
     let pair = |(j, part): (usize, &MovingPart)| -> Vec<(f64, usize, usize)> {
-        motions.iter().enumerate().map(|(m, motion)| (part.displacement_m(motion, &part.state1_from_state0), j, m)).collect()
+        motions
+            .iter()
+            .enumerate()
+            .map(|(m, motion)| (part.displacement_m(motion, &part.state1_from_state0), j, m))
+            .collect()
     };
     let mut pairs: Vec<_> = parts.iter().enumerate().flat_map(pair).collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
@@ -78,7 +87,7 @@ impl<'a> MovingPart<'a> {
         Self { vertices: &model.links[child].visual.vertices, world_from_link, state1_from_state0 }
     }
 
-    /// Mean distance between the part's vertices after one motion and after the other, metres.
+    /// Mean distance between the part's vertices after one motion and after the other, meters.
     fn displacement_m(&self, a: &Pose, b: &Pose) -> f64 {
         let moved = |p: &nalgebra::Point3<f32>| {
             let p = self.world_from_link * p.cast::<f64>();

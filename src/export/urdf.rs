@@ -1,7 +1,7 @@
 //! URDF text of an articulated model.
 //!
-//! Written by hand because URDF libraries drop the `<mujoco>` element, without which MuJoCo drops the visual meshes,
-//! strips their folder and fuses the root link away.
+//! Written by hand because URDF libraries drop the `<mujoco>` element, without which MuJoCo drops the visual
+//! meshes, strips their folder and fuses the root link away.
 
 use std::fmt::Write as _;
 
@@ -28,11 +28,12 @@ const MUJOCO: &str = r#"  <mujoco>
 
 /// Names elements that are no URDF; readers leave them out.
 const NAMESPACE: &str = "urn:artitwin:urdf";
-/// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh nothing.
+/// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
+/// nothing.
 const CARRIER_KG: f64 = 1e-3;
 const CARRIER_KG_M2: f64 = 1e-6;
 
-/// How URDF, which has no screw joint, tells of one.
+/// How URDF, which has no screw joint, holds one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UrdfScrew {
@@ -95,8 +96,9 @@ pub fn solid_path(link: &Link, solid: usize) -> String {
 
 /// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
 ///
-/// The pitch comes from a tangent and the roll from what yaw leaves over, so that the angles give the rotation back to
-/// rounding also near a pitch of a right angle. At it only a sum of roll and yaw is defined: yaw is 0 there.
+/// The pitch comes from a tangent and the roll from what yaw leaves over, so that the angles give the
+/// rotation back to rounding also near a pitch of a right angle. At it only a sum of roll and yaw is defined:
+/// yaw is 0 there.
 #[must_use]
 pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     let r = rotation.to_rotation_matrix();
@@ -115,7 +117,12 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
     let com = triple(mass.center_of_mass.coords.as_ref());
     // Writing to a string cannot fail, here and below.
     writeln!(text, "  <link name=\"{name}\">").ok();
-    writeln!(text, "    <inertial>\n      <origin xyz=\"{com}\" rpy=\"0 0 0\"/>\n      <mass value=\"{}\"/>", short(mass.mass_kg)).ok();
+    writeln!(
+        text,
+        "    <inertial>\n      <origin xyz=\"{com}\" rpy=\"0 0 0\"/>\n      <mass value=\"{}\"/>",
+        short(mass.mass_kg)
+    )
+    .ok();
     writeln!(
         text,
         "      <inertia ixx=\"{}\" ixy=\"{}\" ixz=\"{}\" iyy=\"{}\" iyz=\"{}\" izz=\"{}\"/>\n    </inertial>",
@@ -142,16 +149,31 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
 
 fn push_mesh(text: &mut String, path: &str) {
     let path = escape(path);
-    writeln!(text, "      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>\n      <geometry>\n        <mesh filename=\"{path}\"/>\n      </geometry>")
-        .ok();
+    writeln!(
+        text,
+        "      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>\n      <geometry>\n        <mesh \
+        filename=\"{path}\"/>\n      </geometry>"
+    )
+    .ok();
 }
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
     let [parent, child] = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    open_joint(text, (&joint.name, joint.kind.nearest().name()), &joint.parent_from_joint, [parent, child], joint);
+    open_joint(
+        text,
+        (&joint.name, joint.kind.nearest().name()),
+        &joint.parent_from_joint,
+        [parent, child],
+        joint,
+    );
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();
-        writeln!(text, "    <artitwin:thread type=\"{kind}\" pitch_m_per_rad=\"{}\"/>", decimal(pitch, PLACES)).ok();
+        writeln!(
+            text,
+            "    <artitwin:thread type=\"{kind}\" pitch_m_per_rad=\"{}\"/>",
+            decimal(pitch, PLACES)
+        )
+        .ok();
     }
     push_limit(text, joint);
 }
@@ -160,22 +182,50 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
 fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link]) {
     let (carrier, advance) = (format!("{}_carrier", joint.name), format!("{}_advance", joint.name));
     let (name, link) = (escape(&joint.name), escape(&carrier));
-    writeln!(text, "  <link name=\"{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>").ok();
+    writeln!(text, "  <link name=\"{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>")
+        .ok();
     let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
     writeln!(text, "      <mass value=\"{mass}\"/>").ok();
-    writeln!(text, "      <inertia ixx=\"{inertia}\" ixy=\"0\" ixz=\"0\" iyy=\"{inertia}\" iyz=\"0\" izz=\"{inertia}\"/>").ok();
+    writeln!(
+        text,
+        "      <inertia ixx=\"{inertia}\" ixy=\"0\" ixz=\"0\" iyy=\"{inertia}\" iyz=\"0\" izz=\"{inertia}\"/>"
+    )
+    .ok();
     text.push_str("    </inertial>\n  </link>\n");
-    open_joint(text, (&advance, "prismatic"), &joint.parent_from_joint, [&links[joint.parent].name, &carrier], joint);
+    open_joint(
+        text,
+        (&advance, "prismatic"),
+        &joint.parent_from_joint,
+        [&links[joint.parent].name, &carrier],
+        joint,
+    );
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
     let limit = Limit { lower: ends[0], upper: ends[1], ..joint.limit };
-    writeln!(text, "    <mimic joint=\"{name}\" multiplier=\"{}\" offset=\"0\"/>", decimal(pitch_m_per_rad, PLACES)).ok();
+    writeln!(
+        text,
+        "    <mimic joint=\"{name}\" multiplier=\"{}\" offset=\"0\"/>",
+        decimal(pitch_m_per_rad, PLACES)
+    )
+    .ok();
     push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
-    open_joint(text, (&joint.name, "revolute"), &Pose::identity(), [&carrier, &links[joint.child].name], joint);
+    open_joint(
+        text,
+        (&joint.name, "revolute"),
+        &Pose::identity(),
+        [&carrier, &links[joint.child].name],
+        joint,
+    );
     push_limit(text, joint);
 }
 
-fn open_joint(text: &mut String, (name, kind): (&str, &str), parent_from_joint: &Pose, [parent, child]: [&str; 2], joint: &Joint) {
+fn open_joint(
+    text: &mut String,
+    (name, kind): (&str, &str),
+    parent_from_joint: &Pose,
+    [parent, child]: [&str; 2],
+    joint: &Joint,
+) {
     let (xyz, rpy) = origin(parent_from_joint);
     writeln!(text, "  <joint name=\"{}\" type=\"{kind}\">", escape(name)).ok();
     writeln!(text, "    <origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>").ok();
@@ -197,12 +247,21 @@ fn push_limit(text: &mut String, joint: &Joint) {
     )
     .ok();
     let d = &joint.dynamics;
-    writeln!(text, "    <dynamics damping=\"{}\" friction=\"{}\"/>\n  </joint>", short(d.damping), short(d.friction)).ok();
+    writeln!(
+        text,
+        "    <dynamics damping=\"{}\" friction=\"{}\"/>\n  </joint>",
+        short(d.damping),
+        short(d.friction)
+    )
+    .ok();
 }
 
 /// `xyz` and `rpy` of a pose.
 pub(super) fn origin(target_from_source: &Pose) -> (String, String) {
-    (triple(target_from_source.translation.vector.as_ref()), triple(&roll_pitch_yaw(&target_from_source.rotation)))
+    (
+        triple(target_from_source.translation.vector.as_ref()),
+        triple(&roll_pitch_yaw(&target_from_source.rotation)),
+    )
 }
 
 pub(super) fn triple(v: &[f64; 3]) -> String {
@@ -222,7 +281,10 @@ mod tests {
 
     /// What a reader of the file gets back from roll, pitch, yaw and xyz.
     fn read_back(pose: &urdf_rs::Pose) -> Pose {
-        Pose::from_parts(Translation3::from(pose.xyz.0), UnitQuaternion::from_euler_angles(pose.rpy[0], pose.rpy[1], pose.rpy[2]))
+        Pose::from_parts(
+            Translation3::from(pose.xyz.0),
+            UnitQuaternion::from_euler_angles(pose.rpy[0], pose.rpy[1], pose.rpy[2]),
+        )
     }
 
     fn check(rotation: &UnitQuaternion<f64>) {
@@ -239,7 +301,12 @@ mod tests {
         }
 
         #[test]
-        fn so_does_one_near_the_gimbal_lock(roll in -3.2..3.2f64, yaw in -3.2..3.2f64, power in 3.0..18.0f64, up: bool) {
+        fn so_does_one_near_the_gimbal_lock(
+            roll in -3.2..3.2f64,
+            yaw in -3.2..3.2f64,
+            power in 3.0..18.0f64,
+            up: bool,
+        ) {
             let pitch = (std::f64::consts::FRAC_PI_2 - 10f64.powf(-power)) * if up { 1.0 } else { -1.0 };
             check(&UnitQuaternion::from_euler_angles(roll, pitch, yaw));
         }
@@ -262,16 +329,26 @@ mod tests {
             assert_eq!(read.name, link.name);
             assert!((read.inertial.mass.value - link.inertial.mass_kg).abs() < 1e-9);
             assert!((read.inertial.inertia.izz / link.inertial.inertia[(2, 2)] - 1.0).abs() < 1e-8);
-            assert!(matches!(&read.visual[0].geometry, urdf_rs::Geometry::Mesh { filename, .. } if *filename == visual_path(link)));
+            let urdf_rs::Geometry::Mesh { filename, .. } = &read.visual[0].geometry else {
+                panic!("no mesh")
+            };
+            assert_eq!(*filename, visual_path(link));
         }
         for (read, joint) in robot.joints.iter().zip(&model.joints) {
             let revolute = read.joint_type == urdf_rs::JointType::Revolute;
             assert_eq!(revolute, joint.kind == JointKind::Revolute);
             let off = read_back(&read.origin).inverse() * joint.parent_from_joint;
             assert!(off.translation.vector.norm() < 1e-11 && off.rotation.angle() < 1e-9);
-            assert!((Unit::new_normalize(Vector3::from(read.axis.xyz.0)).into_inner() - joint.axis.into_inner()).norm() < 1e-11);
+            assert!(
+                (Unit::new_normalize(Vector3::from(read.axis.xyz.0)).into_inner() - joint.axis.into_inner())
+                    .norm()
+                    < 1e-11
+            );
             let l = &read.limit;
-            assert_eq!([l.lower, l.upper, l.effort, l.velocity], [joint.limit.lower, joint.limit.upper, 50.0, 2.0]);
+            assert_eq!(
+                [l.lower, l.upper, l.effort, l.velocity],
+                [joint.limit.lower, joint.limit.upper, 50.0, 2.0]
+            );
         }
     }
 
@@ -285,10 +362,16 @@ mod tests {
         assert!(nearest.contains("<artitwin:thread type=\"screw\" pitch_m_per_rad=\"-0.5\"/>"), "{nearest}");
         let pair = urdf_rs::read_from_string(&urdf(&model, UrdfScrew::Pair)).unwrap();
         let [slide, turn] = [&pair.joints[1], &pair.joints[2]];
-        assert_eq!((&slide.joint_type, &turn.joint_type), (&urdf_rs::JointType::Prismatic, &urdf_rs::JointType::Revolute));
+        assert_eq!(
+            (&slide.joint_type, &turn.joint_type),
+            (&urdf_rs::JointType::Prismatic, &urdf_rs::JointType::Revolute)
+        );
         let mimic = slide.mimic.as_ref().unwrap();
         assert_eq!((mimic.joint.as_str(), mimic.multiplier), (turn.name.as_str(), Some(-0.5)));
-        assert_eq!((slide.limit.lower, slide.limit.upper), (-0.5 * model.joints[1].limit.upper, -0.5 * model.joints[1].limit.lower));
+        assert_eq!(
+            (slide.limit.lower, slide.limit.upper),
+            (-0.5 * model.joints[1].limit.upper, -0.5 * model.joints[1].limit.lower)
+        );
         assert_eq!((&slide.child.link, &turn.child.link), (&turn.parent.link, &model.links[2].name));
     }
 

@@ -1,7 +1,7 @@
 //! USD text: a UsdPhysics articulation with textured meshes.
 //!
-//! One layer: rigid bodies as siblings, joints between them, convex colliders, mass, preview materials. USD angles are
-//! degrees; joint axes are X, so joint frames are turned.
+//! One layer: rigid bodies as siblings, joints between them, convex colliders, mass, preview materials. USD
+//! angles are degrees; joint axes are X, so joint frames are turned.
 
 use std::fmt::Write as _;
 
@@ -23,8 +23,10 @@ use crate::{
 pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     let name = &*identifier(&model.name);
     let mut text = format!(
-        "#usda 1.0\n(\n    defaultPrim = \"{name}\"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1\n    upAxis = \"Z\"\n)\n\n\
-         def Xform \"{name}\" (\n    prepend apiSchemas = [\"PhysicsArticulationRootAPI\"]\n    kind = \"component\"\n)\n{{\n"
+        "#usda 1.0\n(\n    defaultPrim = \"{name}\"\n    metersPerUnit = 1\n    kilogramsPerUnit = \
+         1\n    upAxis = \"Z\"\n)\n\n\
+         def Xform \"{name}\" (\n    prepend apiSchemas = [\"PhysicsArticulationRootAPI\"]\n    kind \
+         = \"component\"\n)\n{{\n"
     );
     text.push_str("    def Scope \"Looks\"\n    {\n");
     for link in model.links.iter().filter(|l| !l.visual.is_empty()) {
@@ -38,7 +40,8 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
         // Writing to a string cannot fail, here and below.
         writeln!(
             text,
-            "\n    def Xform \"{}\" (\n        prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"PhysicsMassAPI\"]\n    )\n    {{",
+            "\n    def Xform \"{}\" (\n        prepend apiSchemas = \
+             [\"PhysicsRigidBodyAPI\", \"PhysicsMassAPI\"]\n    )\n    {{",
             identifier(&link.name)
         )
         .ok();
@@ -58,7 +61,8 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     if let Some(root) = model.links.first() {
         writeln!(
             text,
-            "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = </{name}/{}>\n        }}",
+            "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = \
+             </{name}/{}>\n        }}",
             identifier(&root.name)
         )
         .ok();
@@ -71,8 +75,10 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
 }
 
 /// Friction between surfaces: assumed, like wood on wood.
-const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            prepend apiSchemas = [\"PhysicsMaterialAPI\"]\n        )\n        {\n            \
-     float physics:staticFriction = 0.6\n            float physics:dynamicFriction = 0.5\n            float physics:restitution = 0\n        }\n";
+const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            prepend apiSchemas = \
+    [\"PhysicsMaterialAPI\"]\n        )\n        {\n            \
+     float physics:staticFriction = 0.6\n            float physics:dynamicFriction = \
+     0.5\n            float physics:restitution = 0\n        }\n";
 
 fn push_material(text: &mut String, model: &str, link: &Link) {
     let name = identifier(&link.name);
@@ -137,10 +143,22 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
     push_points(text, &look.mesh);
     let corner = |i: &u32| &look.corners[*i as usize];
     let all: Vec<_> = look.triangles.iter().flatten().map(corner).collect();
-    let normals = all.iter().map(|c| format!("({})", [c.normal.x, c.normal.y, c.normal.z].map(|x| decimal(x, 4)).join(", ")));
-    push_list(text, "normal3f[] normals", normals, " (\n                interpolation = \"faceVarying\"\n            )");
+    let normals = all
+        .iter()
+        .map(|c| format!("({})", [c.normal.x, c.normal.y, c.normal.z].map(|x| decimal(x, 4)).join(", ")));
+    push_list(
+        text,
+        "normal3f[] normals",
+        normals,
+        " (\n                interpolation = \"faceVarying\"\n            )",
+    );
     let uv = all.iter().map(|c| format!("({})", c.uv.map(|x| decimal(x, 6)).join(", ")));
-    push_list(text, "texCoord2f[] primvars:st", uv, " (\n                interpolation = \"faceVarying\"\n            )");
+    push_list(
+        text,
+        "texCoord2f[] primvars:st",
+        uv,
+        " (\n                interpolation = \"faceVarying\"\n            )",
+    );
     writeln!(text, "            rel material:binding = </{model}/Looks/{name}>\n        }}").ok();
 }
 
@@ -153,15 +171,30 @@ fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh
         format!("({})", [n.x, n.y, n.z].map(|x| decimal(x, 4)).join(", "))
     };
     let normals = (0..mesh.triangles.len()).map(normal);
-    push_list(text, "normal3f[] normals", normals, " (\n                interpolation = \"uniform\"\n            )");
-    text.push_str("            uniform token physics:approximation = \"convexHull\"\n            uniform token purpose = \"guide\"\n");
+    push_list(
+        text,
+        "normal3f[] normals",
+        normals,
+        " (\n                interpolation = \"uniform\"\n            )",
+    );
+    text.push_str(
+        "            uniform token physics:approximation = \"convexHull\"\n            uniform \
+        token purpose = \"guide\"\n",
+    );
     writeln!(text, "            rel material:binding:physics = </{model}/Looks/Contact>\n        }}").ok();
 }
 
 fn open_mesh(text: &mut String, name: &str, schemas: &str) {
     let name = identifier(name);
-    writeln!(text, "        def Mesh \"{name}\" (\n            prepend apiSchemas = [{schemas}]\n        )\n        {{").ok();
-    text.push_str("            uniform token subdivisionScheme = \"none\"\n            uniform token orientation = \"rightHanded\"\n");
+    writeln!(
+        text,
+        "        def Mesh \"{name}\" (\n            prepend apiSchemas = [{schemas}]\n        )\n        {{"
+    )
+    .ok();
+    text.push_str(
+        "            uniform token subdivisionScheme = \"none\"\n            uniform token \
+        orientation = \"rightHanded\"\n",
+    );
 }
 
 fn push_points(text: &mut String, mesh: &TriangleMesh) {
@@ -182,7 +215,10 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     let name = identifier(&model.name);
     // USD has no screw: the nearest joint, with its pitch beside it.
     let (kind, drive) = if joint.kind.turns() { ("Revolute", "angular") } else { ("Prismatic", "linear") };
-    let pitch = joint.kind.pitch_m_per_rad().map(|p| format!("\n            custom double artitwin:pitchPerRadian = {}", short(p)));
+    let pitch = joint
+        .kind
+        .pitch_m_per_rad()
+        .map(|p| format!("\n            custom double artitwin:pitchPerRadian = {}", short(p)));
     let pitch = pitch.unwrap_or_default();
     // Per degree where USD counts degrees; efforts are the same.
     let per_rad = if joint.kind.turns() { 1f64.to_radians() } else { 1.0 };
@@ -254,7 +290,8 @@ mod tests {
     };
 
     fn text(model: &ArticulatedModel) -> String {
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        let looks: Vec<Look> =
+            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
         usda(model, &looks)
     }
 
@@ -267,7 +304,15 @@ mod tests {
         assert!(text.contains("upperLimit = 71.6197244") && text.contains("upperLimit = 0.18\n"), "{text}");
         assert!(text.contains("newton:damping = 0.0314159265") && text.contains("newton:friction = 0.3\n"));
         let count = |what: &str| text.matches(what).count();
-        assert_eq!([count("PhysicsRigidBodyAPI"), count("PhysicsCollisionAPI"), count("UsdUVTexture"), count("Joint \"")], [3, 3, 3, 3]);
+        assert_eq!(
+            [
+                count("PhysicsRigidBodyAPI"),
+                count("PhysicsCollisionAPI"),
+                count("UsdUVTexture"),
+                count("Joint \"")
+            ],
+            [3, 3, 3, 3]
+        );
         assert_eq!(count("{"), count("}"));
     }
 

@@ -28,7 +28,7 @@ struct LinkData {
 struct JointData {
     name: String,
     kind: &'static str,
-    /// Advance along the axis per radian, metres.
+    /// Advance along the axis per radian, meters.
     pitch: f64,
     parent: usize,
     child: usize,
@@ -61,10 +61,14 @@ pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>
     let data = Data {
         center: center.into(),
         radius,
-        links: looks.iter().zip(textures).map(|(l, png)| LinkData { corners: base64(&corners(l)), texture_png: base64(png) }).collect(),
+        links: looks
+            .iter()
+            .zip(textures)
+            .map(|(l, png)| LinkData { corners: base64(&corners(l)), texture_png: base64(png) })
+            .collect(),
         joints: model.joints.iter().enumerate().map(joint).collect(),
     };
-    // Text and numbers always serialise.
+    // Text and numbers always serialize.
     let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
     // The title is put in on both sides of the data, so that neither is looked for in the other.
     let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
@@ -76,7 +80,16 @@ fn corners(look: &Look) -> Vec<u8> {
     let corner = |&i: &u32| {
         let c = &look.corners[i as usize];
         let p = look.mesh.vertices[c.vertex as usize];
-        [p.x, p.y, p.z, c.normal.x as f32, c.normal.y as f32, c.normal.z as f32, c.uv[0] as f32, c.uv[1] as f32]
+        [
+            p.x,
+            p.y,
+            p.z,
+            c.normal.x as f32,
+            c.normal.y as f32,
+            c.normal.z as f32,
+            c.uv[0] as f32,
+            c.uv[1] as f32,
+        ]
     };
     look.triangles.iter().flatten().flat_map(corner).flat_map(f32::to_le_bytes).collect()
 }
@@ -105,14 +118,20 @@ mod tests {
     #[test]
     fn the_page_holds_everything_and_asks_for_nothing() {
         let model = cabinet();
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        let looks: Vec<Look> =
+            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
         let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
         let page = viewer_html(&model, &looks, &textures);
         assert!(!page.contains("http") && !page.contains("@DATA@") && !page.contains("@TITLE@"));
         let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
         let data: serde_json::Value = serde_json::from_str(json).unwrap();
-        assert_eq!((data["links"].as_array().unwrap().len(), data["joints"][1]["start"].as_f64()), (3, Some(0.18)));
-        let bytes = base64::engine::general_purpose::STANDARD.decode(data["links"][0]["corners"].as_str().unwrap()).unwrap();
+        assert_eq!(
+            (data["links"].as_array().unwrap().len(), data["joints"][1]["start"].as_f64()),
+            (3, Some(0.18))
+        );
+        let bytes = base64::engine::general_purpose::STANDARD
+            .decode(data["links"][0]["corners"].as_str().unwrap())
+            .unwrap();
         assert_eq!(bytes.len(), 12 * 3 * 8 * 4);
     }
 }

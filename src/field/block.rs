@@ -6,7 +6,7 @@ use super::plan::{Block, Plan};
 use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet};
 use super::{FieldLosses, GEOMETRY_OUTPUTS, SampleBatch, SdfTarget, VIEW_COEFFICIENTS};
 
-/// TSDF value below which a ray that hits nothing is penalised (method.md 2.5).
+/// TSDF value below which a ray that hits nothing is penalised: docs/method.md (12.6).
 const BACKGROUND_MINIMUM: f32 = 0.001;
 
 /// Loss of one sample and its derivative by the network's TSDF `s`.
@@ -20,7 +20,9 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
                 (0.0, 0.0)
             }
         }
-        SdfTarget::Surface { value, weight } => (weight * (s - value) * (s - value), 2.0 * weight * (s - value)),
+        SdfTarget::Surface { value, weight } => {
+            (weight * (s - value) * (s - value), 2.0 * weight * (s - value))
+        }
         SdfTarget::Background { weight } => {
             let below = s - BACKGROUND_MINIMUM;
             if below < 0.0 { (weight * below * below, 2.0 * weight * below) } else { (0.0, 0.0) }
@@ -37,9 +39,9 @@ pub(super) struct Scratch {
     color: ColorScratch,
 }
 
-/// Buffers of the colour network.
+/// Buffers of the color network.
 struct ColorScratch {
-    /// Column in the block of every column that has colour weight.
+    /// Column in the block of every column that has color weight.
     columns: Vec<usize>,
     inputs: Vec<f32>,
     first: Vec<f32>,
@@ -66,7 +68,13 @@ impl Scratch {
             d_second: rows(hidden),
             d_features: rows(GEOMETRY_OUTPUTS),
         };
-        Self { hidden: rows(hidden), outputs: rows(GEOMETRY_OUTPUTS), d_outputs: rows(GEOMETRY_OUTPUTS), d_hidden: rows(hidden), color }
+        Self {
+            hidden: rows(hidden),
+            outputs: rows(GEOMETRY_OUTPUTS),
+            d_outputs: rows(GEOMETRY_OUTPUTS),
+            d_hidden: rows(hidden),
+            color,
+        }
     }
 }
 
@@ -84,8 +92,9 @@ fn dense(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
     Columns { data: &data[..rows * cols], stride: cols, rows }
 }
 
-/// One block: reads its columns of `features` (all columns of all levels), writes the gradient of its features to
-/// `d_features` (`padded(2 levels)` rows of the block's columns), adds to the layers' gradient, returns the losses.
+/// One block: reads its columns of `features` (all columns of all levels), writes the gradient of its
+/// features to `d_features` (`padded(2 levels)` rows of the block's columns), adds to the layers' gradient,
+/// returns the losses.
 pub(super) fn train_block(
     context: &StepContext<'_>,
     block: &Block,
@@ -98,11 +107,18 @@ pub(super) fn train_block(
     let cols = block.cols;
     let hidden = network.hidden();
     network.geometry[0].apply(isa, features, &mut scratch.hidden, cols, Epilogue::Relu);
-    network.geometry[1].apply(isa, dense(&scratch.hidden, hidden, cols), &mut scratch.outputs, cols, Epilogue::Linear);
+    network.geometry[1].apply(
+        isa,
+        dense(&scratch.hidden, hidden, cols),
+        &mut scratch.outputs,
+        cols,
+        Epilogue::Linear,
+    );
 
     scratch.d_outputs[..GEOMETRY_OUTPUTS * cols].fill(0.0);
     let sdf = sdf_losses(context, block, &scratch.outputs[..cols], &mut scratch.d_outputs[..cols]);
-    let color = color_losses(context, block, &scratch.outputs, &mut scratch.d_outputs, &mut scratch.color, gradient);
+    let color =
+        color_losses(context, block, &scratch.outputs, &mut scratch.d_outputs, &mut scratch.color, gradient);
 
     let d_outputs = dense(&scratch.d_outputs, GEOMETRY_OUTPUTS, cols);
     gradient.accumulate(isa, 1, d_outputs, dense(&scratch.hidden, hidden, cols), cols);
@@ -127,8 +143,8 @@ fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &m
     sum * f64::from(share)
 }
 
-/// Colour term of a block: runs the colour network both ways where it has weight, adds to the features' gradient in
-/// rows 1 to 15 of `d_outputs`.
+/// Color term of a block: runs the color network both ways where it has weight, adds to the features'
+/// gradient in rows 1 to 15 of `d_outputs`.
 fn color_losses(
     context: &StepContext<'_>,
     block: &Block,
@@ -143,8 +159,20 @@ fn color_losses(
     let rgb_rows = network.color[2].outputs;
     let inputs = dense(&scratch.inputs, COLOR_INPUTS, cols);
     network.color[0].apply(isa, inputs, &mut scratch.first, cols, Epilogue::Relu);
-    network.color[1].apply(isa, dense(&scratch.first, hidden, cols), &mut scratch.second, cols, Epilogue::Relu);
-    network.color[2].apply(isa, dense(&scratch.second, hidden, cols), &mut scratch.rgb, cols, Epilogue::Linear);
+    network.color[1].apply(
+        isa,
+        dense(&scratch.first, hidden, cols),
+        &mut scratch.second,
+        cols,
+        Epilogue::Relu,
+    );
+    network.color[2].apply(
+        isa,
+        dense(&scratch.second, hidden, cols),
+        &mut scratch.rgb,
+        cols,
+        Epilogue::Linear,
+    );
     isa.sigmoid(&mut scratch.rgb[..3 * cols]);
 
     scratch.d_rgb[..rgb_rows * cols].fill(0.0);
@@ -168,8 +196,13 @@ fn color_losses(
     loss
 }
 
-/// Gathers the columns with colour weight; returns their number rounded up, `None` if there are none.
-fn color_inputs(context: &StepContext<'_>, block: &Block, outputs: &[f32], scratch: &mut ColorScratch) -> Option<usize> {
+/// Gathers the columns with color weight; returns their number rounded up, `None` if there are none.
+fn color_inputs(
+    context: &StepContext<'_>,
+    block: &Block,
+    outputs: &[f32],
+    scratch: &mut ColorScratch,
+) -> Option<usize> {
     let StepContext { batch, plan, .. } = *context;
     let samples = &plan.sample[block.start..block.start + block.len];
     scratch.columns.clear();
@@ -199,8 +232,16 @@ fn color_inputs(context: &StepContext<'_>, block: &Block, outputs: &[f32], scrat
     Some(cols)
 }
 
-/// Loss of the rays' colours `sum_i w_i rgb_i` and its derivative by the networks' values before the logistic function.
-fn ray_colors(context: &StepContext<'_>, block: &Block, columns: &[usize], rgb: &[f32], d_rgb: &mut [f32], cols: usize) -> f64 {
+/// Loss of the rays' colors `sum_i w_i rgb_i` and its derivative by the networks' values before the logistic
+/// function.
+fn ray_colors(
+    context: &StepContext<'_>,
+    block: &Block,
+    columns: &[usize],
+    rgb: &[f32],
+    d_rgb: &mut [f32],
+    cols: usize,
+) -> f64 {
     let StepContext { batch, plan, .. } = *context;
     let share = 1.0 / (3 * batch.rays) as f32;
     let sample = |i: usize| plan.sample[block.start + columns[i]] as usize;
@@ -208,7 +249,9 @@ fn ray_colors(context: &StepContext<'_>, block: &Block, columns: &[usize], rgb: 
     let mut first = 0;
     while first < columns.len() {
         let ray = sample(first) / batch.samples_per_ray;
-        let end = (first..columns.len()).find(|&i| sample(i) / batch.samples_per_ray != ray).unwrap_or(columns.len());
+        let end = (first..columns.len())
+            .find(|&i| sample(i) / batch.samples_per_ray != ray)
+            .unwrap_or(columns.len());
         for channel in 0..3 {
             let values = &rgb[channel * cols..][..cols];
             let color: f32 = (first..end).map(|i| batch.color_weights[sample(i)] * values[i]).sum();
@@ -216,7 +259,8 @@ fn ray_colors(context: &StepContext<'_>, block: &Block, columns: &[usize], rgb: 
             let weight = batch.ray_weights[ray] * share;
             sum += f64::from(weight * excess * excess);
             for i in first..end {
-                d_rgb[channel * cols + i] = 2.0 * weight * excess * batch.color_weights[sample(i)] * values[i] * (1.0 - values[i]);
+                d_rgb[channel * cols + i] =
+                    2.0 * weight * excess * batch.color_weights[sample(i)] * values[i] * (1.0 - values[i]);
             }
         }
         first = end;

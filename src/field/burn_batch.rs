@@ -1,4 +1,5 @@
-//! Which samples of a batch are computed, in the order that lets the colour network run on a rectangle of them.
+//! Which samples of a batch are computed, in the order that lets the color network run on a rectangle of
+//! them.
 
 use std::ops::Range;
 
@@ -8,24 +9,25 @@ use super::{SampleBatch, SdfTarget};
 /// 2 kB a sample with 64 hidden units.
 const PIECE_SAMPLES: usize = 1 << 17;
 
-/// TSDF target where a sample on an empty ray must stay above it (method.md 2.5).
+/// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
 pub(super) const BACKGROUND_TSDF: f32 = 0.001;
 
-/// Samples of a range of rays. The first `lit_rays.len() * per_ray` samples belong to rays with colour loss, `per_ray`
-/// each; further samples have TSDF supervision only. Samples without any loss are left out.
+/// Samples of a range of rays. The first `lit_rays.len() * per_ray` samples belong to rays with color loss,
+/// `per_ray` each; further samples have TSDF supervision only. Samples without any loss are left out.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Piece {
     /// Samples in all.
     pub samples: usize,
     /// `[samples, 3]` positions in the unit cube.
     pub points: Vec<f32>,
-    /// `[samples, 4]`: weight of `max(1 - s, 0)`, of `(s - value)^2`, `value`, weight of `max(0.001 - s, 0)^2`.
+    /// `[samples, 4]`: weight of `max(1 - s, 0)`, of `(s - value)^2`, `value`, weight of `max(0.001 - s,
+    /// 0)^2`.
     pub targets: Vec<f32>,
-    /// Rays with colour loss, by their index in the batch.
+    /// Rays with color loss, by their index in the batch.
     pub lit_rays: Vec<usize>,
     /// Samples of each of them.
     pub per_ray: usize,
-    /// `[lit rays, per_ray]` colour weights.
+    /// `[lit rays, per_ray]` color weights.
     pub color_weights: Vec<f32>,
 }
 
@@ -45,7 +47,8 @@ impl Piece {
         let mut piece = Self { per_ray, ..Self::default() };
         let mut rest = Vec::new();
         for (ray, &count) in rays.zip(&lit_counts) {
-            // A ray with fewer lit samples than the most lit one is filled up with its unlit samples, of weight 0.
+            // A ray with fewer lit samples than the most lit one is filled up with its unlit samples, of
+            // weight 0.
             let mut fill = if count > 0 { per_ray - count } else { 0 };
             for i in of_ray(ray) {
                 if lit(i) || fill > 0 {

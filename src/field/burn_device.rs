@@ -6,10 +6,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EngineError {
     /// The binary was built without the `gpu` feature.
-    #[error("this binary was built without GPU support; build it with `--features gpu` or use the CPU engine")]
+    #[error(
+        "this binary was built without GPU support; build it with `--features gpu` or use the CPU engine"
+    )]
     NotBuilt,
     /// No adapter, or the driver refused to open it.
-    #[error("no GPU could be opened: {message}; install a Vulkan driver (`artitwin doctor` lists adapters) or use the CPU engine")]
+    #[error(
+        "no GPU could be opened: {message}; install a Vulkan driver (`artitwin doctor` lists adapters) or \
+         use the CPU engine"
+    )]
     Unavailable {
         /// What the driver says.
         message: String,
@@ -28,11 +33,17 @@ pub enum EngineError {
 }
 
 /// Runs `work` and turns a panic of burn or of the driver into [`EngineError::Failed`].
-pub(super) fn guarded<T>(doing: &'static str, work: impl FnOnce() -> Result<T, EngineError>) -> Result<T, EngineError> {
+pub(super) fn guarded<T>(
+    doing: &'static str,
+    work: impl FnOnce() -> Result<T, EngineError>,
+) -> Result<T, EngineError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(ToString::to_string));
-        Err(EngineError::Failed { doing, message: text.unwrap_or_else(|| "panicked without a message".into()) })
+        Err(EngineError::Failed {
+            doing,
+            message: text.unwrap_or_else(|| "panicked without a message".into()),
+        })
     })
 }
 
@@ -46,8 +57,12 @@ pub fn adapters() -> Result<Vec<String>, EngineError> {
     guarded("listed the adapters", || {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let adapters = read_sync(instance.enumerate_adapters(wgpu::Backends::all()));
-        let describe =
-            |i: wgpu::AdapterInfo| format!("{} ({:?}, {:?}, driver {} {})", i.name, i.device_type, i.backend, i.driver, i.driver_info);
+        let describe = |i: wgpu::AdapterInfo| {
+            format!(
+                "{} ({:?}, {:?}, driver {} {})",
+                i.name, i.device_type, i.backend, i.driver, i.driver_info
+            )
+        };
         Ok(adapters.iter().map(|a| describe(a.get_info())).collect())
     })
 }
@@ -63,17 +78,21 @@ pub fn adapters() -> Result<Vec<String>, EngineError> {
 
 /// The best adapter, opened once in a process.
 ///
-/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread, which takes seconds a
-/// step, and drivers that cap loops drop most of it without an error.
+/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread, which
+/// takes seconds a step, and drivers that cap loops drop most of it without an error.
 #[cfg(feature = "gpu")]
 pub(super) fn wgpu_device() -> Result<burn::tensor::Device, EngineError> {
     use burn::tensor::{Device, wgpu::wgpu::Features};
     static DEVICE: std::sync::OnceLock<Result<Device, EngineError>> = std::sync::OnceLock::new();
     let unavailable = |message: String| EngineError::Unavailable { message };
     let open = || {
-        let (device, setup) = Device::wgpu_options().init_with_setup().map_err(|e| unavailable(e.to_string()))?;
+        let (device, setup) =
+            Device::wgpu_options().init_with_setup().map_err(|e| unavailable(e.to_string()))?;
         if !setup.device.features().contains(Features::SHADER_FLOAT32_ATOMIC) {
-            return Err(unavailable(format!("{} has no atomic addition of floats", setup.adapter.get_info().name)));
+            return Err(unavailable(format!(
+                "{} has no atomic addition of floats",
+                setup.adapter.get_info().name
+            )));
         }
         Ok(device)
     };

@@ -9,14 +9,18 @@ use burn::tensor::{Device, Tensor};
 use super::burn_batch::pieces;
 use super::burn_device::{EngineError, guarded};
 use super::burn_model::{FieldShape, losses, upload};
-use super::{ADAM_BETAS, ADAM_EPSILON, EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, GEOMETRY_OUTPUTS, SampleBatch};
+use super::{
+    ADAM_BETAS, ADAM_EPSILON, EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, GEOMETRY_OUTPUTS,
+    SampleBatch,
+};
 use super::{Layer, VIEW_COEFFICIENTS};
 
 /// Trains a field on a burn device.
 ///
-/// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they do not.
-/// When the device fails in a method of [`FieldEngine`], the losses are NaN from then on, [`FieldEngine::failure`] says
-/// why, and [`FieldEngine::state`] is the last state that was read: another engine can go on from its `steps`.
+/// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they
+/// do not. When the device fails in a method of [`FieldEngine`], the losses are NaN from then on,
+/// [`FieldEngine::failure`] says why, and [`FieldEngine::state`] is the last state that was read: another
+/// engine can go on from its `steps`.
 pub struct BurnEngine {
     device: Device,
     shape: FieldShape,
@@ -33,7 +37,8 @@ impl BurnEngine {
     /// Fresh moments on a device.
     ///
     /// # Errors
-    /// [`EngineError::Shape`] if the parameters do not fit together, [`EngineError::Failed`] if the device fails.
+    /// [`EngineError::Shape`] if the parameters do not fit together, [`EngineError::Failed`] if the device
+    /// fails.
     pub fn new(params: FieldParams, device: Device) -> Result<Self, EngineError> {
         let n = params.parameters();
         Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, device)
@@ -52,7 +57,16 @@ impl BurnEngine {
             let first = upload(&shape, &state.first, &device);
             let second = upload(&shape, &state.second, &device);
             let steps = state.steps;
-            let engine = Self { device, shape, params, first, second, steps, failure: OnceLock::new(), last_read: Mutex::new(state) };
+            let engine = Self {
+                device,
+                shape,
+                params,
+                first,
+                second,
+                steps,
+                failure: OnceLock::new(),
+                last_read: Mutex::new(state),
+            };
             engine.device.sync().map_err(|e| failed("received the parameters", e))?;
             Ok(engine)
         })
@@ -66,12 +80,13 @@ impl BurnEngine {
         Self::resume(state, Device::flex())
     }
 
-    /// Continues from a checkpoint on the best GPU, after a trial gradient against the CPU engine's. Environment variable
-    /// `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) chooses another adapter.
+    /// Continues from a checkpoint on the best GPU, after a trial gradient against the CPU engine's.
+    /// Environment variable `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) chooses another
+    /// adapter.
     ///
     /// # Errors
-    /// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Unavailable`] without a usable adapter,
-    /// and those of [`Self::new`].
+    /// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Unavailable`] without a usable
+    /// adapter, and those of [`Self::new`].
     #[cfg(feature = "gpu")]
     pub fn wgpu(state: EngineState) -> Result<Self, EngineError> {
         let mut engine = Self::resume(state.clone(), super::burn_device::wgpu_device()?)?;
@@ -90,14 +105,15 @@ impl BurnEngine {
     /// Compares a trial gradient with the CPU engine's at the same state.
     ///
     /// # Errors
-    /// [`EngineError::Failed`] if the device fails, [`EngineError::Unavailable`] if it computes something else.
+    /// [`EngineError::Failed`] if the device fails, [`EngineError::Unavailable`] if it computes something
+    /// else.
     #[cfg(any(test, feature = "gpu"))]
     pub(super) fn check(&mut self, state: EngineState) -> Result<(), EngineError> {
         use super::burn_trial::{agree, trial_batch};
         let batch = trial_batch();
         let found = self.try_gradient(&batch)?;
         let expected = super::CpuEngine::resume(state).gradient(&batch);
-        agree(&found, &expected).map_err(|message| EngineError::Unavailable { message })
+        agree(&found, &expected).map_err(|e| EngineError::Unavailable { message: e.to_string() })
     }
 
     /// As [`FieldEngine::step`].
@@ -110,8 +126,12 @@ impl BurnEngine {
             self.steps += 1;
             let update = AdamUpdate::new(self.steps, learning_rate);
             for (k, gradient) in gradients.into_iter().enumerate() {
-                (self.params[k], self.first[k], self.second[k]) =
-                    update.apply(self.params[k].clone(), self.first[k].clone(), self.second[k].clone(), gradient);
+                (self.params[k], self.first[k], self.second[k]) = update.apply(
+                    self.params[k].clone(),
+                    self.first[k].clone(),
+                    self.second[k].clone(),
+                    gradient,
+                );
             }
             Ok(losses)
         })
@@ -148,11 +168,14 @@ impl BurnEngine {
         let mut sums = FieldLosses::default();
         let mut gradients: Vec<Option<Tensor<1>>> = vec![None; self.params.len()];
         for piece in pieces(batch) {
-            let params: Vec<Tensor<1>> = self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
+            let params: Vec<Tensor<1>> =
+                self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
             let (sdf, color) = losses(&self.shape, &params, batch, &piece);
             let mut backward = (sdf.clone() + color.clone()).backward();
-            let values =
-                Tensor::cat(vec![sdf, color], 0).without_autodiff().try_into_vec_as::<f32>().map_err(|e| failed("read the losses", e))?;
+            let values = Tensor::cat(vec![sdf, color], 0)
+                .without_autodiff()
+                .try_into_vec_as::<f32>()
+                .map_err(|e| failed("read the losses", e))?;
             sums.sdf += f64::from(values[0]);
             sums.color += f64::from(values[1]);
             for (sum, param) in gradients.iter_mut().zip(&params) {
@@ -161,7 +184,8 @@ impl BurnEngine {
                 }
             }
         }
-        let filled = gradients.into_iter().zip(&self.params).map(|(g, p)| g.unwrap_or_else(|| p.zeros_like()));
+        let filled =
+            gradients.into_iter().zip(&self.params).map(|(g, p)| g.unwrap_or_else(|| p.zeros_like()));
         Ok((sums, filled.collect()))
     }
 
@@ -179,7 +203,9 @@ impl BurnEngine {
 
 impl FieldEngine for BurnEngine {
     fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
-        self.working().and_then(|()| self.try_step(batch, learning_rate)).unwrap_or_else(|error| self.fail(error))
+        self.working()
+            .and_then(|()| self.try_step(batch, learning_rate))
+            .unwrap_or_else(|error| self.fail(error))
     }
 
     fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
@@ -224,11 +250,20 @@ impl AdamUpdate {
     /// For step `t`, counted from 1.
     fn new(t: u64, learning_rate: f32) -> Self {
         let unbiased = |beta: f32| 1.0 - f64::from(beta).powf(t as f64);
-        Self { rate: (f64::from(learning_rate) / unbiased(ADAM_BETAS.0)) as f32, root_scale: (1.0 / unbiased(ADAM_BETAS.1).sqrt()) as f32 }
+        Self {
+            rate: (f64::from(learning_rate) / unbiased(ADAM_BETAS.0)) as f32,
+            root_scale: (1.0 / unbiased(ADAM_BETAS.1).sqrt()) as f32,
+        }
     }
 
     /// The parameter and its moments after the step.
-    fn apply(&self, param: Tensor<1>, first: Tensor<1>, second: Tensor<1>, gradient: Tensor<1>) -> (Tensor<1>, Tensor<1>, Tensor<1>) {
+    fn apply(
+        &self,
+        param: Tensor<1>,
+        first: Tensor<1>,
+        second: Tensor<1>,
+        gradient: Tensor<1>,
+    ) -> (Tensor<1>, Tensor<1>, Tensor<1>) {
         let (b1, b2) = ADAM_BETAS;
         let first = first * b1 + gradient.clone() * (1.0 - b1);
         let second = second * b2 + gradient.square() * (1.0 - b2);
@@ -250,14 +285,18 @@ fn failed(doing: &'static str, error: impl std::fmt::Display) -> EngineError {
     EngineError::Failed { doing, message: error.to_string() }
 }
 
-/// Checks what the tensors rely on: contiguous levels, hashed levels of 2^k entries, layers that fit each other, moments
-/// of the parameters' number.
+/// Checks what the tensors rely on: contiguous levels, hashed levels of 2^k entries, layers that fit each
+/// other, moments of the parameters' number.
 fn check_shape(state: &EngineState) -> Result<(), EngineError> {
     let params = &state.params;
     let err = |text: String| Err(EngineError::Shape(text));
     let mut offset = 0;
     for (k, l) in params.levels.iter().enumerate() {
-        let addressable = if l.hashed { l.entries.is_power_of_two() } else { l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries) };
+        let addressable = if l.hashed {
+            l.entries.is_power_of_two()
+        } else {
+            l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries)
+        };
         if l.offset != offset || !addressable || l.entries > 1 << 29 {
             return err(format!("level {k} is {l:?}"));
         }
@@ -267,13 +306,17 @@ fn check_shape(state: &EngineState) -> Result<(), EngineError> {
         return err(format!("the table holds {} floats, its levels ask for {offset}", params.table.len()));
     }
     let inputs = [FEATURES * params.levels.len(), VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS - 1];
-    for ((name, layers), (inputs, outputs)) in
-        [("geometry", &params.geometry), ("color", &params.color)].into_iter().zip(inputs.into_iter().zip([GEOMETRY_OUTPUTS, 3]))
+    for ((name, layers), (inputs, outputs)) in [("geometry", &params.geometry), ("color", &params.color)]
+        .into_iter()
+        .zip(inputs.into_iter().zip([GEOMETRY_OUTPUTS, 3]))
     {
         let mut width = inputs;
         for Layer { inputs, outputs, weights, biases } in layers {
             if *inputs != width || weights.len() != inputs * outputs || biases.len() != *outputs {
-                return err(format!("a {name} layer is {inputs} to {outputs} with {} weights, {width} inputs expected", weights.len()));
+                return err(format!(
+                    "a {name} layer is {inputs} to {outputs} with {} weights, {width} inputs expected",
+                    weights.len()
+                ));
             }
             width = *outputs;
         }

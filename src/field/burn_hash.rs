@@ -1,14 +1,16 @@
-//! Multi-resolution hash encoding (method.md 2.1): own kernels on a GPU, tensor operations on the CPU device.
+//! Multi-resolution hash encoding (docs/method.md 12.1): own kernels on a GPU, tensor operations on the CPU
+//! device.
 //!
-//! The table is read by `gather`, whose backward pass is an atomic `scatter`. `select` would be shorter, but its
-//! backward pass runs one thread per table column, which is slow on a GPU and wrong on drivers that cap loops.
+//! The table is read by `gather`, whose backward pass is an atomic `scatter`. `select` would be shorter, but
+//! its backward pass runs one thread per table column, which is slow on a GPU and wrong on drivers that cap
+//! loops.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use super::{FEATURES, LevelLayout};
 
-/// Multipliers of the spatial hash as 32-bit integers: 1, 2654435761 and 805459861. Only the low 32 bits of a product
-/// count, so signed arithmetic of 32 bits (GPUs) or 64 bits (the CPU backend) gives the same index.
+/// Multipliers of the spatial hash as 32-bit integers: 1, 2654435761 and 805459861. Only the low 32 bits of a
+/// product count, so signed arithmetic of 32 bits (GPUs) or 64 bits (the CPU backend) gives the same index.
 const HASH_PRIMES: [i32; 3] = [1, 2_654_435_761_u32 as i32, 805_459_861];
 
 /// Features `[points, 2 levels]` (column `2 level + feature`) at `points` `[points, 3]` of the unit cube.
@@ -17,7 +19,10 @@ const HASH_PRIMES: [i32; 3] = [1, 2_654_435_761_u32 as i32, 805_459_861];
 pub(super) fn hash_encode(points: &Tensor<2>, tables: &[Tensor<1>], levels: &[LevelLayout]) -> Tensor<2> {
     #[cfg(feature = "gpu")]
     if points.device().without_autodiff() != Device::flex() {
-        let features = tables.iter().zip(levels).map(|(table, level)| super::gpu_hash::level_features(points, table, level));
+        let features = tables
+            .iter()
+            .zip(levels)
+            .map(|(table, level)| super::gpu_hash::level_features(points, table, level));
         return Tensor::cat(features.collect(), 1);
     }
     let upper = Corners::new(&points.device());
@@ -50,14 +55,17 @@ impl Corners {
             let f = fraction.clone().narrow(1, axis, 1);
             Tensor::cat(vec![f.clone().neg() + 1.0, f], 1).reshape(shape)
         };
-        let node = |axis: usize, shape: [usize; 4]| (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape);
+        let node = |axis: usize, shape: [usize; 4]| {
+            (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape)
+        };
         let (along_x, along_y, along_z) = ([n, 1, 1, 2], [n, 1, 2, 1], [n, 2, 1, 1]);
         let weights = weight(0, along_x) * weight(1, along_y) * weight(2, along_z);
         let (x, y, z) = (node(0, along_x), node(1, along_y), node(2, along_z));
         let entry = if level.hashed {
             let (y, z) = (y * HASH_PRIMES[1], z * HASH_PRIMES[2]);
             // A hashed level has 2^k entries: the remainder is the low k bits.
-            broadcast_xor(broadcast_xor(x, y, [n, 1, 2, 2]), z, [n, 2, 2, 2]).bitwise_and_scalar(level.entries as i32 - 1)
+            broadcast_xor(broadcast_xor(x, y, [n, 1, 2, 2]), z, [n, 2, 2, 2])
+                .bitwise_and_scalar(level.entries as i32 - 1)
         } else {
             let side = level.resolution as i32;
             (z * side + y) * side + x

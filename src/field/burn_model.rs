@@ -13,7 +13,7 @@ use super::{FieldParams, GEOMETRY_OUTPUTS, LevelLayout, SampleBatch, VIEW_COEFFI
 #[derive(Clone, Debug)]
 pub(super) struct FieldShape {
     pub levels: Vec<LevelLayout>,
-    /// `[outputs, inputs]` of every layer, geometry then colour.
+    /// `[outputs, inputs]` of every layer, geometry then color.
     pub layers: Vec<[usize; 2]>,
     pub geometry_layers: usize,
 }
@@ -21,12 +21,16 @@ pub(super) struct FieldShape {
 impl FieldShape {
     pub fn of(params: &FieldParams) -> Self {
         let layers = params.geometry.iter().chain(&params.color).map(|l| [l.outputs, l.inputs]);
-        Self { levels: params.levels.clone(), layers: layers.collect(), geometry_layers: params.geometry.len() }
+        Self {
+            levels: params.levels.clone(),
+            layers: layers.collect(),
+            geometry_layers: params.geometry.len(),
+        }
     }
 }
 
-/// Uploads one tensor per hash level, then weights and biases of every layer: their concatenation is the order of
-/// [`FieldParams::flatten`].
+/// Uploads one tensor per hash level, then weights and biases of every layer: their concatenation is the
+/// order of [`FieldParams::flatten`].
 pub(super) fn upload(shape: &FieldShape, flat: &[f32], device: &Device) -> Vec<Tensor<1>> {
     let tables = shape.levels.iter().map(|l| l.entries * super::FEATURES);
     let layers = shape.layers.iter().flat_map(|[outputs, inputs]| [outputs * inputs, *outputs]);
@@ -45,7 +49,12 @@ fn floats<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) 
 }
 
 /// Both loss terms `[1]` of one piece of a batch, divided by the counts of the whole batch.
-pub(super) fn losses(shape: &FieldShape, params: &[Tensor<1>], batch: &SampleBatch, piece: &Piece) -> (Tensor<1>, Tensor<1>) {
+pub(super) fn losses(
+    shape: &FieldShape,
+    params: &[Tensor<1>],
+    batch: &SampleBatch,
+    piece: &Piece,
+) -> (Tensor<1>, Tensor<1>) {
     let device = params[0].device();
     let n = piece.samples;
     let (tables, layers) = params.split_at(shape.levels.len());
@@ -56,7 +65,8 @@ pub(super) fn losses(shape: &FieldShape, params: &[Tensor<1>], batch: &SampleBat
     let features = hash_encode(&points, tables, &shape.levels);
     let outputs = network(features, geometry, geometry_shape);
     let tsdf = outputs.clone().narrow(1, 0, 1);
-    let sdf = sdf_loss(&tsdf, &floats(piece.targets.clone(), [n, 4], &device)) / (batch.rays * batch.samples_per_ray) as f32;
+    let sdf = sdf_loss(&tsdf, &floats(piece.targets.clone(), [n, 4], &device))
+        / (batch.rays * batch.samples_per_ray) as f32;
     let lit = piece.lit_rays.len() * piece.per_ray;
     if lit == 0 {
         return (sdf, Tensor::zeros([1], &device));
@@ -73,12 +83,14 @@ fn network(mut x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Ten
         if k > 0 {
             x = relu(x);
         }
-        x = x.matmul(pair[0].clone().reshape([outputs, inputs]).transpose()) + pair[1].clone().reshape([1, outputs]);
+        x = x.matmul(pair[0].clone().reshape([outputs, inputs]).transpose())
+            + pair[1].clone().reshape([1, outputs]);
     }
     x
 }
 
-/// Sum of the weighted terms of `SdfTarget` over the samples: `tsdf` `[samples, 1]`, `targets` as in `Piece::targets`.
+/// Sum of the weighted terms of `SdfTarget` over the samples: `tsdf` `[samples, 1]`, `targets` as in
+/// `Piece::targets`.
 fn sdf_loss(tsdf: &Tensor<2>, targets: &Tensor<2>) -> Tensor<1> {
     let column = |k: usize| targets.clone().narrow(1, k, 1);
     let empty = column(0) * relu(tsdf.clone().neg() + 1.0);
@@ -92,7 +104,9 @@ fn views(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
     let rays = piece.lit_rays.len();
     let coefficients = piece.lit_rays.iter().flat_map(|&r| view_coefficients(batch.directions[r])).collect();
     let per_ray = floats(coefficients, [rays, 1, VIEW_COEFFICIENTS], device);
-    per_ray.expand([rays, piece.per_ray, VIEW_COEFFICIENTS]).reshape([rays * piece.per_ray, VIEW_COEFFICIENTS])
+    per_ray
+        .expand([rays, piece.per_ray, VIEW_COEFFICIENTS])
+        .reshape([rays * piece.per_ray, VIEW_COEFFICIENTS])
 }
 
 /// Sum over the lit rays and channels of `ray_weight * (sum_i color_weight_i * color_i - observed)^2`.
@@ -102,6 +116,7 @@ fn color_loss(colors: Tensor<2>, batch: &SampleBatch, piece: &Piece) -> Tensor<1
     let weights = floats(piece.color_weights.clone(), [rays, per_ray, 1], &device);
     let rendered = (colors.reshape([rays, per_ray, 3]) * weights).sum_dim(1).reshape([rays, 3]);
     let observed = floats(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);
-    let ray_weights = floats(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);
+    let ray_weights =
+        floats(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);
     ((rendered - observed).square() * ray_weights).sum()
 }

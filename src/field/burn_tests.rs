@@ -4,13 +4,16 @@ use burn::tensor::Device;
 
 use super::reference::{Reference, batch, field, losses};
 use super::{
-    ADAM_BETAS, ADAM_EPSILON, BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldParams, SampleBatch,
-    SdfTarget,
+    ADAM_BETAS, ADAM_EPSILON, BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine,
+    FieldParams, SampleBatch, SdfTarget,
 };
 
 /// One dense level and two hashed ones, 16 hidden units.
 fn small_field(seed: u64) -> FieldParams {
-    field(&FieldConfig { levels: 3, base_resolution: 3, finest_resolution: 12, log2_table_size: 8, hidden: 16 }, seed)
+    field(
+        &FieldConfig { levels: 3, base_resolution: 3, finest_resolution: 12, log2_table_size: 8, hidden: 16 },
+        seed,
+    )
 }
 
 fn fresh(params: &FieldParams) -> EngineState {
@@ -88,10 +91,18 @@ fn check_gradients(make: impl Fn(EngineState) -> BurnEngine) {
                 let Some(expected) = numeric(&mut reference, &batch, index) else { continue };
                 let error = (f64::from(gradient[index]) - expected).abs();
                 let tolerance = 1e-4 * expected.abs() + 2e-5 * f64::from(largest) + 1e-9;
-                assert!(error < tolerance, "{name}: tensor {tensor} entry {}: {} but {expected}", index - offset, gradient[index]);
+                assert!(
+                    error < tolerance,
+                    "{name}: tensor {tensor} entry {}: {} but {expected}",
+                    index - offset,
+                    gradient[index]
+                );
                 compared += usize::from(expected != 0.0);
             }
-            assert!((largest > 0.0) == (compared > 0), "{name}: tensor {tensor}: {compared} compared, largest {largest}");
+            assert!(
+                (largest > 0.0) == (compared > 0),
+                "{name}: tensor {tensor}: {compared} compared, largest {largest}"
+            );
             moved += usize::from(largest > 0.0);
             offset += size;
         }
@@ -134,7 +145,10 @@ fn check_adam(make: impl Fn(EngineState) -> BurnEngine) {
         assert!(before.sdf + before.color < previous, "step {k}: the loss rises");
         previous = before.sdf + before.color;
         let losses = engine.step(&batch, rate);
-        assert!((losses.sdf - before.sdf).abs() < 1e-6 * before.sdf && (losses.color - before.color).abs() < 1e-6 * before.color);
+        assert!(
+            (losses.sdf - before.sdf).abs() < 1e-6 * before.sdf
+                && (losses.color - before.color).abs() < 1e-6 * before.color
+        );
         plain.step(&gradient, f64::from(rate));
     }
     let state = engine.state();
@@ -201,7 +215,10 @@ fn gradients_of_the_pieces_of_a_batch_add_up() {
         (sdf, color) = (sdf + l.sdf / 3.0, color + l.color / 3.0);
         sum.iter_mut().zip(g).for_each(|(s, g)| *s += f64::from(g) / 3.0);
     }
-    assert!((loss.sdf - sdf).abs() < 1e-5 * sdf && (loss.color - color).abs() < 1e-5 * color, "{loss:?} {sdf} {color}");
+    assert!(
+        (loss.sdf - sdf).abs() < 1e-5 * sdf && (loss.color - color).abs() < 1e-5 * color,
+        "{loss:?} {sdf} {color}"
+    );
     let largest = sum.iter().fold(0.0f64, |a, g| a.max(g.abs()));
     let worst = sum.iter().zip(&gradient).map(|(s, g)| (s - f64::from(*g)).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-4 * largest, "{worst} of {largest}");
@@ -279,7 +296,10 @@ fn the_engines_agree() {
             ours = swapped;
         }
         let ((la, ga), (lb, gb)) = (ours.gradient(&b), cpu.gradient(&b));
-        assert!((la.sdf - lb.sdf).abs() < 1e-3 * lb.sdf && (la.color - lb.color).abs() < 1e-3 * lb.color, "step {k}: {la:?} {lb:?}");
+        assert!(
+            (la.sdf - lb.sdf).abs() < 1e-3 * lb.sdf && (la.color - lb.color).abs() < 1e-3 * lb.color,
+            "step {k}: {la:?} {lb:?}"
+        );
         let largest = gb.iter().fold(0.0f32, |a, g| a.max(g.abs()));
         let apart = ga.iter().zip(&gb).filter(|(a, b)| (*a - *b).abs() > 1e-3 * largest).count();
         assert!(apart * 1000 < n, "step {k}: {apart} of {n} gradients differ");

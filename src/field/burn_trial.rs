@@ -1,4 +1,4 @@
-//! A small gradient that tells whether a device computes what it is asked to.
+//! A small gradient that shows whether a device computes correctly.
 //!
 //! Drivers have been seen that drop most of a sum without an error.
 
@@ -28,22 +28,37 @@ pub(super) fn trial_batch() -> SampleBatch {
         samples_per_ray: SAMPLES_PER_RAY,
         points: (0..samples).map(point).collect(),
         targets: (0..samples).map(target).collect(),
-        color_weights: (0..samples).map(|i| if i % 3 == 0 { 0.0 } else { 2.0 / SAMPLES_PER_RAY as f32 }).collect(),
+        color_weights: (0..samples)
+            .map(|i| if i % 3 == 0 { 0.0 } else { 2.0 / SAMPLES_PER_RAY as f32 })
+            .collect(),
         directions: vec![[0.6, 0.0, 0.8]; RAYS],
         colors: (0..RAYS).map(point).collect(),
         ray_weights: vec![1.0; RAYS],
     }
 }
 
+/// Where a device and the CPU engine differ.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub(super) enum Disagreement {
+    #[error("its {name} loss of a trial batch is {found:e}, {expected:e} on the CPU")]
+    Loss { name: &'static str, found: f64, expected: f64 },
+    #[error("its gradient of a trial batch is {apart:e} off the CPU's, of length {length:e}")]
+    Gradient { apart: f64, length: f64 },
+}
+
 /// Compares losses and gradient of a device with those expected.
 ///
 /// # Errors
-/// A sentence about what differs.
-pub(super) fn agree(found: &(FieldLosses, Vec<f32>), expected: &(FieldLosses, Vec<f32>)) -> Result<(), String> {
-    let differs = |found: f64, expected: f64| !((found - expected).abs() <= TOLERANCE * expected.abs() + 1e-9);
+/// What differs.
+pub(super) fn agree(
+    found: &(FieldLosses, Vec<f32>),
+    expected: &(FieldLosses, Vec<f32>),
+) -> Result<(), Disagreement> {
+    let differs =
+        |found: f64, expected: f64| !((found - expected).abs() <= TOLERANCE * expected.abs() + 1e-9);
     for (name, a, b) in [("SDF", found.0.sdf, expected.0.sdf), ("color", found.0.color, expected.0.color)] {
         if differs(a, b) {
-            return Err(format!("its {name} loss of a trial batch is {a:e}, {b:e} on the CPU"));
+            return Err(Disagreement::Loss { name, found: a, expected: b });
         }
     }
     let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
@@ -51,7 +66,7 @@ pub(super) fn agree(found: &(FieldLosses, Vec<f32>), expected: &(FieldLosses, Ve
     let apart = norm(&mut a.iter().zip(b).map(|(a, b)| f64::from(*a) - f64::from(*b)));
     let length = norm(&mut b.iter().map(|b| f64::from(*b)));
     if a.len() != b.len() || !(apart <= TOLERANCE * length) {
-        return Err(format!("its gradient of a trial batch is {apart:e} off the CPU's, of length {length:e}"));
+        return Err(Disagreement::Gradient { apart, length });
     }
     Ok(())
 }
@@ -66,7 +81,7 @@ mod tests {
         let expected = (losses, vec![1.0, 2.0, -2.0, 0.0]);
         assert_eq!(agree(&expected, &expected), Ok(()));
         assert_eq!(agree(&(losses, vec![1.001, 2.0, -2.0, 1e-3]), &expected), Ok(()));
-        let refused = |found| agree(&found, &expected).unwrap_err();
+        let refused = |found| agree(&found, &expected).unwrap_err().to_string();
         assert!(refused((losses, vec![0.0, 2.0, -2.0, 0.0])).contains("gradient"));
         assert!(refused((losses, vec![f32::NAN, 2.0, -2.0, 0.0])).contains("gradient"));
         assert!(refused((losses, vec![1.0, 2.0, -2.0])).contains("gradient"));

@@ -6,7 +6,7 @@ use super::FieldConfig;
 use crate::capture::NoiseConfig;
 use crate::geometry::SceneBox;
 
-/// Schedule, samples and loss weights of a field (method.md 2.3 to 2.6).
+/// Schedule, samples and loss weights of a field (docs/method.md 12).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
@@ -34,26 +34,28 @@ pub struct TrainConfig {
     pub empty_weight: f64,
     /// Weight of the surface term, per squared length in the normalised cube (whose half side is 1).
     pub surface_weight: f64,
-    /// Weight of the colour term.
+    /// Weight of the color term.
     pub color_weight: f64,
-    /// Share of the rays on the object that have a colour term.
+    /// Share of the rays on the object that have a color term.
     pub color_share: f64,
-    /// Sharpness of the bell of colour weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
+    /// Sharpness of the bell of color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
     pub color_sharpness: f64,
-    /// Truncation of the signed distance, metres; `None`: [`Self::derived_truncation_m`]. Not a setting: a run has one
-    /// truncation for fields and surfaces, whose key is `surface.truncation_m`.
+    /// Truncation of the signed distance, meters; `None`: [`Self::derived_truncation_m`]. Not a setting: a
+    /// run has one truncation for fields and surfaces, whose key is `surface.truncation_m`.
     #[serde(skip)]
     pub truncation_m: Option<f64>,
-    /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where nothing was
-    /// observed, the field stays near it.
+    /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where
+    /// nothing was observed, the field stays near it.
     pub initial_tsdf: f64,
     /// Which distance the surface term asks for.
     pub distance: SurfaceDistance,
-    /// Whether surface terms lose weight with depth behind the surface, so that both sides of a thin wall survive.
+    /// Whether surface terms lose weight with depth behind the surface, so that both sides of a thin wall
+    /// survive.
     pub behind_falloff: bool,
     /// Whether surface terms are weighted by the expected noise and the pixel's weight.
     pub noise_weights: bool,
-    /// Residuals beyond this many standard deviations lose their weight in the last part of the training; 0 = never.
+    /// Residuals beyond this many standard deviations lose their weight in the last part of the training; 0 =
+    /// never.
     pub outlier_sigmas: f64,
     /// Share of the steps after which outliers are looked for.
     pub outlier_from: f64,
@@ -71,8 +73,8 @@ pub enum BackgroundLoss {
     Off,
     /// The empty-space term: 1 everywhere (the paper, read with an infinite depth).
     Empty,
-    /// Not negative: weight 100, as the released code has it. Other than `Empty` it does not contradict surfaces that
-    /// the ray passes closely.
+    /// Not negative: weight 100, as the released code has it. Other than `Empty` it does not contradict
+    /// surfaces that the ray passes closely.
     NonNegative,
 }
 
@@ -84,7 +86,8 @@ pub enum SurfaceDistance {
     Depth,
     /// Along the ray (the paper).
     Ray,
-    /// To the plane of the observed surface, which is nearer to the true distance on surfaces seen at an angle.
+    /// To the plane of the observed surface, which is nearer to the true distance on surfaces seen at an
+    /// angle.
     Plane,
 }
 
@@ -122,8 +125,8 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
-    /// The truncation in metres: the configured one, else the larger of 2 % of the object's longest side and four
-    /// times the median of the expected noise. (The published 3 cm suit objects of 1 to 2 m.)
+    /// The truncation in meters: the configured one, else the larger of 2 % of the object's longest side and
+    /// four times the median of the expected noise. (The published 3 cm suit objects of 1 to 2 m.)
     #[must_use]
     pub fn derived_truncation_m(&self, scene: &SceneBox, median_sigma_m: f64) -> f64 {
         self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
@@ -136,7 +139,11 @@ impl TrainConfig {
     pub fn validate(&self) -> Result<(), FieldError> {
         let f = &self.field;
         let within = |key, value: f64, low: f64, high: f64| {
-            if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
+            if value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(FieldError::Config { key, value, low, high })
+            }
         };
         within("field.levels", f.levels as f64, 1.0, 32.0)?;
         within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
@@ -180,8 +187,8 @@ pub enum FieldError {
     },
     /// No depth reading can be used.
     #[error(
-        "field: none of the {frames} frames has a usable depth reading on the object; check the mask, the depth's unit and \
-         the scene cube (edge and grazing pixels are not used)"
+        "field: none of the {frames} frames has a usable depth reading on the object; check the mask, the \
+         depth's unit and the scene cube (edge and grazing pixels are not used)"
     )]
     NoRays {
         /// Frames given.
@@ -194,7 +201,10 @@ pub enum FieldError {
         frames: usize,
     },
     /// The optimisation ran away.
-    #[error("the loss or a parameter is not a finite number after {step} steps; lower train.learning_rate, or report this")]
+    #[error(
+        "the loss or a parameter is not a finite number after {step} steps; lower train.learning_rate, or \
+         report this"
+    )]
     NotFinite {
         /// Steps done.
         step: usize,

@@ -1,7 +1,7 @@
 //! The field engine of the CPU: level-major hash encoding, blocks of whole rays, owner-computes scatter.
 //!
-//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, every piece is
-//! computed in order, and partial sums are added in the order of the pieces.
+//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, every
+//! piece is computed in order, and partial sums are added in the order of the pieces.
 
 use std::sync::Mutex;
 
@@ -76,7 +76,12 @@ impl CpuEngine {
     pub fn with_instructions(state: EngineState, isa: InstructionSet) -> Self {
         let EngineState { params, first, second, steps } = state;
         let n = params.parameters();
-        assert!(first.len() == n && second.len() == n, "{n} parameters with {} and {} moments", first.len(), second.len());
+        assert!(
+            first.len() == n && second.len() == n,
+            "{n} parameters with {} and {} moments",
+            first.len(),
+            second.len()
+        );
         let floats = params.table.len();
         let moved = |(m, v): (&[f32], &[f32])| m.iter().chain(v).any(|&x| x != 0.0);
         let awake = params.levels.iter().flat_map(|l| {
@@ -84,7 +89,17 @@ impl CpuEngine {
             first[range.clone()].chunks(CHUNK).zip(second[range].chunks(CHUNK)).map(moved).collect::<Vec<_>>()
         });
         let awake = awake.collect();
-        Self { isa, params, table_gradient: vec![0.0; floats], awake, first, second, steps, features: Vec::new(), d_features: Vec::new() }
+        Self {
+            isa,
+            params,
+            table_gradient: vec![0.0; floats],
+            awake,
+            first,
+            second,
+            steps,
+            features: Vec::new(),
+            d_features: Vec::new(),
+        }
     }
 
     /// The parameters as they stand.
@@ -93,8 +108,13 @@ impl CpuEngine {
         &self.params
     }
 
-    /// As [`FieldEngine::step`]; `after` is told every phase once it is done.
-    pub fn step_by_phases(&mut self, batch: &SampleBatch, learning_rate: f32, mut after: impl FnMut(StepPhase)) -> FieldLosses {
+    /// As [`FieldEngine::step`]; `after` is called with every phase once it is done.
+    pub fn step_by_phases(
+        &mut self,
+        batch: &SampleBatch,
+        learning_rate: f32,
+        mut after: impl FnMut(StepPhase),
+    ) -> FieldLosses {
         let plan = Plan::new(batch);
         after(StepPhase::Plan);
         self.encode(&plan);
@@ -117,7 +137,8 @@ impl CpuEngine {
         encode(self.isa, &self.params, plan, &mut self.features);
     }
 
-    /// Forward and backward pass from the features to their gradient; returns the losses and the layers' gradient.
+    /// Forward and backward pass from the features to their gradient; returns the losses and the layers'
+    /// gradient.
     fn networks(&mut self, batch: &SampleBatch, plan: &Plan) -> (FieldLosses, NetworkGradient) {
         let network = Network::pack(&self.params);
         let backward = BackwardNetwork::pack(&network);
@@ -176,17 +197,28 @@ impl CpuEngine {
         let tables = table.into_iter().zip(first).zip(second).zip(awake);
         let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
         levels.reverse(); // fine levels take longest
-        levels.into_par_iter().with_max_len(1).for_each(|(((l, layout), gradient), (((table, first), second), awake))| {
-            let level = LevelGeometry::new(layout);
-            for block in &plan.blocks {
-                let d = &d_features[d_rows * block.start..][..d_rows * block.cols];
-                let (a, b) = (&d[FEATURES * l * block.cols..][..block.cols], &d[(FEATURES * l + 1) * block.cols..][..block.cols]);
-                isa.scatter(level, gradient, plan.points().range(block.start..block.start + block.cols), a, b);
-            }
-            if let Some(step) = learning {
-                update_table(isa, step, table, first, second, gradient, awake);
-            }
-        });
+        levels.into_par_iter().with_max_len(1).for_each(
+            |(((l, layout), gradient), (((table, first), second), awake))| {
+                let level = LevelGeometry::new(layout);
+                for block in &plan.blocks {
+                    let d = &d_features[d_rows * block.start..][..d_rows * block.cols];
+                    let (a, b) = (
+                        &d[FEATURES * l * block.cols..][..block.cols],
+                        &d[(FEATURES * l + 1) * block.cols..][..block.cols],
+                    );
+                    isa.scatter(
+                        level,
+                        gradient,
+                        plan.points().range(block.start..block.start + block.cols),
+                        a,
+                        b,
+                    );
+                }
+                if let Some(step) = learning {
+                    update_table(isa, step, table, first, second, gradient, awake);
+                }
+            },
+        );
     }
 
     /// Adam on the layers; `gradient` in the order of [`FieldParams::flatten`] without the table.
@@ -224,7 +256,12 @@ impl FieldEngine for CpuEngine {
     }
 
     fn state(&self) -> EngineState {
-        EngineState { params: self.params.clone(), first: self.first.clone(), second: self.second.clone(), steps: self.steps }
+        EngineState {
+            params: self.params.clone(),
+            first: self.first.clone(),
+            second: self.second.clone(),
+            steps: self.steps,
+        }
     }
 }
 
@@ -250,7 +287,10 @@ fn encode(isa: InstructionSet, params: &FieldParams, plan: &Plan, features: &mut
         .zip(&params.levels)
         .flat_map(|(rows, layout)| {
             let (a, b) = rows.split_at_mut(columns);
-            a.chunks_mut(ENCODE_POINTS).zip(b.chunks_mut(ENCODE_POINTS)).enumerate().map(move |(i, (a, b))| (layout, i, a, b))
+            a.chunks_mut(ENCODE_POINTS)
+                .zip(b.chunks_mut(ENCODE_POINTS))
+                .enumerate()
+                .map(move |(i, (a, b))| (layout, i, a, b))
         })
         .collect();
     tasks.into_par_iter().for_each(|(layout, i, a, b)| {
@@ -262,8 +302,8 @@ fn encode(isa: InstructionSet, params: &FieldParams, plan: &Plan, features: &mut
 
 /// Adam on the table of one level.
 ///
-/// This is dense Adam: every entry moves by its momentum in every step. Chunks that no gradient has ever reached have
-/// moments of 0 and would not move, so they are skipped; that changes no bit of the result.
+/// This is dense Adam: every entry moves by its momentum in every step. Chunks that no gradient has ever
+/// reached have moments of 0 and would not move, so they are skipped; that changes no bit of the result.
 fn update_table(
     isa: InstructionSet,
     step: AdamStep,
@@ -288,7 +328,13 @@ fn update_table(
             let to = (from..awake.len()).find(|&c| awake[c] != awake[from]).unwrap_or(awake.len());
             if awake[from] {
                 let range = from * CHUNK..(to * CHUNK).min(p.len());
-                isa.adam(step, &mut p[range.clone()], &mut m[range.clone()], &mut v[range.clone()], &mut g[range]);
+                isa.adam(
+                    step,
+                    &mut p[range.clone()],
+                    &mut m[range.clone()],
+                    &mut v[range.clone()],
+                    &mut g[range],
+                );
             }
             from = to;
         }

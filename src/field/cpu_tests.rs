@@ -1,14 +1,20 @@
 //! The CPU engine against the equations, against itself on other instruction sets and thread numbers.
 
 use super::reference::{Reference, batch, field, losses, small_config};
-use super::{CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget};
+use super::{
+    CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget,
+};
 
 fn engine(params: &FieldParams, isa: InstructionSet) -> CpuEngine {
     let n = params.parameters();
-    CpuEngine::with_instructions(EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, isa)
+    CpuEngine::with_instructions(
+        EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
+        isa,
+    )
 }
 
-/// Central difference of the loss by one parameter; `None` at a kink, where the two one-sided differences disagree.
+/// Central difference of the loss by one parameter; `None` at a kink, where the two one-sided differences
+/// disagree.
 fn numeric(params: &FieldParams, batch: &SampleBatch, index: usize) -> Option<f64> {
     let mut field = Reference::new(params);
     let value = field.flat[index];
@@ -27,7 +33,10 @@ fn numeric(params: &FieldParams, batch: &SampleBatch, index: usize) -> Option<f6
 fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet) -> usize {
     let (loss, gradient) = engine(params, isa).gradient(batch);
     let (sdf, color) = losses(&Reference::new(params), batch);
-    assert!((loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color), "{loss:?} {sdf} {color}");
+    assert!(
+        (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
+        "{loss:?} {sdf} {color}"
+    );
     let mut sizes: Vec<usize> = params.levels.iter().map(|l| l.entries * 2).collect();
     for l in params.geometry.iter().chain(&params.color) {
         sizes.extend([l.weights.len(), l.biases.len()]);
@@ -42,7 +51,12 @@ fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet
             let Some(expected) = numeric(params, batch, index) else { continue };
             let error = (f64::from(gradient[index]) - expected).abs();
             let tolerance = 1e-4 * expected.abs() + 1e-5 * f64::from(norm);
-            assert!(error < tolerance, "tensor {tensor} entry {}: {} but {expected}", index - offset, gradient[index]);
+            assert!(
+                error < tolerance,
+                "tensor {tensor} entry {}: {} but {expected}",
+                index - offset,
+                gradient[index]
+            );
             here += usize::from(expected != 0.0);
         }
         assert!(here > 0, "tensor {tensor}: nothing compared");
@@ -94,7 +108,10 @@ fn gradients_of_each_loss_alone_agree_with_differences() {
         for index in probes {
             let Some(expected) = numeric(&params, &b, index) else { continue };
             let norm = gradient.iter().fold(0.0f32, |a, g| a.max(g.abs()));
-            assert!((f64::from(gradient[index]) - expected).abs() < 1e-4 * expected.abs() + 1e-5 * f64::from(norm));
+            assert!(
+                (f64::from(gradient[index]) - expected).abs()
+                    < 1e-4 * expected.abs() + 1e-5 * f64::from(norm)
+            );
             compared += usize::from(expected != 0.0);
         }
         assert!(compared > 20);
@@ -103,13 +120,20 @@ fn gradients_of_each_loss_alone_agree_with_differences() {
 
 #[test]
 fn odd_shapes_have_right_gradients() {
-    let config = FieldConfig { levels: 3, base_resolution: 5, finest_resolution: 11, log2_table_size: 9, hidden: 13 };
+    let config =
+        FieldConfig { levels: 3, base_resolution: 5, finest_resolution: 11, log2_table_size: 9, hidden: 13 };
     check_gradient(&field(&config, 5), &batch(7, 33, 6), InstructionSet::detect());
 }
 
 #[test]
 fn instruction_sets_agree() {
-    let config = FieldConfig { levels: 12, base_resolution: 16, finest_resolution: 128, log2_table_size: 12, hidden: 64 };
+    let config = FieldConfig {
+        levels: 12,
+        base_resolution: 16,
+        finest_resolution: 128,
+        log2_table_size: 12,
+        hidden: 64,
+    };
     let params = field(&config, 7);
     let b = batch(200, 20, 8);
     let sets = InstructionSet::available();
@@ -125,7 +149,8 @@ fn instruction_sets_agree() {
 
 #[test]
 fn the_number_of_threads_changes_no_bit() {
-    let config = FieldConfig { levels: 8, base_resolution: 8, finest_resolution: 64, log2_table_size: 14, hidden: 64 };
+    let config =
+        FieldConfig { levels: 8, base_resolution: 8, finest_resolution: 64, log2_table_size: 14, hidden: 64 };
     let train = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

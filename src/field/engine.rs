@@ -1,4 +1,5 @@
-//! The interface that every engine of the field networks implements: same parameters, same samples, same losses.
+//! The interface that every engine of the field networks implements: same parameters, same samples, same
+//! losses.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,12 +10,13 @@ use super::{EngineError, FieldParams};
 pub enum SdfTarget {
     /// No supervision.
     Ignore,
-    /// Empty space in front of a surface: `weight * |s - 1|` where `s < 1` (method.md 2.5 "empty").
+    /// Empty space in front of a surface: `weight * |s - 1|` where `s < 1`: docs/method.md (12.4).
     Empty {
         /// Loss weight.
         weight: f32,
     },
-    /// Near an observed surface: `weight * (s - value)^2` ("surface SDF"; `value = (depth - z) / truncation`).
+    /// Near an observed surface: `weight * (s - value)^2` ("surface SDF"; `value = (depth - z) /
+    /// truncation`).
     Surface {
         /// Signed projective distance in truncation distances.
         value: f32,
@@ -39,29 +41,31 @@ pub struct SampleBatch {
     pub points: Vec<[f32; 3]>,
     /// TSDF supervision of every sample.
     pub targets: Vec<SdfTarget>,
-    /// Colour weight of every sample, normalised along its ray; all 0 on a ray without colour loss.
+    /// Color weight of every sample, normalised along its ray; all 0 on a ray without color loss.
     pub color_weights: Vec<f32>,
     /// Unit view direction of every ray, world axes.
     pub directions: Vec<[f32; 3]>,
-    /// Observed colour of every ray in `[0, 1]`.
+    /// Observed color of every ray in `[0, 1]`.
     pub colors: Vec<[f32; 3]>,
-    /// Loss weight of every ray's colour.
+    /// Loss weight of every ray's color.
     pub ray_weights: Vec<f32>,
 }
 
 /// Loss terms of a step. `total = sdf + color`.
 ///
 /// `sdf` is the mean over all samples (ignored ones count as zeros) of the weighted terms of [`SdfTarget`].
-/// `color` is the mean over rays and channels of `ray_weight * (sum_i color_weight_i * sigmoid(c_i) - color)^2`.
+/// `color` is the mean over rays and channels of `ray_weight * (sum_i color_weight_i * sigmoid(c_i) -
+/// color)^2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FieldLosses {
     /// TSDF terms.
     pub sdf: f64,
-    /// Colour term.
+    /// Color term.
     pub color: f64,
 }
 
-/// Parameters and Adam moments: what a checkpoint holds. Moments are in the order of [`FieldParams::flatten`].
+/// Parameters and Adam moments: what a checkpoint holds. Moments are in the order of
+/// [`FieldParams::flatten`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EngineState {
     /// Parameters.
@@ -74,7 +78,7 @@ pub struct EngineState {
     pub steps: u64,
 }
 
-/// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (method.md 2.6).
+/// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
 pub const ADAM_BETAS: (f32, f32) = (0.9, 0.999);
 /// Adam's epsilon.
 pub const ADAM_EPSILON: f32 = 1e-15;
@@ -90,14 +94,15 @@ pub trait FieldEngine: Send {
     /// Everything a checkpoint needs.
     fn state(&self) -> EngineState;
 
-    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::state`] is of no use.
+    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::state`] is of
+    /// no use.
     fn failure(&self) -> Option<&EngineError> {
         None
     }
 }
 
 impl FieldParams {
-    /// All parameters in one vector: table, then per layer of geometry and colour its weights and biases.
+    /// All parameters in one vector: table, then per layer of geometry and color its weights and biases.
     #[must_use]
     pub fn flatten(&self) -> Vec<f32> {
         let mut all = self.table.clone();

@@ -23,9 +23,14 @@ use cubecl::{CubeDim, calculate_cube_count_elemwise};
 
 use super::{FEATURES, LevelLayout, gpu_kernels};
 
-/// Features `[points, 2]` of one level at `points` `[points, 3]`; `table` is `[2 entries]`. Differentiable by the table.
+/// Features `[points, 2]` of one level at `points` `[points, 3]`; `table` is `[2 entries]`. Differentiable by
+/// the table.
 pub(super) fn level_features(points: &Tensor<2>, table: &Tensor<1>, level: &LevelLayout) -> Tensor<2> {
-    let features = <Dispatch as HashLevel>::hash_encode(points.clone().into_dispatch(), table.clone().into_dispatch(), *level);
+    let features = <Dispatch as HashLevel>::hash_encode(
+        points.clone().into_dispatch(),
+        table.clone().into_dispatch(),
+        *level,
+    );
     Tensor::from_dispatch(features)
 }
 
@@ -34,11 +39,19 @@ pub(super) fn level_features(points: &Tensor<2>, table: &Tensor<1>, level: &Leve
 trait HashLevel: Backend {
     /// Features `[points, 2]`.
     #[fusion(dtype = table, shape = Shape::new([points[0], FEATURES]))]
-    fn hash_encode(points: FloatTensor<Self>, table: FloatTensor<Self>, level: LevelLayout) -> FloatTensor<Self>;
+    fn hash_encode(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        level: LevelLayout,
+    ) -> FloatTensor<Self>;
 
     /// Gradient `[2 entries]` by the table from that `[points, 2]` by the features.
     #[fusion(dtype = gradient, shape = Shape::new([FEATURES * level.entries]))]
-    fn hash_scatter(points: FloatTensor<Self>, gradient: FloatTensor<Self>, level: LevelLayout) -> FloatTensor<Self>;
+    fn hash_scatter(
+        points: FloatTensor<Self>,
+        gradient: FloatTensor<Self>,
+        level: LevelLayout,
+    ) -> FloatTensor<Self>;
 }
 
 impl HashLevel for CubeBackend {
@@ -46,11 +59,16 @@ impl HashLevel for CubeBackend {
         let (points, table) = (into_contiguous(points), into_contiguous(table));
         let count = points.meta.shape()[0];
         let client = points.client.clone();
-        let features = empty_device_dtype(client.clone(), points.device.clone(), Shape::new([count, FEATURES]), table.dtype);
+        let features = empty_device_dtype(
+            client.clone(),
+            points.device.clone(),
+            Shape::new([count, FEATURES]),
+            table.dtype,
+        );
         let dim = CubeDim::new(&client, count);
         let cubes = calculate_cube_count_elemwise(&client, count, dim);
-        // SAFETY: the kernel ends threads beyond the points; nodes of points in the unit cube are inside the table,
-        // which `check_shape` has checked against the level.
+        // SAFETY: the kernel ends threads beyond the points; nodes of points in the unit cube are inside the
+        // table, which `check_shape` has checked against the level.
         unsafe {
             gpu_kernels::encode::launch_unchecked(
                 &client,
@@ -72,7 +90,12 @@ impl HashLevel for CubeBackend {
         let (points, gradient) = (into_contiguous(points), into_contiguous(gradient));
         let count = points.meta.shape()[0];
         let client = points.client.clone();
-        let table = zeros_client(client.clone(), points.device.clone(), Shape::new([FEATURES * level.entries]), gradient.dtype);
+        let table = zeros_client(
+            client.clone(),
+            points.device.clone(),
+            Shape::new([FEATURES * level.entries]),
+            gradient.dtype,
+        );
         let dim = CubeDim::new(&client, count);
         let cubes = calculate_cube_count_elemwise(&client, count, dim);
         // SAFETY: as above; the additions are atomic.
@@ -112,19 +135,29 @@ impl<B: Backend + HashLevel> Backward<B, 1> for Scatter {
 }
 
 impl<B: Backend + HashLevel, C: CheckpointStrategy> HashLevel for Autodiff<B, C> {
-    fn hash_encode(points: FloatTensor<Self>, table: FloatTensor<Self>, level: LevelLayout) -> FloatTensor<Self> {
+    fn hash_encode(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        level: LevelLayout,
+    ) -> FloatTensor<Self> {
         let points = points.into_primitive();
         match Scatter.prepare::<C>([table.node()]).compute_bound().stateful() {
             OpsKind::Tracked(tracked) => {
                 let features = B::hash_encode(points.clone(), table.into_primitive(), level);
                 tracked.finish((points, level), features)
             }
-            OpsKind::UnTracked(untracked) => untracked.finish(B::hash_encode(points, table.into_primitive(), level)),
+            OpsKind::UnTracked(untracked) => {
+                untracked.finish(B::hash_encode(points, table.into_primitive(), level))
+            }
         }
     }
 
     /// Not differentiable itself: no loss has second derivatives.
-    fn hash_scatter(points: FloatTensor<Self>, gradient: FloatTensor<Self>, level: LevelLayout) -> FloatTensor<Self> {
+    fn hash_scatter(
+        points: FloatTensor<Self>,
+        gradient: FloatTensor<Self>,
+        level: LevelLayout,
+    ) -> FloatTensor<Self> {
         FloatTensor::<Self>::new(B::hash_scatter(points.into_primitive(), gradient.into_primitive(), level))
     }
 }

@@ -1,4 +1,4 @@
-//! Kernels of one level of the hash grid on a GPU: a thread a point (method.md 2.1).
+//! Kernels of one level of the hash grid on a GPU: a thread a point (docs/method.md 12.1).
 
 use cubecl::prelude::*;
 
@@ -25,7 +25,14 @@ fn place(points: &Tensor<f32>, scale: f32) -> Place {
     let cx = f32::floor(px);
     let cy = f32::floor(py);
     let cz = f32::floor(pz);
-    Place { x: u32::cast_from(cx), y: u32::cast_from(cy), z: u32::cast_from(cz), fx: px - cx, fy: py - cy, fz: pz - cz }
+    Place {
+        x: u32::cast_from(cx),
+        y: u32::cast_from(cy),
+        z: u32::cast_from(cz),
+        fx: px - cx,
+        fy: py - cy,
+        fz: pz - cz,
+    }
 }
 
 /// Weight of the lower (0) or upper (1) node along one axis.

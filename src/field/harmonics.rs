@@ -2,8 +2,8 @@
 
 use super::VIEW_COEFFICIENTS;
 
-/// The 16 orthonormal real spherical harmonics of bands 0 to 3 at a unit direction, band by band from order `-l` to `l`,
-/// with the Condon-Shortley sign (odd orders negative).
+/// The 16 orthonormal real spherical harmonics of bands 0 to 3 at a unit direction, band by band from order
+/// `-l` to `l`, with the Condon-Shortley sign (odd orders negative).
 #[must_use]
 pub fn view_coefficients([x, y, z]: [f32; 3]) -> [f32; VIEW_COEFFICIENTS] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
@@ -50,7 +50,9 @@ mod tests {
                 let c = view_coefficients([(r * phi.cos()) as f32, (r * phi.sin()) as f32, z as f32]);
                 for (i, row) in gram.iter_mut().enumerate() {
                     for (j, g) in row.iter_mut().enumerate() {
-                        *g += weight * std::f64::consts::TAU / f64::from(turns) * f64::from(c[i]) * f64::from(c[j]);
+                        *g += weight * std::f64::consts::TAU / f64::from(turns)
+                            * f64::from(c[i])
+                            * f64::from(c[j]);
                     }
                 }
             }

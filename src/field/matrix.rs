@@ -3,7 +3,7 @@
 use super::simd::{Columns, Epilogue, InstructionSet};
 use super::{FieldParams, GEOMETRY_OUTPUTS, Layer, VIEW_COEFFICIENTS};
 
-/// Rows of the colour network's input: view coefficients, features, and a row of zeros.
+/// Rows of the color network's input: view coefficients, features, and a row of zeros.
 pub(super) const COLOR_INPUTS: usize = VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS;
 
 /// Rounds up to whole register tiles.
@@ -11,7 +11,8 @@ pub(super) fn padded(rows: usize) -> usize {
     rows.next_multiple_of(4)
 }
 
-/// A row-major matrix `[outputs][inputs]`; rows beyond the layer's outputs and columns beyond its inputs are 0.
+/// A row-major matrix `[outputs][inputs]`; rows beyond the layer's outputs and columns beyond its inputs are
+/// 0.
 pub(super) struct Matrix {
     pub outputs: usize,
     pub inputs: usize,
@@ -46,17 +47,32 @@ impl Matrix {
 
     /// The weights of a range of inputs, without biases.
     pub fn columns(&self, range: std::ops::Range<usize>) -> Self {
-        let weights = self.weights.chunks_exact(self.inputs).flat_map(|row| &row[range.clone()]).copied().collect();
+        let weights =
+            self.weights.chunks_exact(self.inputs).flat_map(|row| &row[range.clone()]).copied().collect();
         Self { outputs: self.outputs, inputs: range.len(), weights, biases: None }
     }
 
     /// `y = epilogue(W x + b)`; `y` has `outputs` rows of `cols` floats.
-    pub fn apply(&self, isa: InstructionSet, x: Columns<'_>, y: &mut [f32], cols: usize, epilogue: Epilogue<'_>) {
+    pub fn apply(
+        &self,
+        isa: InstructionSet,
+        x: Columns<'_>,
+        y: &mut [f32],
+        cols: usize,
+        epilogue: Epilogue<'_>,
+    ) {
         isa.matmul(&self.weights, self.biases.as_deref(), x, y, cols, epilogue);
     }
 
     /// `y = epilogue(W x)`.
-    pub fn apply_linear(&self, isa: InstructionSet, x: Columns<'_>, y: &mut [f32], cols: usize, epilogue: Epilogue<'_>) {
+    pub fn apply_linear(
+        &self,
+        isa: InstructionSet,
+        x: Columns<'_>,
+        y: &mut [f32],
+        cols: usize,
+        epilogue: Epilogue<'_>,
+    ) {
         isa.matmul(&self.weights, None, x, y, cols, epilogue);
     }
 }
@@ -75,7 +91,11 @@ impl Network {
         let [g, c] = [&params.geometry, &params.color];
         Self {
             geometry: [Matrix::pack(&g[0], g[0].inputs), Matrix::pack(&g[1], hidden)],
-            color: [Matrix::pack(&c[0], COLOR_INPUTS), Matrix::pack(&c[1], hidden), Matrix::pack(&c[2], hidden)],
+            color: [
+                Matrix::pack(&c[0], COLOR_INPUTS),
+                Matrix::pack(&c[1], hidden),
+                Matrix::pack(&c[2], hidden),
+            ],
         }
     }
 
@@ -118,12 +138,24 @@ struct LayerGradient {
 
 impl NetworkGradient {
     pub fn zeros(network: &Network) -> Self {
-        let layer = |m: &Matrix| LayerGradient { weights: vec![0.0; m.weights.len()], biases: vec![0.0; m.outputs], inputs: m.inputs };
+        let layer = |m: &Matrix| LayerGradient {
+            weights: vec![0.0; m.weights.len()],
+            biases: vec![0.0; m.outputs],
+            inputs: m.inputs,
+        };
         Self { layers: network.geometry.iter().chain(&network.color).map(layer).collect() }
     }
 
-    /// Adds the gradient of layer `layer` (0, 1 geometry; 2, 3, 4 colour) from its output's gradient and its input.
-    pub fn accumulate(&mut self, isa: InstructionSet, layer: usize, dy: Columns<'_>, x: Columns<'_>, cols: usize) {
+    /// Adds the gradient of layer `layer` (0, 1 geometry; 2, 3, 4 color) from its output's gradient and its
+    /// input.
+    pub fn accumulate(
+        &mut self,
+        isa: InstructionSet,
+        layer: usize,
+        dy: Columns<'_>,
+        x: Columns<'_>,
+        cols: usize,
+    ) {
         let g = &mut self.layers[layer];
         isa.weight_gradient(dy, x, cols, &mut g.weights, &mut g.biases);
     }

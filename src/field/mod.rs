@@ -1,4 +1,5 @@
-//! Neural object fields: a hash grid and two small networks give TSDF and colour at every point (method.md 2).
+//! Neural object fields: a hash grid and two small networks give TSDF and color at every point
+//! (docs/method.md 12).
 
 mod block;
 mod burn_batch;
@@ -40,6 +41,8 @@ pub use engine::{ADAM_BETAS, ADAM_EPSILON, EngineState, FieldEngine, FieldLosses
 pub use harmonics::view_coefficients;
 pub use object::ObjectField;
 pub use occupancy::Occupancy;
-pub use params::{FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS};
+pub use params::{
+    FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS,
+};
 pub use simd::InstructionSet;
-pub use trainer::{EngineFactory, FieldTrainer, TrainInput, TrainerCheckpoint};
+pub use trainer::{FieldTrainer, TrainInput, TrainerCheckpoint};

@@ -1,4 +1,4 @@
-//! A trained field as other stages ask it: signed distances and colours at world points.
+//! A trained field as other stages ask it: signed distances and colors at world points.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -6,14 +6,16 @@ use serde::{Deserialize, Serialize};
 
 use super::harmonics::view_coefficients;
 use super::matrix::{COLOR_INPUTS, Matrix, Network};
-use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet, LevelGeometry, LevelJacobian, PointColumns};
+use super::simd::{
+    COLUMN_ALIGN, Columns, Epilogue, InstructionSet, LevelGeometry, LevelJacobian, PointColumns,
+};
 use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
-use crate::articulate::{ColorField, ColorSample};
 use crate::geometry::{Grid3, SceneBox};
+use crate::surface::{ColorField, ColorSample};
 
 /// Points that one task evaluates at a time.
 const CHUNK: usize = 512;
-/// Features of the geometry network that the colour network sees.
+/// Features of the geometry network that the color network sees.
 const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
 
 /// A frozen field of one state.
@@ -23,13 +25,13 @@ pub struct ObjectField {
     pub params: FieldParams,
     /// The cube that the hash grid spans.
     pub scene: SceneBox,
-    /// Distance that the network's TSDF counts in, metres.
+    /// Distance that the network's TSDF counts in, meters.
     pub truncation_m: f64,
 }
 
 impl ObjectField {
-    /// Projective signed distance in metres, negative inside, at world points. Beyond the truncation the value only
-    /// tells the sign; it is not cut.
+    /// Projective signed distance in meters, negative inside, at world points. Beyond the truncation the
+    /// value only gives the sign; it is not cut.
     #[must_use]
     pub fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let query = Query::new(self);
@@ -42,7 +44,7 @@ impl ObjectField {
         points.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat()
     }
 
-    /// Colours in `[0, 1]` at world points seen along unit world directions.
+    /// Colors in `[0, 1]` at world points seen along unit world directions.
     ///
     /// # Panics
     /// If there is not one direction a point.
@@ -59,10 +61,14 @@ impl ObjectField {
         points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
     }
 
-    /// Signed distances in metres, cut to `+-truncation_m`, at those nodes of a grid shaped like `template` that
-    /// `inside` selects by world position; `+truncation_m` at all other nodes.
+    /// Signed distances in meters, cut to `+-truncation_m`, at those nodes of a grid shaped like `template`
+    /// that `inside` selects by world position; `+truncation_m` at all other nodes.
     #[must_use]
-    pub fn tsdf_grid<T>(&self, template: &Grid3<T>, inside: &(dyn Fn(&Point3<f64>) -> bool + Sync)) -> Grid3<f32>
+    pub fn tsdf_grid<T>(
+        &self,
+        template: &Grid3<T>,
+        inside: &(dyn Fn(&Point3<f64>) -> bool + Sync),
+    ) -> Grid3<f32>
     where
         T: Sync,
     {
@@ -72,7 +78,8 @@ impl ObjectField {
         // A slab at a time bounds the memory of the positions.
         for (z, out) in values.chunks_mut(nx * ny).enumerate() {
             let selected = |i: usize| Some((i, template.node(i % nx, i / nx, z))).filter(|(_, p)| inside(p));
-            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny).into_par_iter().filter_map(selected).unzip();
+            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) =
+                (0..nx * ny).into_par_iter().filter_map(selected).unzip();
             for (node, d) in nodes.into_iter().zip(self.tsdf(&points)) {
                 out[node] = d.clamp(-limit, limit);
             }
@@ -85,19 +92,14 @@ impl ColorField for ObjectField {
     fn colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<ColorSample> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
         let query = Query::new(self);
-        // Unit coordinates per metre.
+        // Unit coordinates per meter.
         let scale = (0.5 * self.scene.scale) as f32;
         let chunk = |(points, directions): (&[Point3<f64>], &[Vector3<f64>])| {
             let mut b = Buffers::new(&query, points);
             let mut tangents = query.geometry_with_tangents(&mut b);
             query.color(&mut b, directions);
             let slopes = tangents.each_mut().map(|t| query.color_tangent(&b, t));
-            let sample = |i: usize| {
-                let rgb = Vector3::from_fn(|c, _| b.rgb[c * b.cols + i]);
-                let jacobian = Matrix3::from_fn(|c, k| scale * slopes[k][c * b.cols + i] * rgb[c] * (1.0 - rgb[c]));
-                ColorSample { rgb, jacobian }
-            };
-            (0..points.len()).map(sample).collect::<Vec<_>>()
+            (0..points.len()).map(|i| b.color_sample(i, &slopes, scale)).collect::<Vec<_>>()
         };
         points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
     }
@@ -108,7 +110,7 @@ struct Query<'a> {
     isa: InstructionSet,
     field: &'a ObjectField,
     network: Network,
-    /// The first colour layer's weights for the features.
+    /// The first color layer's weights for the features.
     features: Matrix,
 }
 
@@ -138,11 +140,29 @@ impl Buffers {
         let rows = |n: usize| vec![0.0; n * cols];
         let (first, second) = (Vec::new(), Vec::new());
         let encoded = rows(FEATURES * query.field.params.levels.len());
-        Self { cols, axes, encoded, hidden: rows(hidden), outputs: rows(GEOMETRY_OUTPUTS), first, second, rgb: Vec::new() }
+        Self {
+            cols,
+            axes,
+            encoded,
+            hidden: rows(hidden),
+            outputs: rows(GEOMETRY_OUTPUTS),
+            first,
+            second,
+            rgb: Vec::new(),
+        }
     }
 
     fn points(&self) -> PointColumns<'_> {
         PointColumns { x: &self.axes[0], y: &self.axes[1], z: &self.axes[2] }
+    }
+
+    /// Color of a point and its derivative; `slopes` are those of the values before the sigmoid by unit
+    /// coordinates, of which a meter has `scale`.
+    fn color_sample(&self, point: usize, slopes: &[Vec<f32>; 3], scale: f32) -> ColorSample {
+        let rgb = Vector3::from_fn(|c, _| self.rgb[c * self.cols + point]);
+        let jacobian =
+            Matrix3::from_fn(|c, k| scale * slopes[k][c * self.cols + point] * rgb[c] * (1.0 - rgb[c]));
+        ColorSample { rgb, jacobian }
     }
 }
 
@@ -161,7 +181,10 @@ impl<'a> Query<'a> {
     /// Table of a level.
     fn table(&self, level: usize) -> (LevelGeometry, &[f32]) {
         let layout = &self.field.params.levels[level];
-        (LevelGeometry::new(layout), &self.field.params.table[layout.offset..layout.offset + layout.entries * FEATURES])
+        (
+            LevelGeometry::new(layout),
+            &self.field.params.table[layout.offset..layout.offset + layout.entries * FEATURES],
+        )
     }
 
     /// Fills `encoded`, `hidden` and `outputs`.
@@ -184,7 +207,8 @@ impl<'a> Query<'a> {
         {
             let [dx, dy, dz] = &mut slopes;
             let pair = FEATURES * cols;
-            let rows = encoded.chunks_exact_mut(pair).zip(dx.chunks_exact_mut(pair)).zip(dy.chunks_exact_mut(pair));
+            let rows =
+                encoded.chunks_exact_mut(pair).zip(dx.chunks_exact_mut(pair)).zip(dy.chunks_exact_mut(pair));
             for (l, (((v, x), y), z)) in rows.zip(dz.chunks_exact_mut(pair)).enumerate() {
                 let (level, table) = self.table(l);
                 let [(v0, v1), (x0, x1), (y0, y1), (z0, z1)] = [v, x, y, z].map(|r| r.split_at_mut(cols));
@@ -196,9 +220,21 @@ impl<'a> Query<'a> {
         self.networks(b);
         slopes.map(|slope| {
             let mut hidden = vec![0.0; b.hidden.len()];
-            self.network.geometry[0].apply_linear(self.isa, dense(&slope, cols), &mut hidden, cols, Epilogue::Mask(&b.hidden));
+            self.network.geometry[0].apply_linear(
+                self.isa,
+                dense(&slope, cols),
+                &mut hidden,
+                cols,
+                Epilogue::Mask(&b.hidden),
+            );
             let mut out = vec![0.0; b.outputs.len()];
-            self.network.geometry[1].apply_linear(self.isa, dense(&hidden, cols), &mut out, cols, Epilogue::Linear);
+            self.network.geometry[1].apply_linear(
+                self.isa,
+                dense(&hidden, cols),
+                &mut out,
+                cols,
+                Epilogue::Linear,
+            );
             out
         })
     }
@@ -206,8 +242,20 @@ impl<'a> Query<'a> {
     /// The geometry network.
     fn networks(&self, b: &mut Buffers) {
         let cols = b.cols;
-        self.network.geometry[0].apply(self.isa, dense(&b.encoded, cols), &mut b.hidden, cols, Epilogue::Relu);
-        self.network.geometry[1].apply(self.isa, dense(&b.hidden, cols), &mut b.outputs, cols, Epilogue::Linear);
+        self.network.geometry[0].apply(
+            self.isa,
+            dense(&b.encoded, cols),
+            &mut b.hidden,
+            cols,
+            Epilogue::Relu,
+        );
+        self.network.geometry[1].apply(
+            self.isa,
+            dense(&b.hidden, cols),
+            &mut b.outputs,
+            cols,
+            Epilogue::Linear,
+        );
     }
 
     /// Fills `first`, `second` and `rgb`.
@@ -234,9 +282,22 @@ impl<'a> Query<'a> {
     /// Derivatives of the three channels before the logistic function, given those of the geometry's outputs.
     fn color_tangent(&self, b: &Buffers, outputs: &[f32]) -> Vec<f32> {
         let cols = b.cols;
-        let (mut first, mut second, mut rgb) = (vec![0.0; b.first.len()], vec![0.0; b.second.len()], vec![0.0; b.rgb.len()]);
-        self.features.apply_linear(self.isa, dense(&outputs[cols..], cols), &mut first, cols, Epilogue::Mask(&b.first));
-        self.network.color[1].apply_linear(self.isa, dense(&first, cols), &mut second, cols, Epilogue::Mask(&b.second));
+        let (mut first, mut second, mut rgb) =
+            (vec![0.0; b.first.len()], vec![0.0; b.second.len()], vec![0.0; b.rgb.len()]);
+        self.features.apply_linear(
+            self.isa,
+            dense(&outputs[cols..], cols),
+            &mut first,
+            cols,
+            Epilogue::Mask(&b.first),
+        );
+        self.network.color[1].apply_linear(
+            self.isa,
+            dense(&first, cols),
+            &mut second,
+            cols,
+            Epilogue::Mask(&b.second),
+        );
         self.network.color[2].apply_linear(self.isa, dense(&second, cols), &mut rgb, cols, Epilogue::Linear);
         rgb
     }
@@ -247,10 +308,16 @@ mod tests {
     use super::super::FieldConfig;
     use super::super::reference::{Reference, field, uniform};
     use super::*;
-    use crate::run::stage_rng;
+    use crate::random::stage_rng;
 
     fn object() -> ObjectField {
-        let config = FieldConfig { levels: 6, base_resolution: 4, finest_resolution: 40, log2_table_size: 12, hidden: 64 };
+        let config = FieldConfig {
+            levels: 6,
+            base_resolution: 4,
+            finest_resolution: 40,
+            log2_table_size: 12,
+            hidden: 64,
+        };
         let scene = SceneBox::around(&Point3::new(-0.3, 0.1, 0.0), &Point3::new(0.4, 0.5, 1.1));
         ObjectField { params: field(&config, 21), scene, truncation_m: 0.025 }
     }
@@ -258,7 +325,9 @@ mod tests {
     fn queries(n: usize) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let mut rng = stage_rng(22, "test/queries", 0);
         let mut next = move || f64::from(uniform(&mut rng)) - 0.5;
-        let points = (0..n).map(|_| Point3::new(0.05 + 0.9 * next(), 0.3 + 0.9 * next(), 0.55 + 0.9 * next())).collect();
+        let points = (0..n)
+            .map(|_| Point3::new(0.05 + 0.9 * next(), 0.3 + 0.9 * next(), 0.55 + 0.9 * next()))
+            .collect();
         let directions = (0..n).map(|_| Vector3::new(next(), next(), next()).normalize()).collect();
         (points, directions)
     }
@@ -268,7 +337,8 @@ mod tests {
         let object = object();
         let (points, directions) = queries(700);
         let reference = Reference::new(&object.params);
-        let (tsdf, rgb, samples) = (object.tsdf(&points), object.rgb(&points, &directions), object.colors(&points, &directions));
+        let (tsdf, rgb, samples) =
+            (object.tsdf(&points), object.rgb(&points, &directions), object.colors(&points, &directions));
         for (i, p) in points.iter().enumerate() {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
             let view = directions[i].map(|x| x as f32).into();
@@ -294,7 +364,11 @@ mod tests {
         for (i, p) in points.iter().enumerate() {
             for k in 0..3 {
                 let step = Vector3::ith(k, h);
-                let (up, zero, down) = (color(&(p + step), &directions[i]), color(p, &directions[i]), color(&(p - step), &directions[i]));
+                let (up, zero, down) = (
+                    color(&(p + step), &directions[i]),
+                    color(p, &directions[i]),
+                    color(&(p - step), &directions[i]),
+                );
                 for c in 0..3 {
                     let (right, left) = ((up[c] - zero[c]) / h, (zero[c] - down[c]) / h);
                     let exact = f64::from(samples[i].jacobian[(c, k)]);

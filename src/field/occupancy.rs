@@ -1,4 +1,4 @@
-//! Which cells of the scene cube may hold surface: rays are only sampled there (method.md 2.2).
+//! Which cells of the scene cube may hold surface: rays are only sampled there (docs/method.md 12.2).
 
 use nalgebra::{Point3, Vector3};
 
@@ -16,11 +16,16 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// The cells of about `cell_m` metres that hold one of the world points, or lie within `reach` cells of one that
-    /// does. Points of all states belong here, so that all fields are defined wherever the object ever was. Cells are
-    /// larger than asked if the cube would have more than 512 along a side.
+    /// The cells of about `cell_m` meters that hold one of the world points, or lie within `reach` cells of
+    /// one that does. Points of all states belong here, so that all fields are defined wherever the object
+    /// ever was. Cells are larger than asked if the cube would have more than 512 along a side.
     #[must_use]
-    pub fn new<'a>(scene: &SceneBox, points: impl IntoIterator<Item = &'a Point3<f64>>, cell_m: f64, reach: usize) -> Self {
+    pub fn new<'a>(
+        scene: &SceneBox,
+        points: impl IntoIterator<Item = &'a Point3<f64>>,
+        cell_m: f64,
+        reach: usize,
+    ) -> Self {
         let cells = (scene.side_m() / cell_m).ceil().clamp(1.0, MAX_CELLS as f64) as usize;
         let mut seeds = Self { scene: *scene, cells, bits: vec![0; cells.pow(3).div_ceil(64)] };
         for p in points {
@@ -91,9 +96,16 @@ impl Occupancy {
         self.bits.iter().map(|b| f64::from(b.count_ones())).sum::<f64>() / self.cells.pow(3) as f64
     }
 
-    /// The intervals of `t` in `[from, to]` in which `origin + t direction` (world) lies in occupied cells, ascending,
-    /// adjacent ones joined, into `out`.
-    pub fn intervals(&self, origin: &Point3<f64>, direction: &Vector3<f64>, from: f64, to: f64, out: &mut Vec<(f64, f64)>) {
+    /// The intervals of `t` in `[from, to]` in which `origin + t direction` (world) lies in occupied cells,
+    /// ascending, adjacent ones joined, into `out`.
+    pub fn intervals(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+        from: f64,
+        to: f64,
+        out: &mut Vec<(f64, f64)>,
+    ) {
         out.clear();
         let o = self.in_cells(origin);
         let d = direction * (0.5 * self.scene.scale * self.cells as f64);
@@ -128,7 +140,8 @@ impl Occupancy {
         }
         let mut t = enter;
         while t < leave {
-            let axis = if next[0] <= next[1] && next[0] <= next[2] { 0 } else { usize::from(next[1] > next[2]) + 1 };
+            let axis =
+                if next[0] <= next[1] && next[0] <= next[2] { 0 } else { usize::from(next[1] > next[2]) + 1 };
             let end = next[axis].min(leave);
             if self.get(cell) && end > t {
                 match out.last_mut() {

@@ -3,7 +3,7 @@
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-/// Shape of the hash grid and the networks (method.md 2.1).
+/// Shape of the hash grid and the networks (docs/method.md 12.1).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FieldConfig {
@@ -96,7 +96,8 @@ impl FieldParams {
     /// Number of parameters: the length of [`Self::flatten`].
     #[must_use]
     pub fn parameters(&self) -> usize {
-        self.table.len() + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()
+        self.table.len()
+            + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()
     }
 }
 
@@ -107,7 +108,8 @@ fn uniform(rng: &mut impl Rng, bound: f32) -> f32 {
 
 /// Level resolutions grow geometrically from base to finest; a level whose nodes fit the table is dense.
 fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
-    let growth = (config.finest_resolution as f64 / config.base_resolution as f64).powf(1.0 / (config.levels.max(2) - 1) as f64);
+    let growth = (config.finest_resolution as f64 / config.base_resolution as f64)
+        .powf(1.0 / (config.levels.max(2) - 1) as f64);
     let cap = 1usize << config.log2_table_size;
     let mut offset = 0;
     (0..config.levels)
@@ -116,7 +118,8 @@ fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
             let resolution = scale.ceil() as usize + 2;
             let nodes = resolution.pow(3);
             let entries = nodes.min(cap);
-            let layout = LevelLayout { scale: scale as f32, resolution, entries, hashed: nodes > cap, offset };
+            let layout =
+                LevelLayout { scale: scale as f32, resolution, entries, hashed: nodes > cap, offset };
             offset += entries * FEATURES;
             layout
         })

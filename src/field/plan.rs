@@ -10,7 +10,8 @@ const BLOCK_POINTS: usize = 256;
 /// Blocks are dealt to this many groups, whatever the number of threads; every group sums its own gradient.
 const GROUPS: usize = 32;
 
-/// Whole rays that are computed together. Columns `start..start + len` hold samples, the rest up to `cols` padding.
+/// Whole rays that are computed together. Columns `start..start + len` hold samples, the rest up to `cols`
+/// padding.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     pub start: usize,
@@ -33,15 +34,21 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Samples without TSDF supervision and without colour weight are left out.
+    /// Samples without TSDF supervision and without color weight are left out.
     ///
     /// # Panics
     /// If the batch's vectors do not have the lengths that its counts ask for.
     pub fn new(batch: &SampleBatch) -> Self {
         let (rays, per_ray) = (batch.rays, batch.samples_per_ray);
         let n = rays * per_ray;
-        assert!(batch.points.len() == n && batch.targets.len() == n && batch.color_weights.len() == n, "a batch of {rays} x {per_ray}");
-        assert!(batch.directions.len() == rays && batch.colors.len() == rays && batch.ray_weights.len() == rays, "a batch of {rays} rays");
+        assert!(
+            batch.points.len() == n && batch.targets.len() == n && batch.color_weights.len() == n,
+            "a batch of {rays} x {per_ray}"
+        );
+        assert!(
+            batch.directions.len() == rays && batch.colors.len() == rays && batch.ray_weights.len() == rays,
+            "a batch of {rays} rays"
+        );
         assert!(u32::try_from(n).is_ok(), "{n} samples in a batch");
         let mut sample: Vec<u32> = Vec::with_capacity(n + n / 8 + COLUMN_ALIGN);
         let mut blocks: Vec<Block> = Vec::new();
@@ -51,7 +58,11 @@ impl Plan {
             let before = sample.len();
             if ray < rays {
                 let range = ray * per_ray..(ray + 1) * per_ray;
-                sample.extend(range.filter(|&i| batch.targets[i] != SdfTarget::Ignore || batch.color_weights[i] != 0.0).map(|i| i as u32));
+                sample.extend(
+                    range
+                        .filter(|&i| batch.targets[i] != SdfTarget::Ignore || batch.color_weights[i] != 0.0)
+                        .map(|i| i as u32),
+                );
                 if sample.len() - start <= BLOCK_POINTS || before == start {
                     continue;
                 }
@@ -70,7 +81,8 @@ impl Plan {
         let axis = |k: usize| sample.iter().map(|&i| batch.points[i as usize][k]).collect();
         let (x, y, z) = (axis(0), axis(1), axis(2));
         let per_group = blocks.len().div_ceil(GROUPS).max(1);
-        let groups = (0..blocks.len()).step_by(per_group).map(|b| b..(b + per_group).min(blocks.len())).collect();
+        let groups =
+            (0..blocks.len()).step_by(per_group).map(|b| b..(b + per_group).min(blocks.len())).collect();
         Self { x, y, z, sample, blocks, groups }
     }
 
@@ -130,7 +142,10 @@ mod tests {
         assert_eq!(plan.columns(), next);
         let expected: Vec<u32> = (0..rays * per_ray).filter(|&i| active(i)).map(|i| i as u32).collect();
         assert_eq!(seen, expected);
-        assert_eq!(plan.groups.iter().cloned().flatten().collect::<Vec<_>>(), (0..plan.blocks.len()).collect::<Vec<_>>());
+        assert_eq!(
+            plan.groups.iter().cloned().flatten().collect::<Vec<_>>(),
+            (0..plan.blocks.len()).collect::<Vec<_>>()
+        );
     }
 
     #[test]

@@ -1,13 +1,16 @@
-//! All rays of one state that can teach a field something (method.md 2.3).
+//! All rays of one state that can teach a field something (docs/method.md 12.3).
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{FieldError, Occupancy, TrainConfig};
-use crate::capture::{RgbdFrame, pixel_weights};
-use crate::geometry::{Intrinsics, Pose};
+use crate::{
+    capture::{RgbdFrame, pixel_weights},
+    geometry::{Intrinsics, Pose},
+    statistics::median,
+};
 
-/// Smallest and largest z-depth at which rays are sampled, metres (method.md 1.4).
+/// Smallest and largest z-depth at which rays are sampled, meters (docs/method.md 12.3).
 pub(super) const NEAR_M: f64 = 0.1;
 pub(super) const FAR_M: f64 = 10.0;
 /// Pixels next to the mask's border are of neither side.
@@ -62,18 +65,29 @@ pub(super) struct RayPool {
 }
 
 impl RayPool {
-    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask that cross
-    /// occupied cells. Object pixels without a usable depth say nothing and are dropped.
+    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask that
+    /// cross occupied cells. Object pixels without a usable depth say nothing and are dropped.
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
-    pub fn new(frames: &[RgbdFrame], occupancy: &Occupancy, config: &TrainConfig) -> Result<Self, FieldError> {
+    pub fn new(
+        frames: &[RgbdFrame],
+        occupancy: &Occupancy,
+        config: &TrainConfig,
+    ) -> Result<Self, FieldError> {
         if frames.len() > usize::from(u16::MAX) {
             return Err(FieldError::TooManyFrames { frames: frames.len() });
         }
-        let views: Vec<View> = frames.iter().map(|f| View { intrinsics: f.intrinsics, world_from_camera: f.world_from_camera }).collect();
-        let rays: Vec<_> =
-            frames.par_iter().zip(&views).enumerate().map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config)).collect();
+        let views: Vec<View> = frames
+            .iter()
+            .map(|f| View { intrinsics: f.intrinsics, world_from_camera: f.world_from_camera })
+            .collect();
+        let rays: Vec<_> = frames
+            .par_iter()
+            .zip(&views)
+            .enumerate()
+            .map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config))
+            .collect();
         let (mut surface, mut background) = (Vec::new(), Vec::new());
         for (s, b) in rays {
             surface.extend(s);
@@ -82,9 +96,8 @@ impl RayPool {
         if surface.is_empty() {
             return Err(FieldError::NoRays { frames: frames.len() });
         }
-        let mut sigmas: Vec<f32> = surface.iter().map(|r| r.sigma_m).collect();
-        let middle = sigmas.len() / 2;
-        let median_sigma_m = f64::from(*sigmas.select_nth_unstable_by(middle, f32::total_cmp).1);
+        let sigmas = surface.iter().map(|r| f64::from(r.sigma_m)).collect();
+        let median_sigma_m = median(sigmas).unwrap_or_default();
         Ok(Self { views, surface, background, median_sigma_m })
     }
 }
@@ -101,11 +114,22 @@ fn frame_rays(
     let mut surface = Vec::new();
     for (pixel, &cosine) in weights.iter().enumerate() {
         let depth_m = frame.depth_m[pixel];
-        if cosine > 0.0 && f64::from(depth_m) >= NEAR_M && f64::from(depth_m) <= FAR_M && frame.is_object(pixel) {
+        if cosine > 0.0
+            && f64::from(depth_m) >= NEAR_M
+            && f64::from(depth_m) <= FAR_M
+            && frame.is_object(pixel)
+        {
             let (origin, direction) = view.ray(pixel as u32);
             if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
                 let sigma_m = frame.sigma_m(pixel, &config.noise) as f32;
-                surface.push(SurfaceRay { frame: index, pixel: pixel as u32, depth_m, sigma_m, cosine, rgb: frame.rgb[pixel] });
+                surface.push(SurfaceRay {
+                    frame: index,
+                    pixel: pixel as u32,
+                    depth_m,
+                    sigma_m,
+                    cosine,
+                    rgb: frame.rgb[pixel],
+                });
             }
         }
     }
@@ -165,7 +189,8 @@ mod tests {
         let out = dilated(&mask, w, h, 2);
         for y in 0..h {
             for x in 0..w {
-                let near = (0..w * h).any(|p| mask[p] && (p % w).abs_diff(x) <= 2 && (p / w).abs_diff(y) <= 2);
+                let near =
+                    (0..w * h).any(|p| mask[p] && (p % w).abs_diff(x) <= 2 && (p / w).abs_diff(y) <= 2);
                 assert_eq!(out[y * w + x], near, "{x} {y}");
             }
         }

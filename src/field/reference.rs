@@ -1,8 +1,10 @@
 //! The field and its losses once more in double precision, point by point, as the equations read; for tests.
 
 use super::block::sdf_loss;
-use super::{FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget, view_coefficients};
-use crate::run::stage_rng;
+use super::{
+    FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget, view_coefficients,
+};
+use crate::random::stage_rng;
 use rand_core::Rng;
 
 /// A field whose table is large enough to matter.
@@ -25,7 +27,7 @@ pub(super) fn small_config() -> FieldConfig {
     FieldConfig { levels: 4, base_resolution: 4, finest_resolution: 24, log2_table_size: 10, hidden: 64 }
 }
 
-/// A batch with every kind of target, zero and non-zero colour weights, and samples without any loss.
+/// A batch with every kind of target, zero and non-zero color weights, and samples without any loss.
 pub(super) fn batch(rays: usize, samples_per_ray: usize, seed: u64) -> SampleBatch {
     let mut rng = stage_rng(seed, "test/batch", 0);
     let n = rays * samples_per_ray;
@@ -43,7 +45,8 @@ pub(super) fn batch(rays: usize, samples_per_ray: usize, seed: u64) -> SampleBat
         b.color_weights.push(if with_color { 2.0 * uniform(&mut rng) / samples_per_ray as f32 } else { 0.0 });
     }
     for _ in 0..rays {
-        let v: nalgebra::Vector3<f32> = nalgebra::Vector3::from_fn(|_, _| uniform(&mut rng) - 0.5).normalize();
+        let v: nalgebra::Vector3<f32> =
+            nalgebra::Vector3::from_fn(|_, _| uniform(&mut rng) - 0.5).normalize();
         b.directions.push([v.x, v.y, v.z]);
         b.colors.push(std::array::from_fn(|_| uniform(&mut rng)));
         b.ray_weights.push(10.0 * uniform(&mut rng));
@@ -87,7 +90,7 @@ impl<'a> Reference<'a> {
         out
     }
 
-    /// Layer `index`: geometry 0 and 1, colour 2 to 4.
+    /// Layer `index`: geometry 0 and 1, color 2 to 4.
     fn layer(&self, index: usize, x: &[f64], relu: bool) -> Vec<f64> {
         let layers: Vec<&Layer> = self.params.geometry.iter().chain(&self.params.color).collect();
         let before: usize = layers[..index].iter().map(|l| l.weights.len() + l.biases.len()).sum();
@@ -104,7 +107,7 @@ impl<'a> Reference<'a> {
         out
     }
 
-    /// Colour after the logistic function.
+    /// Color after the logistic function.
     pub fn color(&self, unit: [f64; 3], direction: [f32; 3]) -> Vec<f64> {
         let mut x: Vec<f64> = view_coefficients(direction).map(f64::from).to_vec();
         x.extend_from_slice(&self.geometry(unit)[1..]);
@@ -113,7 +116,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Table entry of a node (method.md 2.1).
+/// Table entry of a node: docs/method.md (12.2).
 fn entry(level: &LevelLayout, [x, y, z]: [usize; 3]) -> usize {
     if level.hashed {
         let h = (x as u32) ^ (y as u32).wrapping_mul(2_654_435_761) ^ (z as u32).wrapping_mul(805_459_861);
@@ -123,7 +126,7 @@ fn entry(level: &LevelLayout, [x, y, z]: [usize; 3]) -> usize {
     }
 }
 
-/// TSDF and colour loss of a batch.
+/// TSDF and color loss of a batch.
 pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
     let (mut sdf, mut color_sum) = (0.0, 0.0);
     for ray in 0..batch.rays {
@@ -163,7 +166,11 @@ fn the_slope_of_a_loss_is_its_derivative() {
         for s in [-0.7f32, -0.1, 0.2, 0.9, 1.3] {
             let h = 1e-3;
             let numeric = (sdf_loss(s + h, target).0 - sdf_loss(s - h, target).0) / (2.0 * h);
-            assert!((numeric - sdf_loss(s, target).1).abs() < 2e-2, "{target:?} at {s}: {numeric} and {}", sdf_loss(s, target).1);
+            assert!(
+                (numeric - sdf_loss(s, target).1).abs() < 2e-2,
+                "{target:?} at {s}: {numeric} and {}",
+                sdf_loss(s, target).1
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The samples of an optimiser step, a pure function of seed and step (method.md 2.4).
+//! The samples of an optimiser step, a pure function of seed and step (docs/method.md 12.3).
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -6,9 +6,12 @@ use rayon::prelude::*;
 use super::config::NON_NEGATIVE_WEIGHT;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
 use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
-use crate::geometry::SceneBox;
+use crate::{
+    geometry::SceneBox,
+    random::{STREAM_STEP, mix, unit_of},
+};
 
-/// Samples nearer to the truncation's end than this share contribute no colour: the bell is below 1 % of its peak.
+/// Rays that one task draws.
 const RAYS_PER_TASK: usize = 256;
 
 /// What sampling needs besides the pool.
@@ -26,13 +29,10 @@ pub(super) struct Sampler<'a> {
 struct Stream(u64);
 
 impl Stream {
-    /// SplitMix64.
     fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        let bits = mix(self.0);
+        self.0 = self.0.wrapping_add(STREAM_STEP);
+        unit_of(bits)
     }
 }
 
@@ -47,13 +47,14 @@ struct RaySlot<'a> {
 }
 
 impl Sampler<'_> {
-    /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes from the
-    /// k-th n-th of the pool, so that every batch sees all views and all parts of the images.
+    /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes
+    /// from the k-th n-th of the pool, so that every batch sees all views and all parts of the images.
     pub fn batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let (rays, per_ray) = (c.rays, c.free_samples + c.band_samples);
         let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();
-        let background = if with_background { (c.background_share * rays as f64).round() as usize } else { 0 };
+        let background =
+            if with_background { (c.background_share * rays as f64).round() as usize } else { 0 };
         let mut b = SampleBatch {
             rays,
             samples_per_ray: per_ray,
@@ -68,30 +69,42 @@ impl Sampler<'_> {
         let slots = slots.zip(b.color_weights.par_chunks_exact_mut(per_ray)).zip(&mut b.directions);
         let slots = slots.zip(&mut b.colors).zip(&mut b.ray_weights).enumerate().with_min_len(RAYS_PER_TASK);
         let surface = rays - background;
-        slots.for_each_init(Vec::new, |intervals, (ray, (((((points, targets), color_weights), direction), color), ray_weight))| {
-            let slot = RaySlot { points, targets, color_weights, direction, color, ray_weight };
-            let mut stream = Stream(key.wrapping_add((ray as u64) << 32));
-            let pick = |k: usize, of: usize, pool: usize, u: f64| (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1);
-            if ray < surface {
-                let index = pick(ray, surface, self.pool.surface.len(), stream.next());
-                self.surface_ray(index, &mut stream, intervals, slot);
-            } else {
-                let index = pick(ray - surface, background, self.pool.background.len(), stream.next());
-                self.background_ray(index, &mut stream, intervals, slot);
-            }
-        });
+        slots.for_each_init(
+            Vec::new,
+            |intervals, (ray, (((((points, targets), color_weights), direction), color), ray_weight))| {
+                let slot = RaySlot { points, targets, color_weights, direction, color, ray_weight };
+                // Streams of 2^32 numbers each, so that those of two rays never overlap.
+                let mut stream = Stream(key.wrapping_add((ray as u64) << 32));
+                let pick = |k: usize, of: usize, pool: usize, u: f64| {
+                    (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1)
+                };
+                if ray < surface {
+                    let index = pick(ray, surface, self.pool.surface.len(), stream.next());
+                    self.surface_ray(index, &mut stream, intervals, slot);
+                } else {
+                    let index = pick(ray - surface, background, self.pool.background.len(), stream.next());
+                    self.background_ray(index, &mut stream, intervals, slot);
+                }
+            },
+        );
         b
     }
 
     /// Free samples in front of the surface, band samples around it.
-    fn surface_ray(&self, index: usize, stream: &mut Stream, intervals: &mut Vec<(f64, f64)>, slot: RaySlot<'_>) {
+    fn surface_ray(
+        &self,
+        index: usize,
+        stream: &mut Stream,
+        intervals: &mut Vec<(f64, f64)>,
+        slot: RaySlot<'_>,
+    ) {
         let c = self.config;
         let ray = self.pool.surface[index];
         let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
         let (tau, depth) = (self.truncation_m, f64::from(ray.depth_m));
         let length = direction.norm();
         let weight = self.surface_weight(&ray, self.trust[index]);
-        // How much signed distance, in truncations, a metre of z-depth is.
+        // How much signed distance, in truncations, a meter of z-depth is.
         let per_depth = match c.distance {
             SurfaceDistance::Depth => 1.0,
             SurfaceDistance::Ray => length,
@@ -110,7 +123,9 @@ impl Sampler<'_> {
                     None => continue,
                 }
             } else {
-                depth + band * (2.0 * ((i - c.free_samples) as f64 + stream.next()) / c.band_samples as f64 - 1.0)
+                depth
+                    + band
+                        * (2.0 * ((i - c.free_samples) as f64 + stream.next()) / c.band_samples as f64 - 1.0)
             };
             slot.points[i] = self.unit(&origin, &direction, z);
             let value = (depth - z) * per_depth;
@@ -118,12 +133,15 @@ impl Sampler<'_> {
                 slot.targets[i] = SdfTarget::Empty { weight: c.empty_weight as f32 };
                 continue;
             }
+            // Behind the surface the depth says less and less: what lies there is hidden.
             let falloff = if c.behind_falloff { (1.0 + value).clamp(0.0, 1.0) } else { 1.0 };
             slot.targets[i] = SdfTarget::Surface { value: value as f32, weight: weight * falloff as f32 };
+            // The derivative of a logistic function: a bell about the surface.
             let e = (-c.color_sharpness * value).exp();
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
             bell += slot.color_weights[i];
         }
+        // The weights of a ray sum to 1, as in volume rendering of an opaque surface.
         if colored && bell > 0.0 {
             slot.color_weights.iter_mut().for_each(|w| *w /= bell);
             *slot.ray_weight = c.color_weight as f32 * f32::from(self.trust[index]) / 255.0;
@@ -133,7 +151,13 @@ impl Sampler<'_> {
     }
 
     /// All samples in occupied cells in front of whatever the pixel shows.
-    fn background_ray(&self, index: usize, stream: &mut Stream, intervals: &mut Vec<(f64, f64)>, slot: RaySlot<'_>) {
+    fn background_ray(
+        &self,
+        index: usize,
+        stream: &mut Stream,
+        intervals: &mut Vec<(f64, f64)>,
+        slot: RaySlot<'_>,
+    ) {
         let ray = self.pool.background[index];
         let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
         let to = if ray.depth_m > 0.0 { f64::from(ray.depth_m) - self.truncation_m } else { FAR_M };
@@ -153,8 +177,8 @@ impl Sampler<'_> {
         *slot.direction = direction.normalize().map(|x| x as f32).into();
     }
 
-    /// Weight of a ray's surface terms: the configured one in truncations, times `2 cos / (1 + (sigma / median)^2)` for
-    /// the expected noise, times the trust in the ray.
+    /// Weight of a ray's surface terms: the configured one in truncations, times `2 cos / (1 + (sigma /
+    /// median)^2)` for the expected noise, times the trust in the ray.
     fn surface_weight(&self, ray: &SurfaceRay, trust: u8) -> f32 {
         let normalised = self.truncation_m * self.scene.scale;
         let mut weight = self.config.surface_weight * normalised * normalised * f64::from(trust) / 255.0;

@@ -7,10 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use super::pool::RayPool;
 use super::sample::Sampler;
-use super::{CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField, Occupancy, TrainConfig};
+use super::{
+    CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField,
+    Occupancy, TrainConfig,
+};
 use crate::capture::RgbdFrame;
 use crate::geometry::SceneBox;
-use crate::run::stage_rng;
+use crate::random::stage_rng;
 
 /// Makes an engine that continues from a state.
 pub type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
@@ -26,8 +29,8 @@ pub struct TrainInput<'a> {
     pub occupancy: &'a Occupancy,
 }
 
-/// Trains one field. Every step is a pure function of parameters, seed and step number: a resumed run gives the
-/// parameters of an uninterrupted one, bit by bit.
+/// Trains one field. Every step is a pure function of parameters, seed and step number: a resumed run gives
+/// the parameters of an uninterrupted one, bit by bit.
 pub struct FieldTrainer {
     config: TrainConfig,
     scene: SceneBox,
@@ -58,7 +61,12 @@ impl FieldTrainer {
     ///
     /// # Errors
     /// [`FieldError`]: a value out of range, or no usable depth.
-    pub fn new(input: &TrainInput<'_>, config: &TrainConfig, seed: u64, stage: &str) -> Result<Self, FieldError> {
+    pub fn new(
+        input: &TrainInput<'_>,
+        config: &TrainConfig,
+        seed: u64,
+        stage: &str,
+    ) -> Result<Self, FieldError> {
         Self::with_engine(input, config, seed, stage, &|state| Box::new(CpuEngine::resume(state)))
     }
 
@@ -97,7 +105,11 @@ impl FieldTrainer {
     ///
     /// # Errors
     /// [`FieldError::Checkpoint`] if it does not fit.
-    pub fn restore(&mut self, checkpoint: TrainerCheckpoint, factory: EngineFactory<'_>) -> Result<(), FieldError> {
+    pub fn restore(
+        &mut self,
+        checkpoint: TrainerCheckpoint,
+        factory: EngineFactory<'_>,
+    ) -> Result<(), FieldError> {
         let TrainerCheckpoint { engine, done, trust } = checkpoint;
         let parameters = self.engine.state().params.parameters();
         let checks = [
@@ -142,13 +154,14 @@ impl FieldTrainer {
             trust: &self.trust,
         };
         let batch = sampler.batch(key);
-        let rate = config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
+        let rate =
+            config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
         self.done += 1;
         self.engine.step(&batch, rate as f32)
     }
 
-    /// Lowers the trust in rays whose observed point the field puts off its surface by much more than the expected
-    /// noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
+    /// Lowers the trust in rays whose observed point the field puts off its surface by much more than the
+    /// expected noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
     fn judge_rays(&mut self) {
         let field = self.field();
         let pool = &self.pool;
@@ -187,7 +200,7 @@ impl FieldTrainer {
         self.engine.failure()
     }
 
-    /// The truncation, metres.
+    /// The truncation, meters.
     #[must_use]
     pub fn truncation_m(&self) -> f64 {
         self.truncation_m

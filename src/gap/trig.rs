@@ -1,16 +1,20 @@
-//! Sine and cosine for the inner loop of rollouts: polynomials on an eighth of a turn (those of Sun's fdlibm), several times as
-//! fast as the C library's, which sets the rounding mode at every call.
+//! Sine and cosine for the inner loop of rollouts: polynomials on an eighth of a turn (those of Sun's
+//! fdlibm), several times as fast as the C library's, which sets the rounding mode at every call.
 
 use std::f64::consts::FRAC_2_PI;
 
 /// The first 33 bits of a quarter turn, and the rest.
+/// derived: its binary digits.
 const QUARTER: (f64, f64) = (1.570_796_326_734_125_6, 6.077_100_506_506_192e-11);
 /// Added and taken away again, it leaves the nearest whole number.
+/// derived: `1.5 * 2^52`.
 const ROUNDING: f64 = 6_755_399_441_055_744.0;
 /// Angles beyond it go to the standard library, radians.
+/// derived: below 2^20 quarters, whose product with the first 33 bits is exact.
 const MAX_ANGLE: f64 = 1e5;
 
 /// Coefficients of `sin(r) / r^3` and of `cos(r) / r^4` after their first terms, by even powers.
+/// derived: those of fdlibm.
 const SINE: [f64; 6] = [
     -1.666_666_666_666_663_2e-1,
     8.333_333_333_322_49e-3,
@@ -19,6 +23,7 @@ const SINE: [f64; 6] = [
     -2.505_076_025_340_686_3e-8,
     1.589_690_995_211_55e-10,
 ];
+/// derived: those of fdlibm.
 const COSINE: [f64; 6] = [
     4.166_666_666_666_66e-2,
     -1.388_888_888_887_411e-3,

@@ -11,7 +11,7 @@ pub enum Motion {
     Fixed,
     /// Turns; radians and N m.
     Turn,
-    /// Slides; metres and N.
+    /// Slides; meters and N.
     Slide,
 }
 
@@ -22,7 +22,7 @@ pub struct TwinLink {
     pub name: String,
     /// Mass, kg; 0 where the twin gives none.
     pub mass_kg: f64,
-    /// Center of mass, link frame, metres.
+    /// Center of mass, link frame, meters.
     pub center_of_mass: Point3<f64>,
     /// Inertia about the center of mass, axes of the link frame, kg m^2.
     pub inertia: Matrix3<f64>,
@@ -94,17 +94,27 @@ struct LinkMotion {
 }
 
 impl TwinTree {
-    /// Efforts that produce the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q, v)`.
+    /// Efforts that produce the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q,
+    /// v)`.
     #[must_use]
-    pub fn inverse_dynamics(&self, position: &[f64], velocity: &[f64], acceleration: &[f64], with_gravity: bool) -> Vec<f64> {
+    pub fn inverse_dynamics(
+        &self,
+        position: &[f64],
+        velocity: &[f64],
+        acceleration: &[f64],
+        with_gravity: bool,
+    ) -> Vec<f64> {
         let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
-        let rest = LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
+        let rest =
+            LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
         let mut motion = vec![rest; self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
-            motion[joint.child] = step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
+            motion[joint.child] =
+                step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
         }
         // Force and moment about the world's origin that each link needs.
-        let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> = self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
+        let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> =
+            self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
         let mut effort = vec![0.0; self.joints.len()];
         for (j, joint) in self.joints.iter().enumerate().rev() {
             let (force, moment) = wrench[joint.child];
@@ -153,9 +163,16 @@ impl TwinTree {
         poses
     }
 
-    /// Effort at a joint of a force and a moment about its origin, root's axes, N m or N; `poses` are those of the links.
+    /// Effort at a joint of a force and a moment about its origin, root's axes, N m or N; `poses` are those
+    /// of the links.
     #[must_use]
-    pub fn effort_of(&self, joint: usize, poses: &[Pose], force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
+    pub fn effort_of(
+        &self,
+        joint: usize,
+        poses: &[Pose],
+        force: &Vector3<f64>,
+        moment: &Vector3<f64>,
+    ) -> f64 {
         let joint = &self.joints[joint];
         let axis = poses[joint.child].rotation * joint.axis.into_inner();
         match joint.motion {
@@ -176,14 +193,19 @@ impl TwinTree {
     #[must_use]
     pub fn carries(&self, joint: usize, link: usize) -> bool {
         let above = self.joints.iter().position(|j| j.child == link);
-        above.is_some_and(|j| (j == joint && self.joints[j].motion != Motion::Fixed) || self.carries(joint, self.joints[j].parent))
+        above.is_some_and(|j| {
+            (j == joint && self.joints[j].motion != Motion::Fixed)
+                || self.carries(joint, self.joints[j].parent)
+        })
     }
 
     /// The other moving joints that lie between a joint and the root, or beyond it.
     #[must_use]
     pub fn chain(&self, joint: usize) -> Vec<usize> {
         let moves = |j: usize| self.joints[j].motion != Motion::Fixed;
-        (0..self.joints.len()).filter(|&k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
+        (0..self.joints.len())
+            .filter(|&k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k)))
+            .collect()
     }
 
     /// Whether joint `upper` lies between the root and joint `lower`.
@@ -208,7 +230,9 @@ fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> L
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
     match joint.motion {
         Motion::Fixed => LinkMotion { pose, w, dw, acc: carried },
-        Motion::Turn => LinkMotion { pose, w: w + axis * v, dw: dw + axis * a + w.cross(&(axis * v)), acc: carried },
+        Motion::Turn => {
+            LinkMotion { pose, w: w + axis * v, dw: dw + axis * a + w.cross(&(axis * v)), acc: carried }
+        }
         Motion::Slide => LinkMotion { pose, w, dw, acc: carried + axis * a + 2.0 * w.cross(&(axis * v)) },
     }
 }

@@ -1,51 +1,62 @@
-//! The cube in which an object is reconstructed.
+//! Boxes around points, and the cube in which an object is reconstructed.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, RealField};
 use serde::{Deserialize, Serialize};
 
-/// Share of the normalised cube's half side that the object's longest side spans (method.md 1.4).
+/// Share of the normalised cube's half side that the object's longest side spans (docs/method.md 1.3).
 const FILL: f64 = 0.9;
 
-/// Maps world metres to the normalised cube `[-1, 1]^3`: `normalised = (world - center) * scale`.
+/// Maps world meters to the normalised cube `[-1, 1]^3`: `normalised = (world - center) * scale`.
+/// See docs/method.md (1.2).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneBox {
-    /// World point at the cube's centre, metres.
+    /// World point at the cube's center, meters.
     pub center: Point3<f64>,
-    /// Normalised units per metre.
+    /// Normalised units per meter.
     pub scale: f64,
 }
 
 impl SceneBox {
-    /// The cube in which the box `[lower, upper]` (metres, world) spans `[-0.9, 0.9]` along its longest side.
+    /// The cube in which the box `[lower, upper]` (meters, world) spans `[-0.9, 0.9]` along its longest side.
     #[must_use]
     pub fn around(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
         let extent = (upper - lower).max().max(1e-6);
         Self { center: nalgebra::center(lower, upper), scale: 2.0 * FILL / extent }
     }
 
-    /// World metres to `[-1, 1]^3`.
+    /// World meters to `[-1, 1]^3`.
     #[must_use]
     pub fn normalise(&self, world: &Point3<f64>) -> Point3<f64> {
         Point3::from((world - self.center) * self.scale)
     }
 
-    /// `[-1, 1]^3` to world metres.
+    /// `[-1, 1]^3` to world meters.
     #[must_use]
     pub fn world(&self, normalised: &Point3<f64>) -> Point3<f64> {
         self.center + normalised.coords / self.scale
     }
 
-    /// Longest side of the object in metres.
+    /// Longest side of the object in meters.
     #[must_use]
     pub fn extent_m(&self) -> f64 {
         2.0 * FILL / self.scale
     }
 
-    /// Side of the cube in metres.
+    /// Side of the cube in meters.
     #[must_use]
     pub fn side_m(&self) -> f64 {
         2.0 / self.scale
     }
+}
+
+/// Lower and upper corner of the axis-aligned box around points; `None` without any.
+#[must_use]
+pub fn bounding_box<T: RealField + Copy>(
+    points: impl IntoIterator<Item = Point3<T>>,
+) -> Option<(Point3<T>, Point3<T>)> {
+    let mut points = points.into_iter();
+    let first = points.next()?;
+    Some(points.fold((first, first), |(lower, upper), p| (lower.inf(&p), upper.sup(&p))))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
-//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format that writes numbers one by one would
-//! take longer over a volume than its computation saves. Little-endian; a reader holds one piece beside the array.
+//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format that writes
+//! numbers one by one would take longer over a volume than its computation saves. Little-endian; a reader
+//! holds one piece beside the array.
 
 use std::{fmt, marker::PhantomData};
 
@@ -155,7 +156,10 @@ pub mod option {
     ///
     /// # Errors
     /// Those of the format.
-    pub fn serialize<T: Plain, S: Serializer>(values: &Option<Vec<T>>, serializer: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<T: Plain, S: Serializer>(
+        values: &Option<Vec<T>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         values.as_deref().map(Whole).serialize(serializer)
     }
 
@@ -163,7 +167,9 @@ pub mod option {
     ///
     /// # Errors
     /// Those of [`super::deserialize`].
-    pub fn deserialize<'de, T: Plain, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<T>>, D::Error> {
+    pub fn deserialize<'de, T: Plain, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<Vec<T>>, D::Error> {
         Ok(Option::<Owned<T>>::deserialize(deserializer)?.map(|owned| owned.0))
     }
 }
@@ -202,7 +208,11 @@ mod tests {
         for count in [0, 1, 21_845, 21_846, 100_000] {
             let bytes = postcard::to_stdvec(&all(count)).unwrap();
             assert_eq!(postcard::from_bytes::<All>(&bytes).unwrap(), all(count), "{count}");
-            assert!(bytes.len() <= count * (4 + 24 + 3 + 1) + 200 * (1 + count / 100_000), "{count}: {} bytes", bytes.len());
+            assert!(
+                bytes.len() <= count * (4 + 24 + 3 + 1) + 200 * (1 + count / 100_000),
+                "{count}: {} bytes",
+                bytes.len()
+            );
         }
     }
 
@@ -217,7 +227,9 @@ mod tests {
     #[test]
     fn a_length_that_is_not_there_reserves_nothing() {
         // 2^62 pieces, then nothing; a piece of three bytes for numbers of four.
-        for bytes in [&[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40][..], &[1, 3, 1, 2, 3], &[1, 200, 1]] {
+        for bytes in
+            [&[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40][..], &[1, 3, 1, 2, 3], &[1, 200, 1]]
+        {
             assert!(postcard::from_bytes::<All>(bytes).is_err(), "{bytes:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! Pinhole cameras without distortion. Integer pixel coordinates are pixel centres.
+//! Pinhole cameras without distortion. Integer pixel coordinates are pixel centers.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,8 @@ impl Intrinsics {
     #[must_use]
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<(f64, f64)> {
         let z = point_in_camera.z;
-        (z > 1e-9).then(|| (self.fx * point_in_camera.x / z + self.cx, self.fy * point_in_camera.y / z + self.cy))
+        (z > 1e-9)
+            .then(|| (self.fx * point_in_camera.x / z + self.cx, self.fy * point_in_camera.y / z + self.cy))
     }
 
     /// Index of the pixel that holds the projection of a point, row-major; `None` outside the image.
@@ -34,7 +35,8 @@ impl Intrinsics {
         let (u, v) = self.project(point_in_camera)?;
         // The cast cuts off, which rounds here; `round` is a library call on processors without SSE 4.1.
         let (x, y) = (u + 0.5, v + 0.5);
-        (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64).then(|| y as usize * self.width + x as usize)
+        (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64)
+            .then(|| y as usize * self.width + x as usize)
     }
 
     /// Direction of a pixel's ray in the optical frame with z = 1, so that the ray parameter is z-depth.
@@ -43,7 +45,7 @@ impl Intrinsics {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)
     }
 
-    /// The point seen at a pixel at the given z-depth in metres, in the optical frame.
+    /// The point seen at a pixel at the given z-depth in meters, in the optical frame.
     #[must_use]
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
         Point3::from(self.ray(u, v) * depth_m)

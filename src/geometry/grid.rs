@@ -9,9 +9,9 @@ use super::{SceneBox, bytes::Plain};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound(serialize = "T: Plain", deserialize = "T: Plain"))]
 pub struct Grid3<T> {
-    /// World position of node (0, 0, 0), metres.
+    /// World position of node (0, 0, 0), meters.
     pub origin: Point3<f64>,
-    /// Distance between neighbouring nodes, metres.
+    /// Distance between neighboring nodes, meters.
     pub spacing_m: f64,
     /// Number of nodes along x, y, z.
     pub dims: [usize; 3],
@@ -25,12 +25,17 @@ impl<T: Clone> Grid3<T> {
     #[must_use]
     pub fn over(scene: &SceneBox, nodes: usize, value: T) -> Self {
         let origin = scene.world(&Point3::new(-1.0, -1.0, -1.0));
-        Self { origin, spacing_m: scene.side_m() / (nodes - 1) as f64, dims: [nodes; 3], values: vec![value; nodes * nodes * nodes] }
+        Self {
+            origin,
+            spacing_m: scene.side_m() / (nodes - 1) as f64,
+            dims: [nodes; 3],
+            values: vec![value; nodes * nodes * nodes],
+        }
     }
 }
 
 impl<T> Grid3<T> {
-    /// World position of a node, metres.
+    /// World position of a node, meters.
     #[must_use]
     pub fn node(&self, x: usize, y: usize, z: usize) -> Point3<f64> {
         self.origin + Vector3::new(x as f64, y as f64, z as f64) * self.spacing_m
@@ -49,7 +54,7 @@ impl<T> Grid3<T> {
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
-    /// World position of the node with the given index, metres.
+    /// World position of the node with the given index, meters.
     #[must_use]
     pub fn position(&self, index: usize) -> Point3<f64> {
         let [x, y, z] = self.coordinates(index);
@@ -94,8 +99,8 @@ impl Grid3<f32> {
         self.sample_with_gradient(point).0
     }
 
-    /// Trilinear value and its gradient per metre (exact derivative of the interpolant; zero along an axis on which
-    /// the point is outside, where the value is clamped).
+    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis on
+    /// which the point is outside, where the value is clamped).
     #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
         let ([x, y, z], [a, b, c], inside) = cell(self, point);
@@ -105,7 +110,8 @@ impl Grid3<f32> {
         let (v000, v100, v010, v110) = (v[i], v[i + 1], v[i + dy], v[i + dy + 1]);
         let (v001, v101, v011, v111) = (v[i + dz], v[i + dz + 1], v[i + dz + dy], v[i + dz + dy + 1]);
         let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
-        let (x00, x10, x01, x11) = (lerp(v000, v100, a), lerp(v010, v110, a), lerp(v001, v101, a), lerp(v011, v111, a));
+        let (x00, x10, x01, x11) =
+            (lerp(v000, v100, a), lerp(v010, v110, a), lerp(v001, v101, a), lerp(v011, v111, a));
         let (y0, y1) = (lerp(x00, x10, b), lerp(x01, x11, b));
         let gx = lerp(lerp(v100 - v000, v110 - v010, b), lerp(v101 - v001, v111 - v011, b), c);
         let gy = lerp(x10 - x00, x11 - x01, c);

@@ -7,7 +7,7 @@ mod grid;
 mod nearest;
 mod screw;
 
-pub use bounds::SceneBox;
+pub use bounds::{SceneBox, bounding_box};
 pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;

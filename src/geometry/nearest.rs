@@ -13,15 +13,22 @@ impl NearestPoints {
     #[must_use]
     pub fn new(points: &[Point3<f64>]) -> Self {
         const NOWHERE: f64 = 1e12;
-        let entries: Vec<[f64; 3]> =
-            points.iter().map(|p| if p.iter().all(|x| x.is_finite()) { [p.x, p.y, p.z] } else { [NOWHERE; 3] }).collect();
+        let entries: Vec<[f64; 3]> = points
+            .iter()
+            .map(|p| if p.iter().all(|x| x.is_finite()) { [p.x, p.y, p.z] } else { [NOWHERE; 3] })
+            .collect();
         Self { tree: if entries.is_empty() { None } else { ImmutableKdTree::new_from_slice(&entries).ok() } }
     }
 
-    /// Index of the nearest point and its distance in metres; `None` without points.
+    /// Index of the nearest point and its distance in meters; `None` without points.
     #[must_use]
     pub fn nearest(&self, point: &Point3<f64>) -> Option<(usize, f64)> {
-        let found = self.tree.as_ref()?.query(&[point.x, point.y, point.z]).nearest_one::<SquaredEuclidean<f64>>().execute();
+        let found = self
+            .tree
+            .as_ref()?
+            .query(&[point.x, point.y, point.z])
+            .nearest_one::<SquaredEuclidean<f64>>()
+            .execute();
         Some((found.item as usize, found.distance.sqrt()))
     }
 }
@@ -32,7 +39,9 @@ mod tests {
 
     #[test]
     fn finds_what_a_full_search_finds() {
-        let points: Vec<_> = (0..500).map(|i| Point3::new((i * 37 % 101) as f64, (i * 53 % 89) as f64, (i * 71 % 97) as f64)).collect();
+        let points: Vec<_> = (0..500)
+            .map(|i| Point3::new((i * 37 % 101) as f64, (i * 53 % 89) as f64, (i * 71 % 97) as f64))
+            .collect();
         let tree = NearestPoints::new(&points);
         for i in 0..50 {
             let q = Point3::new(i as f64 * 1.9, i as f64 * 1.3, 90.0 - i as f64);

@@ -1,7 +1,7 @@
 //! Screw axes: the line that a part turns about or slides along.
 //!
-//! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure rotation
-//! has pitch zero; a pure translation has a direction and no location.
+//! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure
+//! rotation has pitch zero; a pure translation has a direction and no location.
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -18,17 +18,17 @@ const MIN_ANGLE_RAD: f64 = 1e-9;
 pub struct Screw {
     /// Unit direction.
     pub direction: Unit<Vector3<f64>>,
-    /// Point of the axis closest to the frame's origin, metres; the origin for a pure translation.
+    /// Point of the axis closest to the frame's origin, meters; the origin for a pure translation.
     pub point: Point3<f64>,
     /// Rotation about the direction, radians, in `[0, pi]`.
     pub angle_rad: f64,
-    /// Translation along the direction, metres.
+    /// Translation along the direction, meters.
     pub advance_m: f64,
 }
 
 impl Screw {
-    /// Screw of a rigid motion (method.md 5: closed-form pivot `p = (t + cot(angle/2) u x t) / 2` on the part of `t`
-    /// normal to `u`). `None` for the identity.
+    /// Screw of a rigid motion by docs/method.md (1.3): closed-form pivot `p = (t + cot(angle/2) u x t) / 2`
+    /// on the part of `t` normal to `u`. `None` for the identity.
     #[must_use]
     pub fn of(motion: &Pose) -> Option<Self> {
         let w = log_so3(&motion.rotation);
@@ -70,7 +70,7 @@ pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     if s < 1e-12 { 2.0 * v } else { v * (2.0 * s.atan2(q.w) / s) }
 }
 
-/// Translation, metres, and rotation vector, radians, of a motion.
+/// Translation, meters, and rotation vector, radians, of a motion.
 #[must_use]
 pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
     let (shift, turn) = (motion.translation.vector, log_so3(&motion.rotation));
@@ -95,7 +95,8 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     v.cross_matrix()
 }
 
-/// Shortest distance in metres between two lines, each a point and a unit direction. Parallel lines keep their gap.
+/// Shortest distance in meters between two lines, each a point and a unit direction. Parallel lines keep
+/// their gap.
 #[must_use]
 pub fn line_distance_m(a: (&Point3<f64>, &Vector3<f64>), b: (&Point3<f64>, &Vector3<f64>)) -> f64 {
     let offset = b.0 - a.0;
@@ -124,8 +125,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_motion_gives_its_screw_back(d in prop::array::uniform3(-1.0..1.0f64), p in prop::array::uniform3(-2.0..2.0f64),
-                                         angle in 0.01..3.1f64, advance in -0.5..0.5f64) {
+        fn a_motion_gives_its_screw_back(
+            d in prop::array::uniform3(-1.0..1.0f64),
+            p in prop::array::uniform3(-2.0..2.0f64),
+            angle in 0.01..3.1f64,
+            advance in -0.5..0.5f64,
+        ) {
             prop_assume!(Vector3::from(d).norm() > 0.1);
             check(d, p, angle, advance);
         }

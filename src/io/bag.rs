@@ -1,11 +1,12 @@
 //! A recording on disk: a rosbag2 folder or a bare `.mcap` file.
 //!
-//! `metadata.yaml` is read for the files' names and their compression only; what the bag holds is found by reading it.
+//! `metadata.yaml` is read for the files' names and their compression only; what the bag holds is found by
+//! reading it.
 
 use std::{
     collections::BTreeSet,
     fs,
-    io::{BufReader, Read},
+    io::{self, BufReader, Read},
     path::{Component, Path, PathBuf},
 };
 
@@ -18,7 +19,8 @@ use super::{
 use crate::{
     capture::CaptureError,
     files,
-    limits::{METADATA, NAMED, parse_yaml},
+    limits::{METADATA, NAMED, YamlError, parse_yaml},
+    note::{Note, NoteCode},
 };
 
 /// Most files of one bag.
@@ -34,7 +36,7 @@ pub struct Bag {
     /// Every message is compressed with zstd by itself (`compression_mode: message`).
     compressed_messages: bool,
     /// What was odd about the folder.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Note>,
 }
 
 #[derive(Deserialize)]
@@ -66,11 +68,17 @@ impl Bag {
     /// Finds the files of a bag.
     ///
     /// # Errors
-    /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, no files.
+    /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, no
+    /// files.
     pub fn open(path: &Path) -> Result<Self, CaptureError> {
-        let mut bag = Self { path: path.to_owned(), files: Vec::new(), compressed_messages: false, warnings: Vec::new() };
+        let mut bag = Self {
+            path: path.to_owned(),
+            files: Vec::new(),
+            compressed_messages: false,
+            warnings: Vec::new(),
+        };
         if !path.exists() {
-            return Err(CaptureError::Read { path: path.to_owned(), source: std::io::ErrorKind::NotFound.into() });
+            return Err(CaptureError::Missing { path: path.to_owned() });
         }
         if path.is_file() {
             if is_db3(path) {
@@ -83,11 +91,22 @@ impl Bag {
         if yaml.is_file() {
             match read_metadata(&yaml) {
                 Ok(metadata) => bag.apply(&metadata)?,
-                Err(why) => bag.warnings.push(format!("`{}` cannot be read ({why}); all .mcap files beside it are used", yaml.display())),
+                Err(why) => bag.warnings.push(Note::new(
+                    NoteCode::MetadataUnreadable,
+                    format!(
+                        "`{}` cannot be read ({why}); all .mcap files beside it are used",
+                        yaml.display()
+                    ),
+                )),
             }
         } else {
-            bag.warnings
-                .push(format!("`{}` has no metadata.yaml (the recording was not closed); its .mcap files are used", path.display()));
+            bag.warnings.push(Note::new(
+                NoteCode::MetadataMissing,
+                format!(
+                    "`{}` has no metadata.yaml (the recording was not closed); its .mcap files are used",
+                    path.display()
+                ),
+            ));
         }
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
@@ -99,9 +118,14 @@ impl Bag {
         match (bag.files.is_empty(), databases.as_slice()) {
             (false, _) => Ok(bag),
             // Without metadata.yaml the file can be converted, the folder cannot.
-            (true, [one]) => Err(CaptureError::Sqlite { path: if yaml.is_file() { path.to_owned() } else { one.clone() } }),
+            (true, [one]) => {
+                Err(CaptureError::Sqlite { path: if yaml.is_file() { path.to_owned() } else { one.clone() } })
+            }
             (true, [_, ..]) => Err(CaptureError::Sqlite { path: path.to_owned() }),
-            (true, []) => Err(CaptureError::NotARecording { path: path.to_owned(), reason: "the folder holds no .mcap file".into() }),
+            (true, []) => Err(CaptureError::NotARecording {
+                path: path.to_owned(),
+                reason: "the folder holds no .mcap file".into(),
+            }),
         }
     }
 
@@ -111,19 +135,31 @@ impl Bag {
         match metadata.storage_identifier.as_str() {
             "mcap" | "" => {}
             "sqlite3" => return Err(CaptureError::Sqlite { path: self.path.clone() }),
-            other => return refuse(format!("storage `{other}` is not supported; convert the bag to mcap with `ros2 bag convert`")),
+            other => {
+                return refuse(format!(
+                    "storage `{other}` is not supported; convert the bag to mcap with `ros2 bag convert`"
+                ));
+            }
         }
         let mode = metadata.compression_mode.to_ascii_lowercase();
         let format = metadata.compression_format.to_ascii_lowercase();
         if !matches!(mode.as_str(), "" | "none" | "message" | "file" | "storage") {
-            return refuse(format!("compression_mode `{mode}` is not supported; convert the bag with `ros2 bag convert`"));
+            return refuse(format!(
+                "compression_mode `{mode}` is not supported; convert the bag with `ros2 bag convert`"
+            ));
         }
         if matches!(mode.as_str(), "message" | "file") && format != "zstd" {
-            return refuse(format!("compression_format `{format}` is not supported (zstd is); convert the bag with `ros2 bag convert`"));
+            return refuse(format!(
+                "compression_format `{format}` is not supported (zstd is); convert the bag with `ros2 bag \
+                 convert`"
+            ));
         }
         self.compressed_messages = mode == "message";
         if metadata.relative_file_paths.len() > MAX_FILES {
-            return refuse(format!("it lists {} files, more than {MAX_FILES}", metadata.relative_file_paths.len()));
+            return refuse(format!(
+                "it lists {} files, more than {MAX_FILES}",
+                metadata.relative_file_paths.len()
+            ));
         }
         let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
         for name in &metadata.relative_file_paths {
@@ -142,30 +178,44 @@ impl Bag {
             if !file.is_file() {
                 missing.push(name.escape_debug().to_string());
             } else if !seen.insert(fs::canonicalize(&file).unwrap_or_else(|_| file.clone())) {
-                return refuse(format!("relative_file_paths names `{}` twice; name every file once", name.escape_debug()));
+                return refuse(format!(
+                    "relative_file_paths names `{}` twice; name every file once",
+                    name.escape_debug()
+                ));
             } else {
                 self.files.push(file);
             }
         }
         if !missing.is_empty() {
-            let more = if missing.len() > NAMED { format!(" and {} more", missing.len() - NAMED) } else { String::new() };
+            let more = if missing.len() > NAMED {
+                format!(" and {} more", missing.len() - NAMED)
+            } else {
+                String::new()
+            };
             missing.truncate(NAMED);
-            self.warnings.push(format!("`{}` lists files that are not there: {}{more}", yaml.display(), missing.join(", ")));
+            self.warnings.push(Note::new(
+                NoteCode::FilesMissing,
+                format!("`{}` lists files that are not there: {}{more}", yaml.display(), missing.join(", ")),
+            ));
         }
         Ok(())
     }
 
-    /// Hands out every message of every file, in file order, and tells how each file was read. Reading twice gives the
-    /// same messages in the same order.
+    /// Hands out every message of every file, in file order, and reports how each file was read. Reading
+    /// twice gives the same messages in the same order.
     ///
     /// # Errors
-    /// The visitor's error; [`CaptureError::Read`]; [`CaptureError::Corrupt`] if no file gave a single message but was
-    /// damaged.
-    pub fn read(&self, visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+    /// The visitor's error; [`CaptureError::Read`]; [`CaptureError::Corrupt`] if no file gave a single
+    /// message but was damaged.
+    pub fn read(
+        &self,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();
         let mut expansion = Expansion::of(bytes);
-        // Messages that are compressed by themselves have a budget of their own: their chunks are not compressed again.
+        // Messages that are compressed by themselves have a budget of their own: their chunks are not
+        // compressed again.
         let mut of_messages = expansion;
         for path in &self.files {
             let (mut undecodable, mut first) = (0, None);
@@ -173,7 +223,7 @@ impl Bag {
                 Ok(data) => visit(&RawMessage { data: &data, ..*message }),
                 Err(why) => {
                     undecodable += 1;
-                    first.get_or_insert(why);
+                    first.get_or_insert(why.to_string());
                     Ok(())
                 }
             };
@@ -182,14 +232,19 @@ impl Bag {
             let mut report = read_file(path, &mut expansion, visit)?;
             if undecodable > 0 && report.stopped.is_none() {
                 let first = first.unwrap_or_default();
-                report.stopped = Some(format!("{undecodable} messages could not be decompressed (first: {first})"));
+                report.stopped =
+                    Some(format!("{undecodable} messages could not be decompressed (first: {first})"));
             }
             reports.push((path.clone(), report));
         }
         match reports.iter().find(|(_, r)| !r.is_whole()) {
             Some((path, report)) if reports.iter().all(|(_, r)| r.messages == 0) => {
                 let chunk = || report.bad_chunks.first().map(|(n, why)| format!("chunk {n}: {why}"));
-                let reason = report.stopped.clone().or_else(chunk).unwrap_or_else(|| "no message has a known topic".into());
+                let reason = report
+                    .stopped
+                    .clone()
+                    .or_else(chunk)
+                    .unwrap_or_else(|| "no message has a known topic".into());
                 Err(CaptureError::Corrupt { path: path.clone(), reason })
             }
             _ => Ok(reports),
@@ -215,22 +270,32 @@ fn read_file(
 }
 
 /// A payload that was compressed by itself.
-fn unpack_message(data: &[u8], expansion: &mut Expansion) -> Result<Vec<u8>, String> {
+fn unpack_message(data: &[u8], expansion: &mut Expansion) -> io::Result<Vec<u8>> {
     let mut unpacked = Vec::new();
-    let decoder = zstd::Decoder::new(data).map_err(|e| e.to_string())?;
-    Within { source: decoder, expansion }.take(RECORD_LIMIT).read_to_end(&mut unpacked).map_err(|e| e.to_string())?;
+    let decoder = zstd::Decoder::new(data)?;
+    Within { source: decoder, expansion }.take(RECORD_LIMIT).read_to_end(&mut unpacked)?;
     Ok(unpacked)
 }
 
-fn read_metadata(path: &Path) -> Result<Metadata, String> {
-    let text = files::read_text(path, METADATA).map_err(|e| e.to_string())?;
-    parse_yaml::<MetadataFile>(&text).map(|m| m.rosbag2_bagfile_information)
+/// Why a `metadata.yaml` is not used.
+#[derive(Debug, thiserror::Error)]
+enum MetadataError {
+    #[error(transparent)]
+    Read(#[from] io::Error),
+    #[error(transparent)]
+    Yaml(#[from] YamlError),
+}
+
+fn read_metadata(path: &Path) -> Result<Metadata, MetadataError> {
+    let text = files::read_text(path, METADATA)?;
+    Ok(parse_yaml::<MetadataFile>(&text)?.rosbag2_bagfile_information)
 }
 
 /// The files of a folder that satisfy a test, sorted by name.
 fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut files: Vec<_> = entries.map(|e| e.path()).filter(|p| p.is_file() && test(p)).take(MAX_FILES).collect();
+    let mut files: Vec<_> =
+        entries.map(|e| e.path()).filter(|p| p.is_file() && test(p)).take(MAX_FILES).collect();
     files.sort();
     files
 }
@@ -252,5 +317,6 @@ fn named_db3(path: &Path) -> bool {
 
 fn starts_with(path: &Path, magic: &[u8]) -> bool {
     let mut start = Vec::new();
-    files::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start)).is_ok() && start == magic
+    files::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start)).is_ok()
+        && start == magic
 }

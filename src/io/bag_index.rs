@@ -8,13 +8,17 @@ use std::{
 use super::{
     bag::Bag,
     mcap_file::{FileReport, RawMessage},
-    ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode, encode},
+    ros2msg::{
+        CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode,
+        encode,
+    },
     topics::{INFO_TYPE, TopicSummary},
 };
 use crate::{
     capture::{CaptureError, MAX_TF_FRAMES, TfBuffer},
     geometry::Pose,
     limits::NAMED,
+    note::{Note, NoteCode},
 };
 
 /// Most transforms, images and poses that are indexed.
@@ -26,7 +30,27 @@ const MAX_CAMERAS: usize = 100_000;
 /// Most coefficients of a lens; the largest model of OpenCV has 14.
 const MAX_COEFFICIENTS: usize = 64;
 
-/// What is told about a topic.
+/// Why a message is not used.
+#[derive(Debug, thiserror::Error)]
+pub enum MessageError {
+    /// It is no CDR.
+    #[error("message encoding `{0}` is not cdr")]
+    Encoding(String),
+    /// It is another message.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// Its stamp or frame is none.
+    #[error("its header is invalid")]
+    Header,
+    /// A lens with more coefficients than any model has.
+    #[error("it has {0} lens coefficients; {MAX_COEFFICIENTS} are the limit")]
+    Lens(usize),
+    /// A camera beyond those that are kept.
+    #[error("it is one more than {MAX_CAMERAS} different camera_infos")]
+    Cameras,
+}
+
+/// What is known about a topic.
 #[derive(Clone, Debug, Default)]
 pub struct TopicStat {
     /// Type of its messages.
@@ -85,7 +109,9 @@ impl InfoTopic {
     pub fn settle(&mut self) -> usize {
         let mut counts = vec![0; self.distinct.len()];
         self.entries.iter().for_each(|e| counts[e.1] += 1);
-        let Some((common, agreeing)) = counts.into_iter().enumerate().max_by_key(|(d, n): &(usize, usize)| (*n, usize::MAX - d)) else {
+        let Some((common, agreeing)) =
+            counts.into_iter().enumerate().max_by_key(|(d, n): &(usize, usize)| (*n, usize::MAX - d))
+        else {
             return 0;
         };
         let lost = self.entries.len() - agreeing;
@@ -135,7 +161,8 @@ impl BagIndex {
     /// Reads a bag once, front to back.
     ///
     /// # Errors
-    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages and for more entries than are taken.
+    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages and for more entries than are
+    /// taken.
     pub fn read(bag: &Bag) -> Result<Self, CaptureError> {
         let mut index = Self::default();
         index.files = bag.read(&mut |message| index.add(message, bag))?;
@@ -149,17 +176,28 @@ impl BagIndex {
         Some((first, self.topics.values().map(|t| t.last_nanos).max()?))
     }
 
-    /// Sentences about damage; of many files or topics the first ones.
+    /// What is damaged; of many files or topics the first ones.
     #[must_use]
-    pub fn damage(&self) -> Vec<String> {
+    pub fn damage(&self) -> Vec<Note> {
+        let undecodable = |text| Note::new(NoteCode::MessagesUndecodable, text);
         let files = self.files.iter().filter_map(|(path, report)| report.damage(&path.display().to_string()));
         let broken = self.topics.values().filter(|t| t.undecodable > 0).count();
-        let more = (broken > NAMED).then(|| format!("{} more topics hold messages that could not be decoded", broken - NAMED));
-        let surplus = (self.tf.surplus > 0)
-            .then(|| format!("{} transforms are of more frames than are taken ({MAX_TF_FRAMES}) and are not used", self.tf.surplus));
+        let more = (broken > NAMED).then(|| {
+            undecodable(format!("{} more topics hold messages that could not be decoded", broken - NAMED))
+        });
+        let surplus = (self.tf.surplus > 0).then(|| {
+            let text = format!(
+                "{} transforms are of more frames than are taken ({MAX_TF_FRAMES}) and are not used",
+                self.tf.surplus
+            );
+            Note::new(NoteCode::TransformsSurplus, text)
+        });
         let topics = self.topics.iter().filter(|(_, t)| t.undecodable > 0).map(|(name, t)| {
             let problem = t.problem.as_deref().unwrap_or_default();
-            format!("{} of {} messages on {name} could not be decoded and are not used ({problem})", t.undecodable, t.count)
+            undecodable(format!(
+                "{} of {} messages on {name} could not be decoded and are not used ({problem})",
+                t.undecodable, t.count
+            ))
         });
         files.take(NAMED).chain(topics.take(NAMED)).chain(more).chain(surplus).collect()
     }
@@ -182,10 +220,16 @@ impl BagIndex {
             Err(CaptureError::Unsupported { what, remedy: remedy.into() })
         };
         if message.message_encoding == "ros1" {
-            return refuse("ROS 1 messages", "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`");
+            return refuse(
+                "ROS 1 messages",
+                "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
+            );
         }
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
-            return refuse("a bag with so many messages", "cut it with `ros2 bag convert` to the topics and times that are needed");
+            return refuse(
+                "a bag with so many messages",
+                "cut it with `ros2 bag convert` to the topics and times that are needed",
+            );
         }
         let log_nanos = i64::try_from(message.log_time_nanos).unwrap_or(i64::MAX);
         if !self.topics.contains_key(message.topic) {
@@ -199,7 +243,7 @@ impl BagIndex {
         }
         let outcome = match message.message_encoding {
             "cdr" => self.decode(message, log_nanos),
-            other => Err(format!("message encoding `{other}` is not cdr")),
+            other => Err(MessageError::Encoding(other.to_owned())),
         };
         if let Some(stat) = self.topics.get_mut(message.topic) {
             stat.count += 1;
@@ -207,36 +251,42 @@ impl BagIndex {
             stat.last_nanos = stat.last_nanos.max(log_nanos);
             if let Err(why) = outcome {
                 stat.undecodable += 1;
-                stat.problem.get_or_insert(why);
+                stat.problem.get_or_insert(why.to_string());
             }
         }
         Ok(())
     }
 
-    fn decode(&mut self, message: &RawMessage, log_nanos: i64) -> Result<(), String> {
+    fn decode(&mut self, message: &RawMessage, log_nanos: i64) -> Result<(), MessageError> {
         let (topic, data) = (message.topic, message.data);
-        let told = |e: DecodeError| e.to_string();
         match message.type_name {
             "sensor_msgs/msg/Image" => {
-                let front: ImageFront = decode(data).map_err(told)?;
-                let (stamp, frame) = front.header.checked().ok_or("its header is invalid")?;
-                self.add_image(topic, stamp, log_nanos, frame, front.encoding, Some((front.width as usize, front.height as usize)));
+                let front: ImageFront = decode(data)?;
+                let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
+                self.add_image(
+                    topic,
+                    stamp,
+                    log_nanos,
+                    frame,
+                    front.encoding,
+                    Some((front.width as usize, front.height as usize)),
+                );
             }
             "sensor_msgs/msg/CompressedImage" => {
-                let front: CompressedFront = decode(data).map_err(told)?;
-                let (stamp, frame) = front.header.checked().ok_or("its header is invalid")?;
+                let front: CompressedFront = decode(data)?;
+                let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
                 self.add_image(topic, stamp, log_nanos, frame, front.format, None);
             }
-            INFO_TYPE => self.add_info(topic, decode(data).map_err(told)?)?,
-            "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data).map_err(told)?),
+            INFO_TYPE => self.add_info(topic, decode(data)?)?,
+            "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data)?),
             "geometry_msgs/msg/PoseStamped" => {
-                let m: PoseStamped = decode(data).map_err(told)?;
-                let (stamp, parent) = m.header.checked().ok_or("its header is invalid")?;
+                let m: PoseStamped = decode(data)?;
+                let (stamp, parent) = m.header.checked().ok_or(MessageError::Header)?;
                 self.add_pose(topic, stamp, parent, None, m.pose.checked());
             }
             "nav_msgs/msg/Odometry" => {
-                let m: Odometry = decode(data).map_err(told)?;
-                let (stamp, parent) = m.header.checked().ok_or("its header is invalid")?;
+                let m: Odometry = decode(data)?;
+                let (stamp, parent) = m.header.checked().ok_or(MessageError::Header)?;
                 let child = m.child_frame_id.trim_start_matches('/').to_owned();
                 self.add_pose(topic, stamp, parent, Some(child), m.pose.checked());
             }
@@ -249,7 +299,15 @@ impl BagIndex {
         Ok(())
     }
 
-    fn add_image(&mut self, topic: &str, stamp_nanos: i64, log_nanos: i64, frame: String, encoding: String, size: Option<(usize, usize)>) {
+    fn add_image(
+        &mut self,
+        topic: &str,
+        stamp_nanos: i64,
+        log_nanos: i64,
+        frame: String,
+        encoding: String,
+        size: Option<(usize, usize)>,
+    ) {
         self.entries += 1;
         let ordinal = self.topics.get(topic).map_or(0, |t| t.count);
         let images = self.images.entry(topic.to_owned()).or_default();
@@ -263,19 +321,19 @@ impl BagIndex {
         images.entries.push(ImageEntry { ordinal, stamp_nanos, log_nanos, size });
     }
 
-    fn add_info(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), String> {
-        let (stamp, frame) = info.header.checked().ok_or("its header is invalid")?;
+    fn add_info(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), MessageError> {
+        let (stamp, frame) = info.header.checked().ok_or(MessageError::Header)?;
         if info.d.len() > MAX_COEFFICIENTS {
-            return Err(format!("it has {} lens coefficients; {MAX_COEFFICIENTS} are the limit", info.d.len()));
+            return Err(MessageError::Lens(info.d.len()));
         }
         self.entries += 1;
         info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
         let infos = self.infos.entry(topic.to_owned()).or_default();
         // Bytes, as a NaN is not equal to itself.
-        let key = encode(&info).map_err(|e| e.to_string())?;
+        let key = encode(&info)?;
         let next = infos.distinct.len();
         if next >= MAX_CAMERAS && !infos.known.contains_key(&key) {
-            return Err(format!("it is one more than {MAX_CAMERAS} different camera_infos"));
+            return Err(MessageError::Cameras);
         }
         let known = *infos.known.entry(key).or_insert(next);
         if known == next {
@@ -290,14 +348,23 @@ impl BagIndex {
             self.entries += 1;
             let child = t.child_frame_id.trim_start_matches('/');
             match (t.header.checked(), t.transform.checked()) {
-                (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => self.tf.add_static(&parent, child, pose),
+                (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => {
+                    self.tf.add_static(&parent, child, pose)
+                }
                 (Some((stamp, parent)), Some(pose)) => self.tf.add(&parent, child, stamp, pose),
                 _ => self.tf.invalid += 1,
             }
         }
     }
 
-    fn add_pose(&mut self, topic: &str, stamp: i64, parent: String, child: Option<String>, pose: Option<Pose>) {
+    fn add_pose(
+        &mut self,
+        topic: &str,
+        stamp: i64,
+        parent: String,
+        child: Option<String>,
+        pose: Option<Pose>,
+    ) {
         self.entries += 1;
         let poses = self.poses.entry(topic.to_owned()).or_default();
         if poses.samples.is_empty() && poses.invalid == 0 {
@@ -305,7 +372,9 @@ impl BagIndex {
             poses.child.clone_from(&child);
         }
         match pose {
-            Some(pose) if poses.parent == parent && poses.child == child => _ = poses.samples.insert(stamp, pose),
+            Some(pose) if poses.parent == parent && poses.child == child => {
+                _ = poses.samples.insert(stamp, pose)
+            }
             _ => poses.invalid += 1,
         }
     }
@@ -318,8 +387,13 @@ mod tests {
     #[test]
     fn one_message_against_all_others_is_left_out_and_a_real_change_is_kept() {
         let info = |width| CameraInfo { width, ..CameraInfo::default() };
-        let entries = |odd: std::ops::Range<i64>| (0..30).map(|i| (i, usize::from(odd.contains(&i)))).collect();
-        let topic = |entries, other| InfoTopic { distinct: vec![info(640), info(other)], entries, ..InfoTopic::default() };
+        let entries =
+            |odd: std::ops::Range<i64>| (0..30).map(|i| (i, usize::from(odd.contains(&i)))).collect();
+        let topic = |entries, other| InfoTopic {
+            distinct: vec![info(640), info(other)],
+            entries,
+            ..InfoTopic::default()
+        };
         let mut damaged = topic(entries(7..8), 641);
         assert_eq!((damaged.settle(), damaged.distinct.len(), damaged.entries.len()), (1, 1, 29));
         assert_eq!(damaged.distinct[0].width, 640);
@@ -349,6 +423,6 @@ mod tests {
         assert_eq!(infos.settle(), 0);
         assert!(begun.elapsed().as_secs() < 5, "{:?}", begun.elapsed());
         info.d = vec![0.0; 65];
-        assert!(index.add_info("/info", info).unwrap_err().contains("65 lens coefficients"));
+        assert!(matches!(index.add_info("/info", info), Err(MessageError::Lens(65))));
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::bag_writer::OfferedQos;
+use super::offered_qos::OfferedQos;
 
 /// What a bag holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -37,10 +37,13 @@ impl TopicFacts {
         const KEEP_LAST: u8 = 1;
         let infinite = |indent: &str| format!("\n{indent}sec: 9223372036\n{indent}nsec: 854775807");
         let forever = infinite("    ");
-        let (reliability, durability) = (if self.qos.reliable { 1 } else { 2 }, if self.qos.latched { 1 } else { 2 });
+        let (reliability, durability) =
+            (if self.qos.reliable { 1 } else { 2 }, if self.qos.latched { 1 } else { 2 });
         format!(
-            "- history: {KEEP_LAST}\n  depth: {}\n  reliability: {reliability}\n  durability: {durability}\n  deadline:{forever}\n  \
-             lifespan:{forever}\n  liveliness: 1\n  liveliness_lease_duration:{forever}\n  avoid_ros_namespace_conventions: false",
+            "- history: {KEEP_LAST}\n  depth: {}\n  reliability: {reliability}\n  durability: \
+             {durability}\n  deadline:{forever}\n  \
+             lifespan:{forever}\n  liveliness: \
+             1\n  liveliness_lease_duration:{forever}\n  avoid_ros_namespace_conventions: false",
             self.qos.depth
         )
     }
@@ -83,15 +86,18 @@ impl BagFacts {
             let qos = serde_json::Value::from(t.qos_yaml());
             _ = write!(
                 text,
-                "  - topic_metadata:\n      name: {}\n      type: {}\n      serialization_format: cdr\n      offered_qos_profiles: {qos}\n      \
+                "  - topic_metadata:\n      name: {}\n      type: {}\n      serialization_format: \
+                 cdr\n      offered_qos_profiles: {qos}\n      \
                  type_description_hash: {}\n    message_count: {}\n",
                 t.name, t.type_name, t.hash, t.messages
             );
         }
         _ = write!(
             text,
-            "compression_format: \"\"\ncompression_mode: \"\"\nrelative_file_paths:\n  - {file}\nfiles:\n  - path: {file}\n    \
-             starting_time:\n      nanoseconds_since_epoch: {start}\n    duration:\n      nanoseconds: {duration}\n    \
+            "compression_format: \"\"\ncompression_mode: \"\"\nrelative_file_paths:\n  - \
+             {file}\nfiles:\n  - path: {file}\n    \
+             starting_time:\n      nanoseconds_since_epoch: {start}\n    duration:\n      nanoseconds: \
+             {duration}\n    \
              message_count: {count}\ncustom_data: ~\nros_distro: jazzy\n"
         );
         let pad = " ".repeat(indent);

@@ -1,7 +1,7 @@
 //! Writes a rosbag2 folder (MCAP storage) as messages come.
 //!
-//! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears when the bag is
-//! finished, and a folder without one is read as a recording that was not closed.
+//! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears
+//! when the bag is finished, and a folder without one is read as a recording that was not closed.
 
 use std::{
     collections::BTreeMap,
@@ -15,22 +15,12 @@ use mcap::records::{MessageHeader, Metadata};
 use super::{
     bag_metadata::{BagFacts, TopicFacts},
     create_plain,
+    offered_qos::OfferedQos,
     ros2msg::definitions::definition,
 };
 
 /// Uncompressed bytes of a chunk: what a crash may cost besides the last second.
 const CHUNK_BYTES: u64 = 768 << 10;
-
-/// How a publisher offers a topic, as bags tell it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OfferedQos {
-    /// Reliable, else best effort.
-    pub reliable: bool,
-    /// Transient local, else volatile.
-    pub latched: bool,
-    /// Samples kept.
-    pub depth: u32,
-}
 
 /// Why a bag could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -96,9 +86,17 @@ impl BagWriter {
         let file = folder.join(&name);
         let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
         // Images are compressed already or do not compress; checksums are what makes damage visible.
-        let options = mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
-        let writer = options.create(sink).map_err(|source| BagWriteError::Mcap { path: file.clone(), source })?;
-        Ok(Self { folder: folder.to_owned(), file, writer, channels: BTreeMap::new(), facts: BagFacts::new(name) })
+        let options =
+            mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
+        let writer =
+            options.create(sink).map_err(|source| BagWriteError::Mcap { path: file.clone(), source })?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            file,
+            writer,
+            channels: BTreeMap::new(),
+            facts: BagFacts::new(name),
+        })
     }
 
     /// The folder.
@@ -117,28 +115,54 @@ impl BagWriter {
     ///
     /// # Errors
     /// If the disk refuses or the type is not known.
-    pub fn write(&mut self, topic: &str, type_name: &str, qos: OfferedQos, log_nanos: i64, payload: &[u8]) -> Result<(), BagWriteError> {
+    pub fn write(
+        &mut self,
+        topic: &str,
+        type_name: &str,
+        qos: OfferedQos,
+        log_nanos: i64,
+        payload: &[u8],
+    ) -> Result<(), BagWriteError> {
         if !self.channels.contains_key(topic) {
             let channel = self.add_channel(topic, type_name, qos)?;
             self.channels.insert(topic.to_owned(), channel);
         }
         let Some(channel) = self.channels.get_mut(topic) else { return Ok(()) };
         let time = u64::try_from(log_nanos).unwrap_or(0);
-        let header = MessageHeader { channel_id: channel.id, sequence: channel.sequence, log_time: time, publish_time: time };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.sequence,
+            log_time: time,
+            publish_time: time,
+        };
         channel.sequence = channel.sequence.wrapping_add(1);
         self.facts.count(channel.place, time);
-        self.writer.write_to_known_channel(&header, payload).map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
+        self.writer
+            .write_to_known_channel(&header, payload)
+            .map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
     }
 
-    fn add_channel(&mut self, topic: &str, type_name: &str, qos: OfferedQos) -> Result<Channel, BagWriteError> {
+    fn add_channel(
+        &mut self,
+        topic: &str,
+        type_name: &str,
+        qos: OfferedQos,
+    ) -> Result<Channel, BagWriteError> {
         let definition = definition(type_name).ok_or_else(|| BagWriteError::Type(type_name.to_owned()))?;
         let failed = |source| BagWriteError::Mcap { path: self.file.clone(), source };
-        let facts = TopicFacts { name: topic.to_owned(), type_name: type_name.to_owned(), qos, hash: definition.hash, messages: 0 };
+        let facts = TopicFacts {
+            name: topic.to_owned(),
+            type_name: type_name.to_owned(),
+            qos,
+            hash: definition.hash,
+            messages: 0,
+        };
         let metadata = BTreeMap::from([
             ("offered_qos_profiles".to_owned(), facts.qos_yaml()),
             ("topic_type_hash".to_owned(), definition.hash.to_owned()),
         ]);
-        let schema = self.writer.add_schema(type_name, "ros2msg", definition.text.as_bytes()).map_err(failed)?;
+        let schema =
+            self.writer.add_schema(type_name, "ros2msg", definition.text.as_bytes()).map_err(failed)?;
         let id = self.writer.add_channel(schema, topic, "cdr", &metadata).map_err(failed)?;
         self.facts.topics.push(facts);
         Ok(Channel { id, sequence: 0, place: self.facts.topics.len() - 1 })
@@ -159,14 +183,22 @@ impl BagWriter {
     pub fn finish(mut self) -> Result<u64, BagWriteError> {
         let mcap = |source| BagWriteError::Mcap { path: self.file.clone(), source };
         let inner = BTreeMap::from([("serialized_metadata".to_owned(), self.facts.body(0))]);
-        self.writer.write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner }).map_err(mcap)?;
+        self.writer
+            .write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner })
+            .map_err(mcap)?;
         self.writer.finish().map_err(mcap)?;
-        self.writer.into_inner().flush().map_err(|source| BagWriteError::Io { path: self.file.clone(), source })?;
+        self.writer
+            .into_inner()
+            .flush()
+            .map_err(|source| BagWriteError::Io { path: self.file.clone(), source })?;
         let path = self.folder.join("metadata.yaml");
         let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
         let temporary = self.folder.join(".metadata.yaml.part");
-        let written = create_plain(&temporary).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
-        written.and_then(|()| fs::rename(&temporary, &path)).map_err(|source| BagWriteError::Io { path, source })?;
+        let written = create_plain(&temporary)
+            .and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+        written
+            .and_then(|()| fs::rename(&temporary, &path))
+            .map_err(|source| BagWriteError::Io { path, source })?;
         Ok(self.facts.messages())
     }
 }

@@ -6,12 +6,16 @@ use crate::{
     geometry::Intrinsics,
 };
 
-/// The ideal camera and the lens of a camera_info. A topic whose name says that it is rectified has no distortion left
-/// and the camera matrix of `P`.
+/// The ideal camera and the lens of a camera_info. A topic whose name says that it is rectified has no
+/// distortion left and the camera matrix of `P`.
 ///
 /// # Errors
 /// [`CaptureError::CameraInfo`] and [`CaptureError::Distortion`].
-pub fn pinhole(info: &CameraInfo, info_topic: &str, image_topic: &str) -> Result<(Intrinsics, Distortion), CaptureError> {
+pub fn pinhole(
+    info: &CameraInfo,
+    info_topic: &str,
+    image_topic: &str,
+) -> Result<(Intrinsics, Distortion), CaptureError> {
     let refuse = |reason: String| Err(CaptureError::CameraInfo { topic: info_topic.to_owned(), reason });
     let (width, height) = (info.width as usize, info.height as usize);
     if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
@@ -27,7 +31,8 @@ pub fn pinhole(info: &CameraInfo, info_topic: &str, image_topic: &str) -> Result
     }
     let name = image_topic.rsplit('/').find(|part| part.contains("image")).unwrap_or(image_topic);
     let rectified = name.contains("rect") && info.p[0] > 0.0;
-    let [fx, fy, cx, cy] = if rectified { [0, 5, 2, 6].map(|k| info.p[k]) } else { [0, 4, 2, 5].map(|k| info.k[k]) };
+    let [fx, fy, cx, cy] =
+        if rectified { [0, 5, 2, 6].map(|k| info.p[k]) } else { [0, 4, 2, 5].map(|k| info.k[k]) };
     let skew = if rectified { info.p[1] } else { info.k[1] };
     let intrinsics = Intrinsics { width, height, fx, fy, cx, cy };
     // Negated comparisons also catch NaN.
@@ -40,10 +45,12 @@ pub fn pinhole(info: &CameraInfo, info_topic: &str, image_topic: &str) -> Result
     if rectified {
         return Ok((intrinsics, Distortion::default()));
     }
-    Distortion::from_info(&info.distortion_model, &info.d).map(|lens| (intrinsics, lens)).map_err(|problem| CaptureError::Distortion {
-        topic: info_topic.to_owned(),
-        model: info.distortion_model.escape_debug().to_string(),
-        problem,
+    Distortion::from_info(&info.distortion_model, &info.d).map(|lens| (intrinsics, lens)).map_err(|fault| {
+        CaptureError::Distortion {
+            topic: info_topic.to_owned(),
+            model: info.distortion_model.escape_debug().to_string(),
+            problem: fault.to_string(),
+        }
     })
 }
 

@@ -1,5 +1,6 @@
-//! Recordings that other projects test their readers with, read record by record: the conformance set of MCAP (MIT) and the bags of
-//! rosbag2's tests (Apache-2.0). They lie in `tests/conformance`, packed (`tar --zstd -tf`), each with its licence.
+//! Recordings that other projects test their readers with, read record by record: the conformance set of MCAP
+//! (MIT) and the bags of rosbag2's tests (Apache-2.0). They lie in `tests/conformance`, packed (`tar --zstd
+//! -tf`), each with its licence.
 
 use std::{
     collections::BTreeMap,
@@ -18,14 +19,15 @@ use super::{
     mcap_file::{Channels, RawMessage, read_messages, summary_channels},
     read_joint_log,
 };
-use crate::{capture::CaptureError, gap::tracks::Streams};
+use crate::{capture::CaptureError, gap::record::tracks::Streams};
 
 /// Files of a packed folder, by path.
 fn files(name: &str) -> BTreeMap<String, Vec<u8>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/conformance").join(name);
     let mut tar = Vec::new();
     zstd::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_to_end(&mut tar).unwrap();
-    let text = |bytes: &[u8]| String::from_utf8(bytes.iter().copied().take_while(|b| *b != 0).collect()).unwrap();
+    let text =
+        |bytes: &[u8]| String::from_utf8(bytes.iter().copied().take_while(|b| *b != 0).collect()).unwrap();
     let (mut found, mut at) = (BTreeMap::new(), 0);
     // Headers of 512 bytes: name, size in octal digits, kind, folder; contents in blocks of 512.
     while tar[at] != 0 {
@@ -55,9 +57,18 @@ struct Told {
 
 impl Told {
     fn of(m: &RawMessage) -> Self {
-        let (topic, type_name, encoding) = (m.topic.to_owned(), m.type_name.to_owned(), m.message_encoding.to_owned());
+        let (topic, type_name, encoding) =
+            (m.topic.to_owned(), m.type_name.to_owned(), m.message_encoding.to_owned());
         let (log_time, publish_time) = (m.log_time_nanos, m.publish_time_nanos);
-        Self { topic, type_name, encoding, sequence: m.sequence, log_time, publish_time, data: m.data.to_vec() }
+        Self {
+            topic,
+            type_name,
+            encoding,
+            sequence: m.sequence,
+            log_time,
+            publish_time,
+            data: m.data.to_vec(),
+        }
     }
 }
 
@@ -71,7 +82,9 @@ fn described(json: &[u8]) -> Vec<Told> {
         let text = |name: &str| field(name).as_str().unwrap().to_owned();
         match record["type"].as_str().unwrap() {
             "Schema" => _ = schemas.insert(text("id"), text("name")),
-            "Channel" => _ = channels.insert(text("id"), (text("topic"), text("message_encoding"), text("schema_id"))),
+            "Channel" => {
+                _ = channels.insert(text("id"), (text("topic"), text("message_encoding"), text("schema_id")))
+            }
             "Message" => {
                 let (topic, encoding, schema) = channels[&text("channel_id")].clone();
                 let byte = |b: &Value| b.as_str().unwrap().parse().unwrap();
@@ -100,7 +113,8 @@ fn every_file_of_mcaps_conformance_set_gives_its_records() {
         // With what the summary says beforehand, and without.
         for known in [false, true] {
             let mut source = Cursor::new(bytes.as_slice());
-            let mut channels = if known { summary_channels(&mut source).unwrap() } else { Channels::default() };
+            let mut channels =
+                if known { summary_channels(&mut source).unwrap() } else { Channels::default() };
             let mut told = Vec::new();
             let mut expansion = Expansion::of(bytes.len() as u64);
             let report = read_messages::<_, Infallible>(source, &mut channels, &mut expansion, &mut |m| {
@@ -117,8 +131,8 @@ fn every_file_of_mcaps_conformance_set_gives_its_records() {
     assert_eq!((read, all), (416, MESSAGES));
 }
 
-/// Bags of rosbag2's tests: CRC-32 over topic, times, sequence and data of every message in the order of the files; messages by
-/// topic and type. Counted once by the package `mcap` of PyPI.
+/// Bags of rosbag2's tests: CRC-32 over topic, times, sequence and data of every message in the order of the
+/// files; messages by topic and type. Counted once by the package `mcap` of PyPI.
 #[rustfmt::skip]
 const BAGS: &[(&str, u32, &[(&str, &str, usize)])] = &[
     ("rosbag2_cpp/test/rosbag2_cpp/bags/only_services.mcap", 0xb5f3d32c, &[
@@ -216,7 +230,8 @@ fn the_bags_of_rosbag2s_tests_give_their_records() {
             Ok(())
         });
         assert!(reports.unwrap().iter().all(|(_, r)| r.is_whole()), "{path}");
-        let expected: BTreeMap<_, _> = topics.iter().map(|(t, n, count)| (((*t).to_owned(), (*n).to_owned()), *count)).collect();
+        let expected: BTreeMap<_, _> =
+            topics.iter().map(|(t, n, count)| (((*t).to_owned(), (*n).to_owned()), *count)).collect();
         assert_eq!(counts, expected, "{path}");
         assert_eq!(hash.finalize(), *crc, "{path}");
     }
@@ -225,16 +240,20 @@ fn the_bags_of_rosbag2s_tests_give_their_records() {
 #[test]
 fn odd_bags_are_said_to_be() {
     let bags = Unpacked::new("odd");
-    let split = Bag::open(&bags.at("rosbag2_py/test/resources/mcap/reindex_test_bags/multiple_files")).unwrap();
+    let split =
+        Bag::open(&bags.at("rosbag2_py/test/resources/mcap/reindex_test_bags/multiple_files")).unwrap();
     assert_eq!(split.files.len(), 3);
-    assert!(split.warnings[0].contains("has no metadata.yaml"), "{:?}", split.warnings);
+    assert!(split.warnings[0].text.contains("has no metadata.yaml"), "{:?}", split.warnings);
     let wrong = bags.at("rosbag2_tests/resources/mcap/wrong_rmw_test");
     let seen = inspect(&wrong).unwrap();
-    let warnings = seen.recordings[0].warnings.join("\n");
+    let warnings: String = seen.recordings[0].warnings.iter().map(|w| format!("{w}\n")).collect();
     assert!(warnings.contains("4 of 4 messages on /array_topic could not be decoded"), "{warnings}");
     assert!(warnings.contains("message encoding `wrong_format` is not cdr"), "{warnings}");
     let refused = read_joint_log(&wrong, &Streams::default()).unwrap_err().to_string();
-    assert!(refused.contains("/test_topic (test_msgs/msg/BasicTypes, encoded as `wrong_format`, not cdr)"), "{refused}");
+    assert!(
+        refused.contains("/test_topic (test_msgs/msg/BasicTypes, encoded as `wrong_format`, not cdr)"),
+        "{refused}"
+    );
     let empty = Bag::open(&bags.at("rosbag2_tests/resources/empty_dir")).unwrap_err().to_string();
     assert!(empty.contains("holds no .mcap file"), "{empty}");
     for path in [
@@ -245,7 +264,11 @@ fn odd_bags_are_said_to_be() {
         "rosbag2_tests/resources/sqlite3/bag_with_topics_and_service_events",
     ] {
         let path = bags.at(path);
-        let refused = [Bag::open(&path).unwrap_err(), read_joint_log(&path, &Streams::default()).unwrap_err(), inspect(&path).unwrap_err()];
+        let refused = [
+            Bag::open(&path).unwrap_err(),
+            read_joint_log(&path, &Streams::default()).unwrap_err(),
+            inspect(&path).unwrap_err(),
+        ];
         assert!(refused.iter().all(|e| matches!(e, CaptureError::Sqlite { .. })), "{refused:?}");
     }
 }

@@ -2,18 +2,22 @@
 
 use std::path::Path;
 
-/// Bytes that can still be written to the file system of a folder; `None` where the system does not tell.
+/// Bytes that can still be written to the file system of a folder; `None` where the system does not say.
 #[must_use]
 #[cfg(unix)]
 pub fn free_bytes(folder: &Path) -> Option<u64> {
     let disk = nix::sys::statvfs::statvfs(folder).ok()?;
     // Some network and user file systems give no sizes at all.
     (disk.blocks() > 0).then_some(())?;
-    #[allow(clippy::useless_conversion, clippy::unnecessary_cast, reason = "the types of the factors differ between systems")]
+    #[allow(
+        clippy::useless_conversion,
+        clippy::unnecessary_cast,
+        reason = "the types of the factors differ between systems"
+    )]
     Some((disk.blocks_available() as u64).saturating_mul(disk.fragment_size() as u64))
 }
 
-/// Bytes that can still be written to the file system of a folder; `None` where the system does not tell.
+/// Bytes that can still be written to the file system of a folder; `None` where the system does not say.
 #[must_use]
 #[cfg(not(unix))]
 pub fn free_bytes(_: &Path) -> Option<u64> {

@@ -4,6 +4,30 @@ use std::io::{self, Read};
 
 use crate::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
 
+/// A bag that unpacks to more than is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ExpansionError {
+    /// One piece of it.
+    #[error("{packed} bytes would unpack to {unpacked}, more than the limit of {most}")]
+    Piece {
+        /// Its bytes.
+        packed: u64,
+        /// What it says that they unpack to.
+        unpacked: u64,
+        /// What they may unpack to.
+        most: u64,
+    },
+    /// All pieces together.
+    #[error(
+        "the bag unpacks to more than {total} bytes, {EXPANSION} times its size; cut it with `ros2 bag \
+         convert`"
+    )]
+    Bag {
+        /// What the bag may unpack to.
+        total: u64,
+    },
+}
+
 /// Decompressed bytes that one reading of a bag has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expansion {
@@ -22,18 +46,18 @@ impl Expansion {
     /// Takes what a piece says that it unpacks to.
     ///
     /// # Errors
-    /// A sentence where that is far more than its bytes can hold, or all pieces together are beyond the budget.
-    pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), String> {
+    /// Where that is far more than its bytes can hold, or all pieces together are beyond the budget.
+    pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), ExpansionError> {
         let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));
         if unpacked > most {
-            return Err(format!("{packed} bytes would unpack to {unpacked}, more than the limit of {most}"));
+            return Err(ExpansionError::Piece { packed, unpacked, most });
         }
-        self.left = self.left.checked_sub(unpacked).ok_or_else(|| self.exhausted())?;
+        self.left = self.left.checked_sub(unpacked).ok_or(self.exhausted())?;
         Ok(())
     }
 
-    fn exhausted(&self) -> String {
-        format!("the bag unpacks to more than {} bytes, {EXPANSION} times its size; cut it with `ros2 bag convert`", self.total)
+    fn exhausted(&self) -> ExpansionError {
+        ExpansionError::Bag { total: self.total }
     }
 }
 
@@ -63,14 +87,16 @@ mod tests {
     #[test]
     fn a_bag_unpacks_to_so_much_and_no_more() {
         let mut expansion = Expansion::of(1 << 20);
-        assert!(expansion.take(20_000, 256 << 20).unwrap_err().contains("20000 bytes would unpack to 268435456"));
+        let why = expansion.take(20_000, 256 << 20).unwrap_err().to_string();
+        assert!(why.contains("20000 bytes would unpack to 268435456"), "{why}");
         assert_eq!(expansion, Expansion::of(1 << 20));
         // 1 GiB and 256 MiB, in chunks of 16 MiB that hold next to nothing.
         for _ in 0..80 {
             expansion.take(0, 16 << 20).unwrap();
         }
-        assert!(expansion.take(1, 1).unwrap_err().contains("256 times its size"));
-        let mut within = Within { source: io::repeat(0).take(10), expansion: &mut Expansion { total: 4, left: 4 } };
+        assert!(matches!(expansion.take(1, 1), Err(ExpansionError::Bag { .. })));
+        let mut within =
+            Within { source: io::repeat(0).take(10), expansion: &mut Expansion { total: 4, left: 4 } };
         assert!(within.read_exact(&mut [0; 4]).is_ok());
         assert!(within.read_exact(&mut [0; 1]).unwrap_err().to_string().contains("more than 4 bytes"));
     }

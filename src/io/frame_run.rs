@@ -1,59 +1,89 @@
-//! An RGB-D recording of an object at rest, for a diagnosis: frames with masks, the camera's velocity, joint positions.
+//! An RGB-D recording of an object at rest, for a diagnosis: frames with masks, the camera's velocity, joint
+//! positions.
 
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log, recording::measured_noise,
-    ros2msg::definitions::RosMessage as _, views::Views,
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log,
+    recording::measured_noise, ros2msg::definitions::RosMessage as _, views::Views,
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, spread_views},
-    gap::{camera::frames::FrameRun, tracks::Streams},
+    gap::{camera::record::frames::FrameRun, record::tracks::Streams},
     geometry::Pose,
-    run::stage_rng,
+    note::{Note, NoteCode},
+    random::stage_rng,
+    statistics::median,
 };
 
 /// Poses this long before and after a frame give the camera's velocity, nanoseconds.
 const VELOCITY_NANOS: i64 = 1_000_000;
 
-/// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was measured.
-/// Sentences about what was lost are added to `warnings`.
+/// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was
+/// measured. What was lost is added to `warnings`.
 ///
 /// # Errors
 /// [`CaptureError`] where the recording cannot be used.
-pub fn read_frame_run(path: &Path, config: &CaptureConfig, seed: u64, warnings: &mut Vec<String>) -> Result<FrameRun, CaptureError> {
+pub fn read_frame_run(
+    path: &Path,
+    config: &CaptureConfig,
+    seed: u64,
+    warnings: &mut Vec<Note>,
+) -> Result<FrameRun, CaptureError> {
     config.check()?;
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag)?;
     let views = Views::find(&bag, &index, config, 0)?;
     let poses: Vec<Pose> = views.views.iter().map(|v| v.world_from_camera).collect();
-    let chosen: Vec<(usize, usize)> = spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
+    let chosen: Vec<(usize, usize)> =
+        spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
     config.check_memory(&[views.sizes(chosen.len())])?;
     let decoded = decode_views(&bag, &views, &chosen, config)?;
     warnings.extend(views.warnings.iter().cloned());
     if let Some(first) = decoded.lost.first() {
-        warnings.push(format!("{}: {} frames are broken and not used (first: {first})", path.display(), decoded.lost.len()));
+        warnings.push(Note::new(
+            NoteCode::FramesBroken,
+            format!(
+                "{}: {} frames are broken and not used (first: {first})",
+                path.display(),
+                decoded.lost.len()
+            ),
+        ));
     }
     let mut frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, f)| f).collect();
     let with_depth = frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0));
     if !with_depth {
-        return Err(CaptureError::NoDepth { state: 0, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
+        return Err(CaptureError::NoDepth {
+            state: 0,
+            frames: frames.len(),
+            min_m: config.depth_min_m,
+            max_m: config.depth_max_m,
+        });
     }
-    let noise = measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
+    let noise =
+        measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
     let source = PoseSource::find(&index, &views.topics, config)?;
     frames = with_masks(frames, config, noise, seed, warnings)?;
     let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();
-    let name = path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
-    Ok(FrameRun { name, frames, velocities: velocities.unwrap_or_default(), positions: positions(&index, path, warnings), noise })
+    let name =
+        path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    Ok(FrameRun {
+        name,
+        frames,
+        velocities: velocities.unwrap_or_default(),
+        positions: positions(&index, path, warnings),
+        noise,
+    })
 }
 
-/// Masks of the recording, or those that isolation finds: its rules want two states, which halves of the views stand for.
+/// Masks of the recording, or those that isolation finds: its rules want two states, which halves of the
+/// views stand for.
 fn with_masks(
     frames: Vec<RgbdFrame>,
     config: &CaptureConfig,
     noise: crate::capture::NoiseConfig,
     seed: u64,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Note>,
 ) -> Result<Vec<RgbdFrame>, CaptureError> {
     if frames.len() < 2 {
         return Ok(frames);
@@ -70,7 +100,11 @@ fn with_masks(
 }
 
 /// Velocity of the camera in its own frame at a frame's stamp.
-fn velocity(source: &PoseSource, frame: &RgbdFrame, config: &CaptureConfig) -> Option<[nalgebra::Vector3<f64>; 2]> {
+fn velocity(
+    source: &PoseSource,
+    frame: &RgbdFrame,
+    config: &CaptureConfig,
+) -> Option<[nalgebra::Vector3<f64>; 2]> {
     let gap = (config.tf_max_gap_secs * 1e9) as i64;
     let at = |nanos: i64| source.tf.lookup(&source.world, &source.optical, nanos, gap).ok();
     let here = (0, at(frame.stamp_nanos)?);
@@ -83,7 +117,7 @@ fn velocity(source: &PoseSource, frame: &RgbdFrame, config: &CaptureConfig) -> O
 }
 
 /// Median joint positions of a recording that has joint states.
-fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<String>) -> BTreeMap<String, f64> {
+fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMap<String, f64> {
     let has = index.summaries().iter().any(|t| t.type_name == super::ros2msg::JointState::TYPE);
     if !has {
         return BTreeMap::new();
@@ -91,14 +125,10 @@ fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<String>) -> BTree
     let recording = match read_joint_log(path, &Streams::default()) {
         Ok(recording) => recording,
         Err(error) => {
-            warnings.push(error.to_string());
+            warnings.push(Note::new(NoteCode::PositionsUnreadable, error.to_string()));
             return BTreeMap::new();
         }
     };
-    let median = |mut v: Vec<f64>| {
-        v.retain(|x| x.is_finite());
-        let m = v.len() / 2;
-        (!v.is_empty()).then(|| *v.select_nth_unstable_by(m, f64::total_cmp).1)
-    };
-    recording.joints.into_iter().filter_map(|j| Some((j.name, median(j.position)?))).collect()
+    let middle = |v: Vec<f64>| median(v.into_iter().filter(|x| x.is_finite()).collect());
+    recording.joints.into_iter().filter_map(|j| Some((j.name, middle(j.position)?))).collect()
 }

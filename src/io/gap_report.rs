@@ -1,20 +1,42 @@
-//! What the folder of a diagnosis tells, as a message.
+//! What the folder of a diagnosis says, as a message.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
 use super::ros2msg::gap::{GapFinding, GapParameter, GapReport};
+use crate::{files, limits::REPORT};
+
+/// Why the report of a diagnosis cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum GapReportError {
+    /// The disk refuses.
+    #[error("`{}`: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is of another form.
+    #[error("`{}`: {source}", path.display())]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// What the parser said.
+        source: serde_json::Error,
+    },
+}
 
 /// Reads `report.json` of a diagnosis' folder. Header, twin and summary are not in it and stay empty.
 ///
 /// # Errors
-/// A sentence: the file cannot be read or is of another form.
-pub fn read_gap_report(folder: &Path) -> Result<GapReport, String> {
+/// [`GapReportError`].
+pub fn read_gap_report(folder: &Path) -> Result<GapReport, GapReportError> {
     let path = folder.join("report.json");
-    let told = |why: String| format!("`{}`: {why}", path.display());
-    let text = crate::files::read_text(&path, crate::limits::REPORT).map_err(|e| told(e.to_string()))?;
-    let file: File = serde_json::from_str(&text).map_err(|e| told(e.to_string()))?;
+    let text = files::read_text(&path, REPORT)
+        .map_err(|source| GapReportError::Read { path: path.clone(), source })?;
+    let file: File = serde_json::from_str(&text).map_err(|source| GapReportError::Form { path, source })?;
     Ok(GapReport {
         folder: folder.display().to_string(),
         verdict: file.verdict,

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 use super::{
-    picture_size::{bare_png, told_size},
+    picture_size::{bare_png, stated_size},
     ros2msg::{CompressedImage, Image},
     rvl,
 };
@@ -45,8 +45,10 @@ pub enum ImageError {
     Broken(String),
 }
 
-const COLOR_SUPPORTED: &str = "color must have 8 bits a channel: rgb8, bgr8, rgba8, bgra8, mono8, or JPEG or PNG; set the camera to rgb8";
-const DEPTH_SUPPORTED: &str = "depth must be 16UC1 or mono16 (millimeters) or 32FC1 (meters), raw, PNG or compressedDepth";
+const COLOR_SUPPORTED: &str = "color must have 8 bits a channel: rgb8, bgr8, rgba8, bgra8, mono8, or JPEG \
+    or PNG; set the camera to rgb8";
+const DEPTH_SUPPORTED: &str =
+    "depth must be 16UC1 or mono16 (millimeters) or 32FC1 (meters), raw, PNG or compressedDepth";
 const MASK_SUPPORTED: &str = "masks must be mono8, 8UC1, mono16 or 16UC1, raw or PNG";
 
 fn broken<T>(what: impl Into<String>) -> Result<T, ImageError> {
@@ -117,7 +119,9 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
     if !image.format.contains("compressedDepth") {
         return depth_file(&image.data, 0.001);
     }
-    let Some((front, code)) = image.data.split_first_chunk::<12>() else { return broken("compressedDepth without its header") };
+    let Some((front, code)) = image.data.split_first_chunk::<12>() else {
+        return broken("compressedDepth without its header");
+    };
     let number = |at: usize| f32::from_le_bytes([front[at], front[at + 1], front[at + 2], front[at + 3]]);
     let (a, b) = (number(4), number(8));
     let words = if is_rvl(&image.format) { rvl_image(code)? } else { png16(code)? };
@@ -125,7 +129,9 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
     match encoding {
         "16UC1" | "mono16" | "" => Ok(words.map(millimeters)),
         // Inverse depth in 16 bits, 0 = unknown (compressed_depth_image_transport).
-        "32FC1" if a.is_finite() && b.is_finite() && a > 0.0 => Ok(words.map(|q| if q == 0 { 0.0 } else { known(a / (f32::from(q) - b)) })),
+        "32FC1" if a.is_finite() && b.is_finite() && a > 0.0 => {
+            Ok(words.map(|q| if q == 0 { 0.0 } else { known(a / (f32::from(q) - b)) }))
+        }
         "32FC1" => broken("compressedDepth with invalid quantization"),
         other => refused(other, DEPTH_SUPPORTED),
     }
@@ -145,8 +151,12 @@ pub fn compressed_mask(image: &CompressedImage) -> Result<Raster<bool>, ImageErr
 /// [`ImageError`].
 pub fn color_file(data: &[u8]) -> Result<Raster<[u8; 3]>, ImageError> {
     match decode_file(data, true)? {
-        DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_) => refused("16-bit RGB PNG", COLOR_SUPPORTED),
-        DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_) => refused("16-bit gray PNG", COLOR_SUPPORTED),
+        DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_) => {
+            refused("16-bit RGB PNG", COLOR_SUPPORTED)
+        }
+        DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_) => {
+            refused("16-bit gray PNG", COLOR_SUPPORTED)
+        }
         decoded => {
             let rgb = decoded.into_rgb8();
             let (width, height) = (rgb.width() as usize, rgb.height() as usize);
@@ -155,13 +165,15 @@ pub fn color_file(data: &[u8]) -> Result<Raster<[u8; 3]>, ImageError> {
     }
 }
 
-/// Color and mask of an RGBA PNG file; the mask is where alpha is at least one half. Without alpha there is no mask.
+/// Color and mask of an RGBA PNG file; the mask is where alpha is at least one half. Without alpha there is
+/// no mask.
 ///
 /// # Errors
 /// [`ImageError`].
 pub fn color_with_alpha_file(data: &[u8]) -> Result<(Raster<[u8; 3]>, Option<Mask>), ImageError> {
     let decoded = decode_file(data, false)?;
-    let alpha = decoded.color().has_alpha().then(|| decoded.to_rgba8().pixels().map(|p| p.0[3] >= 128).collect());
+    let alpha =
+        decoded.color().has_alpha().then(|| decoded.to_rgba8().pixels().map(|p| p.0[3] >= 128).collect());
     Ok((color_file(data)?, alpha))
 }
 
@@ -198,8 +210,11 @@ impl<T: Copy> Raster<T> {
     pub fn resized_nearest(&self, width: usize, height: usize) -> Self {
         // Pixel centers are integers: center (u + 0.5) scales.
         let source = |i: usize, from: usize, to: usize| ((2 * i + 1) * from / (2 * to)).min(from - 1);
-        let row =
-            |y: usize| (0..width).map(move |x| self.pixels[source(y, self.height, height) * self.width + source(x, self.width, width)]);
+        let row = |y: usize| {
+            (0..width).map(move |x| {
+                self.pixels[source(y, self.height, height) * self.width + source(x, self.width, width)]
+            })
+        };
         Self { width, height, pixels: (0..height).flat_map(row).collect() }
     }
 }
@@ -237,15 +252,15 @@ fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Width and height that a compressed image tells before it is decoded; `None` where it tells none.
+/// Width and height that a compressed image states before it is decoded; `None` where it states none.
 #[must_use]
 pub fn compressed_size(image: &CompressedImage) -> Option<(usize, usize)> {
     if !image.format.contains("compressedDepth") {
-        return told_size(&image.data);
+        return stated_size(&image.data);
     }
     let code = image.data.get(12..)?;
     if !is_rvl(&image.format) {
-        return told_size(code);
+        return stated_size(code);
     }
     let number = |at: usize| Some(u32::from_le_bytes(*code.get(at..)?.first_chunk()?) as usize);
     Some((number(0)?, number(4)?))
@@ -255,7 +270,7 @@ fn is_rvl(format: &str) -> bool {
     format.trim_end().ends_with("rvl")
 }
 
-/// Decodes a PNG or, where allowed, JPEG file, told apart by their first bytes.
+/// Decodes a PNG or, where allowed, JPEG file, distinguished by their first bytes.
 fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageError> {
     let format = match data {
         [0xff, 0xd8, 0xff, ..] if jpeg_allowed => ImageFormat::Jpeg,
@@ -263,7 +278,7 @@ fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageErr
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         _ => return broken("neither JPEG nor PNG by its first bytes"),
     };
-    if let Some((width, height)) = told_size(data) {
+    if let Some((width, height)) = stated_size(data) {
         check_size(width, height)?;
     }
     let bare = if format == ImageFormat::Png { Cow::Owned(bare_png(data)) } else { Cow::Borrowed(data) };
@@ -278,7 +293,9 @@ fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageErr
 
 fn png16(data: &[u8]) -> Result<Raster<u16>, ImageError> {
     match decode_file(data, false)? {
-        DynamicImage::ImageLuma16(i) => Ok(Raster { width: i.width() as usize, height: i.height() as usize, pixels: i.into_raw() }),
+        DynamicImage::ImageLuma16(i) => {
+            Ok(Raster { width: i.width() as usize, height: i.height() as usize, pixels: i.into_raw() })
+        }
         other => refused(&format!("{:?} PNG", other.color()), DEPTH_SUPPORTED),
     }
 }
@@ -286,7 +303,8 @@ fn png16(data: &[u8]) -> Result<Raster<u16>, ImageError> {
 /// RVL of compressedDepth: columns, rows, code.
 fn rvl_image(data: &[u8]) -> Result<Raster<u16>, ImageError> {
     let Some((size, code)) = data.split_first_chunk::<8>() else { return broken("RVL without its size") };
-    let number = |at: usize| u32::from_le_bytes([size[at], size[at + 1], size[at + 2], size[at + 3]]) as usize;
+    let number =
+        |at: usize| u32::from_le_bytes([size[at], size[at + 1], size[at + 2], size[at + 3]]) as usize;
     let (width, height) = (number(0), number(4));
     check_size(width, height)?;
     match rvl::decode(code, width * height) {
@@ -310,7 +328,9 @@ mod tests {
     }
 
     fn depth_png(values: &[u16]) -> Vec<u8> {
-        png(DynamicImage::ImageLuma16(image::ImageBuffer::from_raw(values.len() as u32, 1, values.to_vec()).unwrap()))
+        png(DynamicImage::ImageLuma16(
+            image::ImageBuffer::from_raw(values.len() as u32, 1, values.to_vec()).unwrap(),
+        ))
     }
 
     fn depth_message(format: &str, a: f32, b: f32, code: &[u8]) -> CompressedImage {
@@ -320,8 +340,9 @@ mod tests {
 
     #[test]
     fn channels_come_out_as_rgb_and_padding_is_skipped() {
-        let check =
-            |encoding, step, data: &[u8]| assert_eq!(raw_color(&raw(encoding, 1, 2, step, data)).unwrap().pixels, [[1, 2, 3], [4, 5, 6]]);
+        let check = |encoding, step, data: &[u8]| {
+            assert_eq!(raw_color(&raw(encoding, 1, 2, step, data)).unwrap().pixels, [[1, 2, 3], [4, 5, 6]])
+        };
         check("rgb8", 3, &[1, 2, 3, 4, 5, 6]);
         check("rgb8", 5, &[1, 2, 3, 9, 9, 4, 5, 6, 9, 9]);
         check("bgr8", 3, &[3, 2, 1, 6, 5, 4]);
@@ -334,7 +355,10 @@ mod tests {
     fn sixteen_bit_color_is_refused_by_name() {
         for name in ["rgb16", "bgr16", "yuv422_yuy2"] {
             let error = raw_color(&raw(name, 1, 1, 6, &[0; 6])).unwrap_err();
-            assert!(matches!(&error, ImageError::Encoding { .. }) && error.to_string().contains(name), "{error}");
+            assert!(
+                matches!(&error, ImageError::Encoding { .. }) && error.to_string().contains(name),
+                "{error}"
+            );
         }
         let wide = png(DynamicImage::new_rgb16(2, 2));
         assert!(color_file(&wide).unwrap_err().to_string().contains("16-bit RGB"));
@@ -348,7 +372,12 @@ mod tests {
             raw("rgb8", 0, 2, 3, &[]),
             raw("rgb8", 9000, 1, 27000, &[0; 27000]),
         ] {
-            assert!(matches!(raw_color(&image), Err(ImageError::Broken(_))), "{}x{}", image.width, image.height);
+            assert!(
+                matches!(raw_color(&image), Err(ImageError::Broken(_))),
+                "{}x{}",
+                image.width,
+                image.height
+            );
         }
     }
 
@@ -359,7 +388,8 @@ mod tests {
         image.data = vec![0x03, 0xe8, 0, 0];
         image.is_bigendian = 1;
         assert_eq!(raw_depth(&image).unwrap().pixels, [1.0, 0.0]);
-        let floats: Vec<u8> = [1.5f32, f32::NAN, f32::INFINITY, -1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let floats: Vec<u8> =
+            [1.5f32, f32::NAN, f32::INFINITY, -1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(raw_depth(&raw("32FC1", 4, 1, 16, &floats)).unwrap().pixels, [1.5, 0.0, 0.0, 0.0]);
         assert!(raw_depth(&raw("rgb8", 1, 1, 3, &[0; 3])).unwrap_err().to_string().contains("`rgb8`"));
     }
@@ -374,15 +404,22 @@ mod tests {
             assert!(close(compressed_depth(&depth_message(format, 0.0, 0.0, &code)).unwrap()));
         }
         let code = [&4u32.to_le_bytes()[..], &1u32.to_le_bytes(), &rvl::encode(&values)].concat();
-        assert!(close(compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &code)).unwrap()));
-        let plain = CompressedImage { format: "16UC1; png compressed ".into(), data: depth_png(&values), ..CompressedImage::default() };
+        assert!(close(
+            compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &code)).unwrap()
+        ));
+        let plain = CompressedImage {
+            format: "16UC1; png compressed ".into(),
+            data: depth_png(&values),
+            ..CompressedImage::default()
+        };
         assert!(close(compressed_depth(&plain).unwrap()));
     }
 
     #[test]
     fn quantized_float_depth_follows_its_formula() {
         // depth = a / (q - b)
-        let message = depth_message("32FC1; compressedDepth png", 1000.0, -500.0, &depth_png(&[0, 500, 1500]));
+        let message =
+            depth_message("32FC1; compressedDepth png", 1000.0, -500.0, &depth_png(&[0, 500, 1500]));
         assert_eq!(compressed_depth(&message).unwrap().pixels, [0.0, 1.0, 0.5]);
     }
 
@@ -393,11 +430,15 @@ mod tests {
             ("16UC1; compressedDepth rvl", &[0; 16]),
             ("16UC1; compressedDepth png", &[0; 40]),
         ] {
-            let message = CompressedImage { format: format.into(), data: data.to_vec(), ..CompressedImage::default() };
+            let message =
+                CompressedImage { format: format.into(), data: data.to_vec(), ..CompressedImage::default() };
             assert!(matches!(compressed_depth(&message), Err(ImageError::Broken(_))));
         }
         let huge = [&8000u32.to_le_bytes()[..], &9000u32.to_le_bytes(), &[0; 8]].concat();
-        assert!(matches!(compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &huge)), Err(ImageError::Broken(_))));
+        assert!(matches!(
+            compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &huge)),
+            Err(ImageError::Broken(_))
+        ));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use super::{bag::Bag, bag_index::BagIndex, dataset, source::Source, topics::INFO
 use crate::{
     capture::{CaptureConfig, CaptureError, Split},
     limits::SHOWN,
+    note::Note,
 };
 
 /// A topic of a bag.
@@ -39,10 +40,10 @@ pub struct StateInspection {
     pub topics: Vec<TopicInspection>,
     /// Its transform tree, a line per frame.
     pub transforms: Vec<String>,
-    /// Sentences on what would be used.
-    pub chosen: Vec<String>,
-    /// Sentences on damage and loss.
-    pub warnings: Vec<String>,
+    /// What would be used.
+    pub chosen: Vec<Note>,
+    /// Damage and loss.
+    pub warnings: Vec<Note>,
     /// Posed RGB-D views that could be used.
     pub views: usize,
     /// Why it cannot be used.
@@ -61,7 +62,7 @@ pub struct Inspection {
 /// Looks into a recording with the default settings.
 ///
 /// # Errors
-/// [`CaptureError`] where it cannot be read at all; what is merely missing is told in the result.
+/// [`CaptureError`] where it cannot be read at all; what is merely missing is reported in the result.
 pub fn inspect(path: &Path) -> Result<Inspection, CaptureError> {
     inspect_with(path, &CaptureConfig::default())
 }
@@ -83,12 +84,18 @@ pub fn inspect_with(path: &Path, config: &CaptureConfig) -> Result<Inspection, C
             found.recordings.push(recording);
             found.problem = split_problem(&bag, &index, config);
         }
-        Ok(Source::Keyframes(folder)) => {
-            found.recordings.push(inspect_dataset(&folder, "keyframe dataset", config, dataset::open_keyframes))
-        }
-        Ok(Source::StartEnd(folder)) => {
-            found.recordings.push(inspect_dataset(&folder, "start/end dataset", config, dataset::open_start_end))
-        }
+        Ok(Source::Keyframes(folder)) => found.recordings.push(inspect_dataset(
+            &folder,
+            "keyframe dataset",
+            config,
+            dataset::open_keyframes,
+        )),
+        Ok(Source::StartEnd(folder)) => found.recordings.push(inspect_dataset(
+            &folder,
+            "start/end dataset",
+            config,
+            dataset::open_start_end,
+        )),
         // A folder with one state only still has something to show.
         Err(CaptureError::OneState { path }) => {
             for state in 0..2 {
@@ -107,21 +114,34 @@ pub fn inspect_with(path: &Path, config: &CaptureConfig) -> Result<Inspection, C
 fn split_problem(bag: &Path, index: &BagIndex, config: &CaptureConfig) -> Option<String> {
     let (first, last) = index.span_nanos()?;
     if let Some(topic) = &config.topics.marker {
-        return Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice)).err().map(|e| e.to_string());
+        return Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))
+            .err()
+            .map(|e| e.to_string());
     }
     if !config.split_secs.is_empty() {
         return Split::at(&config.split_secs, first, last).err().map(|e| e.to_string());
     }
     let markers: Vec<_> = index.markers.keys().map(String::as_str).collect();
-    let hint = if markers.is_empty() { String::new() } else { format!(" (std_msgs topics that may be markers: {})", markers.join(", ")) };
+    let hint = if markers.is_empty() {
+        String::new()
+    } else {
+        format!(" (std_msgs topics that may be markers: {})", markers.join(", "))
+    };
     Some(format!("{}{hint}", CaptureError::OneState { path: bag.to_owned() }))
 }
 
-fn inspect_bag(path: &Path, config: &CaptureConfig, state: usize) -> Result<(StateInspection, BagIndex), CaptureError> {
+fn inspect_bag(
+    path: &Path,
+    config: &CaptureConfig,
+    state: usize,
+) -> Result<(StateInspection, BagIndex), CaptureError> {
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag)?;
-    let mut seen =
-        StateInspection { path: path.to_owned(), format: format!("MCAP, {} file(s)", bag.files.len()), ..StateInspection::default() };
+    let mut seen = StateInspection {
+        path: path.to_owned(),
+        format: format!("MCAP, {} file(s)", bag.files.len()),
+        ..StateInspection::default()
+    };
     seen.span_secs = index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9));
     seen.topics = index.topics.keys().map(|name| inspect_topic(name, &index)).collect();
     seen.transforms = index.tf.describe();
@@ -148,15 +168,24 @@ fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
         details.extend(images.entries.first().and_then(|e| e.size).map(|(w, h)| format!("{w}x{h}")));
         details.push(format!("frame {}", images.frame));
     }
-    if let (INFO_TYPE, Some(info)) = (stat.type_name.as_str(), index.infos.get(name).and_then(|i| i.distinct.first())) {
+    if let (INFO_TYPE, Some(info)) =
+        (stat.type_name.as_str(), index.infos.get(name).and_then(|i| i.distinct.first()))
+    {
         details.push(format!("{}x{}", info.width, info.height));
         details.push(format!("fx {:.1}", info.k[0]));
-        let lens =
-            if info.d.iter().all(|d| *d == 0.0) { "no distortion".into() } else { format!("{} {:?}", info.distortion_model, info.d) };
+        let lens = if info.d.iter().all(|d| *d == 0.0) {
+            "no distortion".into()
+        } else {
+            format!("{} {:?}", info.distortion_model, info.d)
+        };
         details.push(lens);
     }
     if let Some(poses) = index.poses.get(name) {
-        details.push(format!("{} in {}", poses.child.as_deref().unwrap_or("a frame that is not named"), poses.parent));
+        details.push(format!(
+            "{} in {}",
+            poses.child.as_deref().unwrap_or("a frame that is not named"),
+            poses.parent
+        ));
     }
     if stat.undecodable > 0 {
         details.push(format!("{} not decodable", stat.undecodable));
@@ -176,7 +205,8 @@ fn inspect_dataset(
     config: &CaptureConfig,
     open: fn(&Path, &CaptureConfig) -> Result<crate::capture::Capture, CaptureError>,
 ) -> StateInspection {
-    let mut seen = StateInspection { path: folder.to_owned(), format: format.to_owned(), ..StateInspection::default() };
+    let mut seen =
+        StateInspection { path: folder.to_owned(), format: format.to_owned(), ..StateInspection::default() };
     match open(folder, config) {
         Ok(capture) => {
             seen.views = capture.states.iter().map(Vec::len).sum();
@@ -202,7 +232,8 @@ impl Inspection {
         for recording in &self.recordings {
             recording.write(&mut text);
         }
-        let problems: Vec<_> = self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
+        let problems: Vec<_> =
+            self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
         match problems.as_slice() {
             [] => text.push_str("usable: yes\n"),
             problems => {
@@ -239,20 +270,26 @@ impl StateInspection {
             }
             more(text, self.topics.len());
         }
-        for (title, lines) in [("transforms", &self.transforms), ("used", &self.chosen), ("warnings", &self.warnings)] {
-            if !lines.is_empty() {
-                _ = writeln!(text, "  {title}:");
-                for line in lines.iter().take(SHOWN) {
-                    _ = writeln!(text, "    {}", printable(line));
-                }
-                more(text, lines.len());
-            }
-        }
+        list(text, "transforms", &self.transforms);
+        list(text, "used", &self.chosen);
+        list(text, "warnings", &self.warnings);
         _ = writeln!(text, "  posed RGB-D views: {}", self.views);
     }
 }
 
-/// Tells how many lines of a long list are not shown.
+/// A list with its title; nothing where it is empty.
+fn list(text: &mut String, title: &str, lines: &[impl ToString]) {
+    if lines.is_empty() {
+        return;
+    }
+    _ = writeln!(text, "  {title}:");
+    for line in lines.iter().take(SHOWN) {
+        _ = writeln!(text, "    {}", printable(&line.to_string()));
+    }
+    more(text, lines.len());
+}
+
+/// Says how many lines of a long list are not shown.
 fn more(text: &mut String, lines: usize) {
     if let Some(more) = lines.checked_sub(SHOWN).filter(|n| *n > 0) {
         _ = writeln!(text, "    and {more} more");

@@ -12,10 +12,11 @@ use super::{
 };
 use crate::{
     capture::CaptureError,
-    gap::{
+    gap::record::{
         recording::{JointSamples, Recording},
         tracks::{PoseTrack, Streams, WrenchTrack},
     },
+    note::{Note, NoteCode},
 };
 
 /// Types of the messages that are read.
@@ -53,11 +54,12 @@ struct Reader<'a> {
     unstamped: usize,
 }
 
-/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are those of the headers;
-/// where these are missing, those of the recorder, with a warning.
+/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are
+/// those of the headers; where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors
-/// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was named.
+/// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was
+/// named.
 pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
     let mut reader = Reader {
@@ -76,7 +78,9 @@ pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, Captu
     })?;
     reader.check(path)?;
     let mut warnings = bag.warnings.clone();
-    warnings.extend(reports.iter().filter_map(|(file, report): &(PathBuf, _)| report.damage(&file.display().to_string())));
+    warnings.extend(
+        reports.iter().filter_map(|(file, report): &(PathBuf, _)| report.damage(&file.display().to_string())),
+    );
     Ok(reader.recording(run_name(path), warnings))
 }
 
@@ -85,14 +89,19 @@ impl Reader<'_> {
         let topic = message.topic;
         let is_cdr = message.message_encoding == "cdr";
         self.topics.entry(topic.to_owned()).or_insert_with(|| {
-            let foreign = if is_cdr { String::new() } else { format!(", encoded as `{}`, not cdr", message.message_encoding) };
+            let foreign = if is_cdr {
+                String::new()
+            } else {
+                format!(", encoded as `{}`, not cdr", message.message_encoding)
+            };
             format!("{}{foreign}", message.type_name)
         });
         if !is_cdr {
             self.broken += usize::from([JOINT_STATE, WRENCH, POSE, TF].contains(&message.type_name));
             return;
         }
-        let named = |list: &[(String, String)]| list.iter().find(|(t, _)| t == topic).map(|(_, link)| link.clone());
+        let named =
+            |list: &[(String, String)]| list.iter().find(|(t, _)| t == topic).map(|(_, link)| link.clone());
         let log_nanos = message.log_time_nanos as i64;
         match message.type_name {
             JOINT_STATE => match decode::<JointState>(message.data) {
@@ -153,7 +162,8 @@ impl Reader<'_> {
     fn wrench(&mut self, topic: &str, link: String, message: &WrenchStamped, log_nanos: i64) {
         let stamp = self.stamp(&message.header, log_nanos);
         let frame = message.header.frame_id.trim_start_matches('/');
-        let track = WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
+        let track =
+            WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
         let own = self.wrenches.entry(topic.to_owned()).or_insert(Stamped { track, stamps: Vec::new() });
         let vector = |v: &super::ros2msg::Vector3| nalgebra::Vector3::new(v.x, v.y, v.z);
         let (force, moment) = (vector(&message.force), vector(&message.torque));
@@ -169,11 +179,25 @@ impl Reader<'_> {
     }
 
     /// A pose of (child frame, link, whether it was asked for).
-    fn pose(&mut self, topic: &str, (child, link, asked): (String, String, bool), header: &Header, pose: &Transform, log_nanos: i64) {
+    fn pose(
+        &mut self,
+        topic: &str,
+        (child, link, asked): (String, String, bool),
+        header: &Header,
+        pose: &Transform,
+        log_nanos: i64,
+    ) {
         let stamp = self.stamp(header, log_nanos);
         let frame = header.frame_id.trim_start_matches('/');
-        let track = PoseTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, asked, ..PoseTrack::default() };
-        let own = self.poses.entry((topic.to_owned(), child)).or_insert(Stamped { track, stamps: Vec::new() });
+        let track = PoseTrack {
+            topic: topic.to_owned(),
+            frame: frame.to_owned(),
+            link,
+            asked,
+            ..PoseTrack::default()
+        };
+        let own =
+            self.poses.entry((topic.to_owned(), child)).or_insert(Stamped { track, stamps: Vec::new() });
         let Some(pose) = pose.checked() else {
             self.broken += 1;
             return;
@@ -191,8 +215,13 @@ impl Reader<'_> {
         let refused = |reason: String| Err(CaptureError::NotARecording { path: path.to_owned(), reason });
         let seen: Vec<String> = self.topics.iter().map(|(topic, kind)| format!("{topic} ({kind})")).collect();
         let seen = if seen.is_empty() { "none".to_owned() } else { seen.join(", ") };
-        let wrenches = self.streams.wrenches.iter().map(|(t, _)| (t, WRENCH, self.wrenches.get(t).is_some_and(|w| !w.stamps.is_empty())));
-        let has_pose = |t: &String| self.poses.get(&(t.clone(), String::new())).is_some_and(|p| !p.stamps.is_empty());
+        let wrenches = self
+            .streams
+            .wrenches
+            .iter()
+            .map(|(t, _)| (t, WRENCH, self.wrenches.get(t).is_some_and(|w| !w.stamps.is_empty())));
+        let has_pose =
+            |t: &String| self.poses.get(&(t.clone(), String::new())).is_some_and(|p| !p.stamps.is_empty());
         let poses = self.streams.poses.iter().map(|(t, _)| (t, POSE, has_pose(t)));
         for (topic, kind, there) in wrenches.chain(poses) {
             if !there {
@@ -200,23 +229,37 @@ impl Reader<'_> {
             }
         }
         // Transforms of other frames beside those of the twin are no concern.
-        let named = |t: &&String| self.streams.wrenches.iter().chain(&self.streams.poses).any(|(n, _)| n == *t);
+        let named =
+            |t: &&String| self.streams.wrenches.iter().chain(&self.streams.poses).any(|(n, _)| n == *t);
         if let Some(topic) = self.changing.iter().find(named) {
-            return refused(format!("the frame of '{topic}' changes from message to message; record one frame on a topic"));
+            return refused(format!(
+                "the frame of '{topic}' changes from message to message; record one frame on a topic"
+            ));
         }
         if self.joints.is_empty() && self.poses.is_empty() {
             let what = "nor transforms (/tf) of the twin's links";
-            return refused(format!("it holds no {JOINT_STATE}, {what}; its topics are: {seen}; name poses with --pose"));
+            return refused(format!(
+                "it holds no {JOINT_STATE}, {what}; its topics are: {seen}; name poses with --pose"
+            ));
         }
         Ok(())
     }
 
-    fn recording(self, name: String, mut warnings: Vec<String>) -> Recording {
+    fn recording(self, name: String, mut warnings: Vec<Note>) -> Recording {
         if self.broken > 0 {
-            warnings.push(format!("run '{name}': {} messages could not be decoded or hold no numbers", self.broken));
+            warnings.push(Note::new(
+                NoteCode::MessagesUndecodable,
+                format!("run '{name}': {} messages could not be decoded or hold no numbers", self.broken),
+            ));
         }
         if self.unstamped > 0 {
-            warnings.push(format!("run '{name}': {} messages have no stamp; the recorder's time is used", self.unstamped));
+            warnings.push(Note::new(
+                NoteCode::StampsMissing,
+                format!(
+                    "run '{name}': {} messages have no stamp; the recorder's time is used",
+                    self.unstamped
+                ),
+            ));
         }
         let starts = self.joints.values().filter_map(|s| s.stamps.iter().min());
         let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first()));
@@ -229,8 +272,15 @@ impl Reader<'_> {
             effort: s.effort,
         });
         let poses = self.poses.into_values().map(|s| PoseTrack { time_s: seconds(&s.stamps), ..s.track });
-        let wrenches = self.wrenches.into_values().map(|s| WrenchTrack { time_s: seconds(&s.stamps), ..s.track });
-        Recording { name, joints: joints.collect(), poses: poses.collect(), wrenches: wrenches.collect(), warnings }
+        let wrenches =
+            self.wrenches.into_values().map(|s| WrenchTrack { time_s: seconds(&s.stamps), ..s.track });
+        Recording {
+            name,
+            joints: joints.collect(),
+            poses: poses.collect(),
+            wrenches: wrenches.collect(),
+            warnings,
+        }
     }
 }
 

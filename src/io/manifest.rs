@@ -70,7 +70,9 @@ impl Manifest {
         let mut files = BTreeMap::new();
         for (path, held) in listed(folder)? {
             match held {
-                Held::File { bytes } => drop(files.insert(path.clone(), Content { bytes, sha256: sha256(&folder.join(&path))? })),
+                Held::File { bytes } => {
+                    drop(files.insert(path.clone(), Content { bytes, sha256: sha256(&folder.join(&path))? }))
+                }
                 Held::Folder => {}
                 Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
             }
@@ -86,8 +88,8 @@ impl Manifest {
         serde_json::from_slice(&fs::read(path).ok()?).ok()
     }
 
-    /// Sentences about what differs in the folder from what was written: every file and folder that was added, removed or
-    /// edited. A link, and whatever else is no file, counts as an edit.
+    /// Sentences about what differs in the folder from what was written: every file and folder that was
+    /// added, removed or edited. A link, and whatever else is no file, counts as an edit.
     ///
     /// # Errors
     /// If the folder or a file cannot be read, or the folder holds more than 100,000 files.
@@ -97,12 +99,17 @@ impl Manifest {
         for (path, content) in &self.files {
             match there.remove(path) {
                 None => found.push(format!("{path} was removed")),
-                Some(Held::File { bytes }) if bytes == content.bytes && sha256(&folder.join(path))? == content.sha256 => {}
+                Some(Held::File { bytes })
+                    if bytes == content.bytes && sha256(&folder.join(path))? == content.sha256 => {}
                 Some(_) => found.push(format!("{path} was edited")),
             }
         }
-        let holds_ours =
-            |path: &String| self.files.range(format!("{path}/")..).next().is_some_and(|(p, _)| p.starts_with(&format!("{path}/")));
+        let holds_ours = |path: &String| {
+            self.files
+                .range(format!("{path}/")..)
+                .next()
+                .is_some_and(|(p, _)| p.starts_with(&format!("{path}/")))
+        };
         there.retain(|path, held| *held != Held::Folder || !holds_ours(path));
         found.extend(there.into_keys().map(|path| format!("{path} was added")));
         if fs::read(folder.join(MANIFEST))? != self.bytes()? {
@@ -172,7 +179,7 @@ fn sha256(path: &Path) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::temp::Temp;
+    use crate::temp::Temp;
 
     /// A folder as a command leaves it.
     fn written(name: &str) -> Temp {
@@ -192,11 +199,14 @@ mod tests {
     fn it_names_program_command_and_every_file() {
         let temp = written("manifest-names");
         let text = fs::read_to_string(temp.0.join(MANIFEST)).unwrap();
+        let [lid, report] = [
+            "7b6f74e68a82e1ba99b66e56054d46975b1869661ffa0c7f17301f69cbb64463",
+            "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a",
+        ];
         let expected = format!(
-            "{{\n  \"artitwin\": \"{}\",\n  \"command\": \"reconstruct\",\n  \"files\": {{\n    \"meshes/visual/lid.obj\": {{\n      \
-             \"bytes\": 7,\n      \"sha256\": \"7b6f74e68a82e1ba99b66e56054d46975b1869661ffa0c7f17301f69cbb64463\"\n    }},\n    \
-             \"report.json\": {{\n      \"bytes\": 2,\n      \
-             \"sha256\": \"44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a\"\n    }}\n  }}\n}}\n",
+            "{{\n  \"artitwin\": \"{}\",\n  \"command\": \"reconstruct\",\n  \"files\": {{\n    \
+             \"meshes/visual/lid.obj\": {{\n      \"bytes\": 7,\n      \"sha256\": \"{lid}\"\n    }},\n    \
+             \"report.json\": {{\n      \"bytes\": 2,\n      \"sha256\": \"{report}\"\n    }}\n  }}\n}}\n",
             env!("CARGO_PKG_VERSION")
         );
         assert_eq!(text, expected);
@@ -208,11 +218,23 @@ mod tests {
         let changes: [(&str, fn(&Path), &[&str]); 8] = [
             ("edited", |f| fs::write(f.join("report.json"), "[]").unwrap(), &["report.json was edited"]),
             ("longer", |f| fs::write(f.join("report.json"), "{}\n").unwrap(), &["report.json was edited"]),
-            ("added", |f| fs::write(f.join("meshes/notes.txt"), "").unwrap(), &["meshes/notes.txt was added"]),
+            (
+                "added",
+                |f| fs::write(f.join("meshes/notes.txt"), "").unwrap(),
+                &["meshes/notes.txt was added"],
+            ),
             ("hidden", |f| fs::write(f.join(".notes"), "").unwrap(), &[".notes was added"]),
             ("folder", |f| fs::create_dir(f.join("empty")).unwrap(), &["empty was added"]),
-            ("removed", |f| fs::remove_dir_all(f.join("meshes")).unwrap(), &["meshes/visual/lid.obj was removed"]),
-            ("below", |f| fs::write(f.join("meshes/manifest.json"), "").unwrap(), &["meshes/manifest.json was added"]),
+            (
+                "removed",
+                |f| fs::remove_dir_all(f.join("meshes")).unwrap(),
+                &["meshes/visual/lid.obj was removed"],
+            ),
+            (
+                "below",
+                |f| fs::write(f.join("meshes/manifest.json"), "").unwrap(),
+                &["meshes/manifest.json was added"],
+            ),
             (
                 "manifest",
                 |f| {

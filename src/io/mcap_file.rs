@@ -1,9 +1,9 @@
 //! MCAP files read front to back, without their index, and salvaged chunk by chunk where they are damaged.
 //!
-//! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of the same
-//! form, compressed. Memory is bounded by the largest record. A chunk whose checksum or compression is broken is left
-//! out as a whole, because a message in it may be silently wrong; a file cut in the middle of a chunk gives what came
-//! before the cut.
+//! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of
+//! the same form, compressed. Memory is bounded by the largest record. A chunk whose checksum or compression
+//! is broken is left out as a whole, because a message in it may be silently wrong; a file cut in the middle
+//! of a chunk gives what came before the cut.
 
 use std::{
     collections::BTreeMap,
@@ -13,9 +13,11 @@ use std::{
 use mcap::records::op;
 
 use super::{
-    expansion::Expansion,
-    mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, SchemaRecord, summary_start},
+    expansion::{Expansion, ExpansionError},
+    mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, summary_start},
 };
+
+use crate::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
@@ -25,6 +27,43 @@ const SUMMARY_LIMIT: u64 = 64 << 20;
 const TAIL: i64 = 9 + 20 + 8;
 /// Most damaged chunks whose reason is kept.
 const REASONS: usize = 20;
+
+/// Why a file, or a chunk of it, is not read further.
+#[derive(Debug, thiserror::Error)]
+enum McapDamage {
+    #[error("the file is empty")]
+    Empty,
+    #[error("it does not begin as an MCAP file")]
+    NoMcap,
+    #[error("the file ends without its end mark (not closed by the recorder, or cut)")]
+    NoEnd,
+    #[error("the file ends in the middle of a record")]
+    CutFile,
+    #[error("it ends in the middle of a record")]
+    CutChunk,
+    #[error("a record claims {0} bytes, more than the limit of {RECORD_LIMIT}")]
+    LongRecord(u64),
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    #[error(transparent)]
+    Read(#[from] std::io::Error),
+    #[error("its header is broken ({0})")]
+    ChunkHeader(RecordError),
+    #[error("it is longer than its record")]
+    LongChunk,
+    #[error("it claims {0} bytes, more than the limit of {RECORD_LIMIT}")]
+    LargeChunk(u64),
+    #[error(transparent)]
+    Expansion(#[from] ExpansionError),
+    #[error("its compression `{0}` is not known")]
+    Compression(String),
+    #[error("its compression is broken ({0})")]
+    Unpack(std::io::Error),
+    #[error("it holds {has} bytes instead of {expected}")]
+    Size { has: usize, expected: u64 },
+    #[error("its checksum is {has:08x} instead of {expected:08x}")]
+    Checksum { has: u32, expected: u32 },
+}
 
 /// A message stream within a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,13 +89,16 @@ impl Channels {
     }
 
     /// Learns from the body of a schema or channel record.
-    fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
+    fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), RecordError> {
         if opcode == op::SCHEMA {
             let schema = SchemaRecord::read(body)?;
             self.schemas.insert(schema.id, schema.name);
         } else {
             let c = ChannelRecord::read(body)?;
-            self.channels.insert(c.id, Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id });
+            self.channels.insert(
+                c.id,
+                Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id },
+            );
         }
         Ok(())
     }
@@ -100,9 +142,15 @@ pub struct FileReport {
 }
 
 impl FileReport {
-    fn bad_chunk(&mut self, number: u64, why: String) {
-        let why = if self.bad_chunks.len() < REASONS { why } else { String::new() };
+    fn bad_chunk(&mut self, number: u64, why: &McapDamage) {
+        let why = if self.bad_chunks.len() < REASONS { why.to_string() } else { String::new() };
         self.bad_chunks.push((number, why));
+    }
+
+    /// The same, ended before its end.
+    fn stopped_by(mut self, why: &McapDamage) -> Self {
+        self.stopped = Some(why.to_string());
+        self
     }
 
     /// Whether everything was read.
@@ -111,9 +159,9 @@ impl FileReport {
         self.bad_chunks.is_empty() && self.orphans == 0 && self.stopped.is_none()
     }
 
-    /// A sentence about the damage in the named file; `None` where it is whole.
+    /// The damage in the named file; `None` where it is whole.
     #[must_use]
-    pub fn damage(&self, name: &str) -> Option<String> {
+    pub fn damage(&self, name: &str) -> Option<Note> {
         if self.is_whole() {
             return None;
         }
@@ -123,12 +171,16 @@ impl FileReport {
         }
         if let Some((number, why)) = self.bad_chunks.first() {
             let n = self.bad_chunks.len();
-            parts.push(format!("{n} of {} chunks left out as damaged (first: chunk {number}, {why})", self.chunks));
+            parts.push(format!(
+                "{n} of {} chunks left out as damaged (first: chunk {number}, {why})",
+                self.chunks
+            ));
         }
         if self.orphans > 0 {
             parts.push(format!("{} messages left out, as their topic is not known", self.orphans));
         }
-        Some(format!("`{name}` is damaged: {}; {} messages were read", parts.join("; "), self.messages))
+        let text = format!("`{name}` is damaged: {}; {} messages were read", parts.join("; "), self.messages);
+        Some(Note::new(NoteCode::RecordingDamaged, text))
     }
 }
 
@@ -141,40 +193,41 @@ struct RawRecord {
 }
 
 /// Reads the next record; `Ok(None)` at a clean end.
-fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, String> {
+fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, McapDamage> {
     let mut front = [0; 9];
     match read_up_to(source, &mut front)? {
         0 => return Ok(None),
         9 => {}
-        _ => return Err("the file ends in the middle of a record".into()),
+        _ => return Err(McapDamage::CutFile),
     }
     let opcode = front[0];
     let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
     if length > RECORD_LIMIT {
-        return Err(format!("a record claims {length} bytes, more than the limit of {RECORD_LIMIT}"));
+        return Err(McapDamage::LongRecord(length));
     }
     let mut body = Vec::new();
-    source.by_ref().take(length).read_to_end(&mut body).map_err(|e| e.to_string())?;
+    source.by_ref().take(length).read_to_end(&mut body)?;
     let cut = (body.len() as u64) < length;
     Ok(Some(RawRecord { opcode, body, cut }))
 }
 
 /// Fills as much of the buffer as the source gives.
-fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> Result<usize, String> {
+fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usize> {
     let mut filled = 0;
     while filled < buffer.len() {
         match source.read(&mut buffer[filled..]) {
             Ok(0) => break,
             Ok(n) => filled += n,
             Err(e) if e.kind() == ErrorKind::Interrupted => {}
-            Err(e) => return Err(e.to_string()),
+            Err(e) => return Err(e),
         }
     }
     Ok(filled)
 }
 
-/// Channels repeated in the summary at the end of a file, so that losing the chunk that first named them loses no
-/// other. Best effort: nothing is learned from a file without a valid footer. Leaves the source at its start.
+/// Channels repeated in the summary at the end of a file, so that losing the chunk that first named them
+/// loses no other. Best effort: nothing is learned from a file without a valid footer. Leaves the source at
+/// its start.
 ///
 /// # Errors
 /// An I/O error from seeking back to the start.
@@ -206,11 +259,11 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
     Some(channels)
 }
 
-/// Reads all messages in file order. `channels` holds what is already known and learns the rest; chunks unpack to what
-/// `expansion` has left.
+/// Reads all messages in file order. `channels` holds what is already known and learns the rest; chunks
+/// unpack to what `expansion` has left.
 ///
 /// # Errors
-/// The visitor's error. Damage is no error: it is told in the report.
+/// The visitor's error. Damage is no error: it stands in the report.
 pub fn read_messages<R: Read, E>(
     mut source: R,
     channels: &mut Channels,
@@ -221,30 +274,15 @@ pub fn read_messages<R: Read, E>(
     let mut magic = [0; 8];
     match read_up_to(&mut source, &mut magic) {
         Ok(8) if magic == *mcap::MAGIC => {}
-        Ok(0) => {
-            report.stopped = Some("the file is empty".into());
-            return Ok(report);
-        }
-        Ok(_) => {
-            report.stopped = Some("it does not begin as an MCAP file".into());
-            return Ok(report);
-        }
-        Err(why) => {
-            report.stopped = Some(why);
-            return Ok(report);
-        }
+        Ok(0) => return Ok(report.stopped_by(&McapDamage::Empty)),
+        Ok(_) => return Ok(report.stopped_by(&McapDamage::NoMcap)),
+        Err(error) => return Ok(report.stopped_by(&error.into())),
     }
     loop {
         let record = match next_record(&mut source) {
             Ok(Some(record)) => record,
-            Ok(None) => {
-                report.stopped = Some("the file ends without its end mark (not closed by the recorder, or cut)".into());
-                return Ok(report);
-            }
-            Err(why) => {
-                report.stopped = Some(why);
-                return Ok(report);
-            }
+            Ok(None) => return Ok(report.stopped_by(&McapDamage::NoEnd)),
+            Err(why) => return Ok(report.stopped_by(&why)),
         };
         match record.opcode {
             // The summary that follows only repeats.
@@ -253,14 +291,12 @@ pub fn read_messages<R: Read, E>(
             _ if record.cut => {}
             opcode => {
                 if let Err(why) = read_flat(opcode, &record.body, channels, &mut report, visit)? {
-                    report.stopped = Some(why);
-                    return Ok(report);
+                    return Ok(report.stopped_by(&why.into()));
                 }
             }
         }
         if record.cut {
-            report.stopped = Some("the file ends in the middle of a record".into());
-            return Ok(report);
+            return Ok(report.stopped_by(&McapDamage::CutFile));
         }
     }
 }
@@ -272,7 +308,7 @@ fn read_flat<E>(
     channels: &mut Channels,
     report: &mut FileReport,
     visit: &mut dyn FnMut(&RawMessage) -> Result<(), E>,
-) -> Result<Result<(), String>, E> {
+) -> Result<Result<(), RecordError>, E> {
     match opcode {
         op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body)),
         op::MESSAGE => {
@@ -312,7 +348,7 @@ fn read_chunk<E>(
     let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {
-            report.bad_chunk(number, why);
+            report.bad_chunk(number, &why);
             return Ok(());
         }
     };
@@ -320,30 +356,33 @@ fn read_chunk<E>(
     loop {
         let why = match next_record(&mut source) {
             Ok(None) => return Ok(()),
-            Ok(Some(inner)) if !inner.cut => match read_flat(inner.opcode, &inner.body, channels, report, visit)? {
-                Ok(()) => continue,
-                Err(why) => why,
-            },
-            // A file that was cut is told once, by the caller.
+            Ok(Some(inner)) if !inner.cut => {
+                match read_flat(inner.opcode, &inner.body, channels, report, visit)? {
+                    Ok(()) => continue,
+                    Err(why) => why.into(),
+                }
+            }
+            // A file that was cut is reported once, by the caller.
             _ if record.cut => return Ok(()),
-            Ok(Some(_)) => "it ends in the middle of a record".into(),
+            Ok(Some(_)) => McapDamage::CutChunk,
             Err(why) => why,
         };
-        report.bad_chunk(number, why);
+        report.bad_chunk(number, &why);
         return Ok(());
     }
 }
 
-/// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there is.
-fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8>, String> {
-    let header = ChunkRecord::read(&record.body).map_err(|why| format!("its header is broken ({why})"))?;
+/// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there
+/// is.
+fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8>, McapDamage> {
+    let header = ChunkRecord::read(&record.body).map_err(McapDamage::ChunkHeader)?;
     let data = match usize::try_from(header.compressed_size) {
         Ok(n) if n <= header.data.len() => &header.data[..n],
         _ if record.cut => header.data,
-        _ => return Err("it is longer than its record".into()),
+        _ => return Err(McapDamage::LongChunk),
     };
     if header.uncompressed_size > RECORD_LIMIT {
-        return Err(format!("it claims {} bytes, more than the limit of {RECORD_LIMIT}", header.uncompressed_size));
+        return Err(McapDamage::LargeChunk(header.uncompressed_size));
     }
     if !header.compression.is_empty() {
         expansion.take(data.len() as u64, header.uncompressed_size)?;
@@ -356,26 +395,25 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         }
         "zstd" => unpack(zstd::Decoder::new(data), header.uncompressed_size, &mut content),
         "lz4" => unpack(lz4::Decoder::new(data), header.uncompressed_size, &mut content),
-        other => Err(format!("its compression `{other}` is not known")),
+        other => Err(McapDamage::Compression(other.to_owned())),
     };
     if record.cut {
         return Ok(content);
     }
     unpacked?;
     if content.len() as u64 != header.uncompressed_size {
-        return Err(format!("it holds {} bytes instead of {}", content.len(), header.uncompressed_size));
+        return Err(McapDamage::Size { has: content.len(), expected: header.uncompressed_size });
     }
     let crc = crc32fast::hash(&content);
     if header.uncompressed_crc != 0 && crc != header.uncompressed_crc {
-        return Err(format!("its checksum is {crc:08x} instead of {:08x}", header.uncompressed_crc));
+        return Err(McapDamage::Checksum { has: crc, expected: header.uncompressed_crc });
     }
     Ok(content)
 }
 
-fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), String> {
-    let describe = |e: std::io::Error| format!("its compression is broken ({e})");
-    decoder.map_err(describe)?.take(size + 1).read_to_end(content).map_err(describe)?;
-    Ok(())
+fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), McapDamage> {
+    let read = decoder.and_then(|d| d.take(size + 1).read_to_end(content));
+    read.map(|_| ()).map_err(McapDamage::Unpack)
 }
 
 #[cfg(test)]
@@ -388,13 +426,21 @@ mod tests {
 
     fn file(compression: Option<mcap::Compression>) -> Vec<u8> {
         let mut buffer = Cursor::new(Vec::new());
-        let options = mcap::WriteOptions::new().compression(compression).chunk_size(Some(4000)).profile("ros2");
+        let options =
+            mcap::WriteOptions::new().compression(compression).chunk_size(Some(4000)).profile("ros2");
         let mut writer = options.create(&mut buffer).unwrap();
         let schema = writer.add_schema("std_msgs/msg/String", "ros2msg", b"string data").unwrap();
         let channel = writer.add_channel(schema, "/a", "cdr", &BTreeMap::new()).unwrap();
         for i in 0..COUNT {
-            let header = mcap::records::MessageHeader { channel_id: channel, sequence: i as u32, log_time: i as u64, publish_time: 0 };
-            let data: Vec<u8> = (0..1500u32).map(|k| (k.wrapping_mul(2_654_435_761).wrapping_add(i as u32) >> 13) as u8).collect();
+            let header = mcap::records::MessageHeader {
+                channel_id: channel,
+                sequence: i as u32,
+                log_time: i as u64,
+                publish_time: 0,
+            };
+            let data: Vec<u8> = (0..1500u32)
+                .map(|k| (k.wrapping_mul(2_654_435_761).wrapping_add(i as u32) >> 13) as u8)
+                .collect();
             writer.write_to_known_channel(&header, &data).unwrap();
         }
         writer.finish().unwrap();
@@ -434,10 +480,11 @@ mod tests {
     fn without_its_end_everything_is_read_and_said() {
         for kind in kinds() {
             let bytes = file(kind);
-            let end = bytes.windows(9).rposition(|w| w[0] == op::DATA_END && w[1..] == 4u64.to_le_bytes()).unwrap();
+            let end =
+                bytes.windows(9).rposition(|w| w[0] == op::DATA_END && w[1..] == 4u64.to_le_bytes()).unwrap();
             let (times, report) = read(&bytes[..end]);
             assert_eq!(times.len(), COUNT);
-            assert!(report.damage("x").unwrap().contains("without its end mark"));
+            assert!(report.damage("x").unwrap().text.contains("without its end mark"));
         }
     }
 
@@ -475,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_told_without_allocation() {
+    fn nonsense_is_reported_without_allocation() {
         assert!(read(b"").1.stopped.unwrap().contains("empty"));
         assert!(read(b"hello, world").1.stopped.unwrap().contains("MCAP"));
         assert!(read(mcap::MAGIC).1.stopped.is_some());
@@ -494,7 +541,8 @@ mod tests {
     fn chunks_that_unpack_to_far_more_than_they_hold_are_left_out_and_the_rest_is_read() {
         let whole = file(Some(mcap::Compression::Zstd));
         let zeros = zstd::bulk::compress(&vec![0; 64 << 20], 1).unwrap();
-        let mut chunk = [&[0; 16][..], &(64u64 << 20).to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd"].concat();
+        let mut chunk =
+            [&[0; 16][..], &(64u64 << 20).to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd"].concat();
         chunk.extend((zeros.len() as u64).to_le_bytes());
         chunk.extend(&zeros);
         let record = [&[op::CHUNK][..], &(chunk.len() as u64).to_le_bytes(), &chunk].concat();
@@ -504,6 +552,6 @@ mod tests {
         let (times, report) = read(&bytes);
         assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
         assert_eq!((times.len(), report.bad_chunks.len()), (COUNT, 1000));
-        assert!(report.damage("x").unwrap().contains("would unpack to 67108864, more than the limit"));
+        assert!(report.damage("x").unwrap().text.contains("would unpack to 67108864, more than the limit"));
     }
 }

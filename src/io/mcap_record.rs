@@ -1,39 +1,59 @@
-//! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is allocated for.
+//! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is
+//! allocated for.
 
 /// Longest name of a topic, type or compression, bytes; ROS takes 255.
 const MAX_NAME: usize = 4096;
+
+/// Why a record cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecordError {
+    /// A length leads beyond the record.
+    #[error("a record names a field of {count} bytes and has {has}")]
+    Field {
+        /// The length.
+        count: usize,
+        /// What is left of the record.
+        has: usize,
+    },
+    /// A name of so many bytes.
+    #[error("a record holds a name of {0} bytes; {MAX_NAME} are the limit")]
+    Name(usize),
+    /// A name in other bytes than text.
+    #[error("a record holds a name that is no text ({0})")]
+    NotText(#[from] std::str::Utf8Error),
+}
 
 /// Fields from the front of a record.
 struct Fields<'a>(&'a [u8]);
 
 impl<'a> Fields<'a> {
-    fn bytes(&mut self, count: usize) -> Result<&'a [u8], String> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], RecordError> {
         let (front, rest) =
-            self.0.split_at_checked(count).ok_or_else(|| format!("a record names a field of {count} bytes and has {}", self.0.len()))?;
+            self.0.split_at_checked(count).ok_or(RecordError::Field { count, has: self.0.len() })?;
         self.0 = rest;
         Ok(front)
     }
 
-    fn number(&mut self, bytes: usize) -> Result<u64, String> {
+    fn number(&mut self, bytes: usize) -> Result<u64, RecordError> {
         Ok(self.bytes(bytes)?.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)))
     }
 
-    fn id(&mut self) -> Result<u16, String> {
+    fn id(&mut self) -> Result<u16, RecordError> {
         Ok(self.number(2)? as u16)
     }
 
     /// Bytes behind their length.
-    fn counted(&mut self) -> Result<&'a [u8], String> {
+    fn counted(&mut self) -> Result<&'a [u8], RecordError> {
         let count = self.number(4)? as usize;
         self.bytes(count)
     }
 
-    fn text(&mut self) -> Result<String, String> {
+    fn text(&mut self) -> Result<String, RecordError> {
         let bytes = self.counted()?;
         if bytes.len() > MAX_NAME {
-            return Err(format!("a record holds a name of {} bytes; {MAX_NAME} are the limit", bytes.len()));
+            return Err(RecordError::Name(bytes.len()));
         }
-        std::str::from_utf8(bytes).map(str::to_owned).map_err(|e| format!("a record holds a name that is no text ({e})"))
+        Ok(std::str::from_utf8(bytes)?.to_owned())
     }
 }
 
@@ -50,8 +70,8 @@ impl SchemaRecord {
     /// Reads the body of a schema record.
     ///
     /// # Errors
-    /// A sentence on what is damaged.
-    pub fn read(body: &[u8]) -> Result<Self, String> {
+    /// What is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let schema = Self { id: fields.id()?, name: fields.text()? };
         // Encoding and definition must be whole.
@@ -78,8 +98,8 @@ impl ChannelRecord {
     /// Reads the body of a channel record.
     ///
     /// # Errors
-    /// A sentence on what is damaged.
-    pub fn read(body: &[u8]) -> Result<Self, String> {
+    /// What is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let (id, schema_id) = (fields.id()?, fields.id()?);
         let channel = Self { id, schema_id, topic: fields.text()?, message_encoding: fields.text()? };
@@ -108,8 +128,8 @@ impl<'a> MessageRecord<'a> {
     /// Reads the body of a message record.
     ///
     /// # Errors
-    /// A sentence on what is damaged.
-    pub fn read(body: &'a [u8]) -> Result<Self, String> {
+    /// What is damaged.
+    pub fn read(body: &'a [u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let channel_id = fields.id()?;
         let sequence = fields.number(4)? as u32;
@@ -137,8 +157,8 @@ impl<'a> ChunkRecord<'a> {
     /// Reads the body of a chunk record, which may be cut within its records.
     ///
     /// # Errors
-    /// A sentence on what is damaged.
-    pub fn read(body: &'a [u8]) -> Result<Self, String> {
+    /// What is damaged.
+    pub fn read(body: &'a [u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         fields.bytes(16)?;
         let (uncompressed_size, uncompressed_crc) = (fields.number(8)?, fields.number(4)? as u32);
@@ -150,8 +170,8 @@ impl<'a> ChunkRecord<'a> {
 /// Where the summary of a file begins, by the body of its footer.
 ///
 /// # Errors
-/// A sentence on what is damaged.
-pub fn summary_start(footer: &[u8]) -> Result<u64, String> {
+/// What is damaged.
+pub fn summary_start(footer: &[u8]) -> Result<u64, RecordError> {
     Fields(footer).number(8)
 }
 
@@ -165,13 +185,22 @@ mod tests {
 
     #[test]
     fn records_are_read() {
-        let schema = [&[7, 0][..], &text("std_msgs/msg/String"), &text("ros2msg"), &text("string data")].concat();
-        assert_eq!(SchemaRecord::read(&schema), Ok(SchemaRecord { id: 7, name: "std_msgs/msg/String".into() }));
+        let schema =
+            [&[7, 0][..], &text("std_msgs/msg/String"), &text("ros2msg"), &text("string data")].concat();
+        assert_eq!(
+            SchemaRecord::read(&schema),
+            Ok(SchemaRecord { id: 7, name: "std_msgs/msg/String".into() })
+        );
         let channel = [&[1, 1, 7, 0][..], &text("/a"), &text("cdr"), &text("")].concat();
         let read = ChannelRecord::read(&channel).unwrap();
-        assert_eq!((read.id, read.schema_id, read.topic.as_str(), read.message_encoding.as_str()), (257, 7, "/a", "cdr"));
-        let message = [&[1, 1][..], &3u32.to_le_bytes(), &5u64.to_le_bytes(), &4u64.to_le_bytes(), b"payload"].concat();
-        let expected = MessageRecord { channel_id: 257, sequence: 3, log_time: 5, publish_time: 4, data: b"payload" };
+        assert_eq!(
+            (read.id, read.schema_id, read.topic.as_str(), read.message_encoding.as_str()),
+            (257, 7, "/a", "cdr")
+        );
+        let message =
+            [&[1, 1][..], &3u32.to_le_bytes(), &5u64.to_le_bytes(), &4u64.to_le_bytes(), b"payload"].concat();
+        let expected =
+            MessageRecord { channel_id: 257, sequence: 3, log_time: 5, publish_time: 4, data: b"payload" };
         assert_eq!(MessageRecord::read(&message), Ok(expected));
     }
 
@@ -183,12 +212,14 @@ mod tests {
             [&[7, 0][..], &text("a"), &huge].concat(),
             [&[7, 0][..], &text("a"), &text("b"), &huge, b"short"].concat(),
         ] {
-            assert!(SchemaRecord::read(&body).unwrap_err().contains("a field of 4294967295 bytes"));
+            let why = SchemaRecord::read(&body).unwrap_err();
+            assert!(matches!(why, RecordError::Field { count: 0xffff_ffff, .. }), "{why}");
         }
         assert!(ChannelRecord::read(&[&[0; 4][..], &text("/a"), &text("cdr"), &huge].concat()).is_err());
         assert!(MessageRecord::read(&[0; 21]).is_err());
         assert!(ChunkRecord::read(&[&[0; 28][..], &huge].concat()).is_err());
-        assert!(SchemaRecord::read(&[&[7, 0][..], &2u32.to_le_bytes(), &[0xff, 0xfe]].concat()).unwrap_err().contains("no text"));
+        let bytes = SchemaRecord::read(&[&[7, 0][..], &2u32.to_le_bytes(), &[0xff, 0xfe]].concat());
+        assert!(matches!(bytes, Err(RecordError::NotText(_))));
         assert!(summary_start(&[0; 7]).is_err());
     }
 }

@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use super::{
+    obj::{ObjError, parse_obj},
+    ply::{PlyError, parse_ply},
+};
 use crate::{
     files,
     limits::{FileLimit, MESH},
     surface::TriangleMesh,
 };
-
-/// Most vertices or faces of a mesh.
-pub(super) const MAX_ELEMENTS: usize = 20_000_000;
 
 /// Why a mesh could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -28,16 +29,41 @@ pub enum MeshFileError {
         /// The file.
         path: PathBuf,
         /// What is wrong, with the line or element.
-        problem: String,
+        problem: MeshFault,
     },
 }
 
-/// Reads a `.ply` (ASCII or binary little-endian) or `.obj` mesh; faces with more corners become fans of triangles.
-/// Vertices are kept as they are, also those that coincide.
+/// What is wrong with the contents of a mesh file.
+#[derive(Debug, thiserror::Error)]
+pub enum MeshFault {
+    /// Of a PLY file.
+    #[error(transparent)]
+    Ply(#[from] PlyError),
+    /// Of an OBJ file.
+    #[error(transparent)]
+    Obj(#[from] ObjError),
+    /// A kind of file that is not read.
+    #[error("meshes of type '.{0}' are not read; .ply and .obj are")]
+    Kind(String),
+    /// A vertex that is nowhere.
+    #[error("vertex {0} is not finite")]
+    NotFinite(usize),
+    /// A triangle between what is not there.
+    #[error("triangle {triangle} names a vertex beyond the last of {count}")]
+    Beyond {
+        /// Its number, from 0.
+        triangle: usize,
+        /// Vertices of the mesh.
+        count: usize,
+    },
+}
+
+/// Reads a `.ply` (ASCII or binary little-endian) or `.obj` mesh; faces with more corners become fans of
+/// triangles. Vertices are kept as they are, also those that coincide.
 ///
 /// # Errors
-/// A file that cannot be read, is larger than 1 GiB, is of another format, is damaged, or holds values that are not
-/// finite or indices beyond the vertices.
+/// A file that cannot be read, is larger than 1 GiB, is of another format, is damaged, or holds values that
+/// are not finite or indices beyond the vertices.
 pub fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     read_mesh_within(path, &mut MESH.bytes.clone())
 }
@@ -50,82 +76,31 @@ pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMe
     let disk = |source| MeshFileError::Disk { path: path.to_owned(), source };
     let format = |problem| MeshFileError::Format { path: path.to_owned(), problem };
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let limit = FileLimit { bytes: *left, what: if *left == MESH.bytes { MESH.what } else { "all meshes together, 1 GiB" } };
+    let limit = FileLimit {
+        bytes: *left,
+        what: if *left == MESH.bytes { MESH.what } else { "all meshes together, 1 GiB" },
+    };
     let bytes = files::read(path, limit).map_err(disk)?;
     *left -= bytes.len() as u64;
     let mesh = match extension.as_str() {
-        "ply" => super::ply::parse_ply(&bytes),
-        "obj" => parse_obj(&String::from_utf8_lossy(&bytes)),
-        other => Err(format!("meshes of type '.{other}' are not read; .ply and .obj are")),
+        "ply" => parse_ply(&bytes).map_err(MeshFault::from),
+        "obj" => parse_obj(&String::from_utf8_lossy(&bytes)).map_err(MeshFault::from),
+        other => Err(MeshFault::Kind(other.to_owned())),
     };
     let mesh = mesh.map_err(format)?;
     check(&mesh).map_err(format)?;
     Ok(mesh)
 }
 
-fn check(mesh: &TriangleMesh) -> Result<(), String> {
+fn check(mesh: &TriangleMesh) -> Result<(), MeshFault> {
     let count = mesh.vertices.len();
     if let Some(i) = mesh.vertices.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        return Err(format!("vertex {i} is not finite"));
+        return Err(MeshFault::NotFinite(i));
     }
     match mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
-        Some(i) => Err(format!("triangle {i} names a vertex beyond the last of {count}")),
+        Some(triangle) => Err(MeshFault::Beyond { triangle, count }),
         None => Ok(()),
     }
-}
-
-/// Reads OBJ text; the error is a sentence. Colours are read where every vertex has one.
-fn parse_obj(text: &str) -> Result<TriangleMesh, String> {
-    let mut mesh = TriangleMesh::default();
-    for (number, line) in text.lines().enumerate() {
-        let mut words = line.split_whitespace();
-        let result = match words.next() {
-            Some("v") => obj_vertex(words, &mut mesh),
-            Some("f") => obj_face(words, &mut mesh),
-            _ => Ok(()),
-        };
-        result.map_err(|problem| format!("line {}: {problem}", number + 1))?;
-        if mesh.vertices.len() > MAX_ELEMENTS || mesh.triangles.len() > MAX_ELEMENTS {
-            return Err(format!("more than {MAX_ELEMENTS} vertices or faces"));
-        }
-    }
-    if mesh.colors.len() != mesh.vertices.len() {
-        mesh.colors.clear();
-    }
-    Ok(mesh)
-}
-
-fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh) -> Result<(), String> {
-    let values: Result<Vec<f32>, _> = words.take(7).map(str::parse).collect();
-    let values = values.map_err(|e| format!("a vertex: {e}"))?;
-    let [x, y, z, rest @ ..] = values.as_slice() else {
-        return Err("a vertex has fewer than three coordinates".into());
-    };
-    mesh.vertices.push([*x, *y, *z].into());
-    if let [r, g, b] = rest {
-        mesh.colors.push([r, g, b].map(|c| (c * 255.0).round().clamp(0.0, 255.0) as u8));
-    }
-    Ok(())
-}
-
-fn obj_face<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh) -> Result<(), String> {
-    let count = mesh.vertices.len() as i64;
-    let corner = |word: &str| {
-        let index: i64 = word.split('/').next().unwrap_or_default().parse().map_err(|e| format!("a face corner '{word}': {e}"))?;
-        let index = if index < 0 { count + index } else { index - 1 };
-        u32::try_from(index).ok().ok_or_else(|| format!("a face names vertex {word} of {count}"))
-    };
-    let corners: Vec<u32> = words.map(corner).collect::<Result<_, String>>()?;
-    fan(&corners, &mut mesh.triangles)
-}
-
-/// Triangles from the corners of a face.
-pub(super) fn fan(corners: &[u32], triangles: &mut Vec<[u32; 3]>) -> Result<(), String> {
-    if corners.len() < 3 {
-        return Err(format!("a face has {} corners", corners.len()));
-    }
-    triangles.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
-    Ok(())
 }
 
 #[cfg(test)]
@@ -146,7 +121,8 @@ mod tests {
 
     #[test]
     fn other_writers_obj_is_read() {
-        let text = "# a comment\nmtllib x.mtl\no thing\nv 0 0 0\nv 1 0 0 1.0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl m\ns off\nf 1/1/1 2/1 3//1 4\nf -4 -3 -1\n";
+        let text = "# a comment\nmtllib x.mtl\no thing\nv 0 0 0\nv 1 0 0 1.0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn \
+            0 0 1\nusemtl m\ns off\nf 1/1/1 2/1 3//1 4\nf -4 -3 -1\n";
         let mesh = parse_obj(text).unwrap();
         assert_eq!((mesh.vertices.len(), mesh.colors.len()), (4, 0));
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 3]]);
@@ -161,11 +137,16 @@ mod tests {
             ("v 0 0 0\nf 1 0 1\n", "line 2: a face names vertex 0 of 1"),
             ("v 0 0 0\nf 1 a 1\n", "line 2: a face corner 'a'"),
         ] {
-            let error = parse_obj(text).unwrap_err();
+            let error = parse_obj(text).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
-        assert!(check(&parse_obj("v 0 0 0\nf 1 2 3\n").unwrap()).unwrap_err().contains("beyond the last of 1"));
-        assert!(check(&parse_obj("v 0 0 nan\n").unwrap()).unwrap_err().contains("not finite"));
+        assert!(
+            check(&parse_obj("v 0 0 0\nf 1 2 3\n").unwrap())
+                .unwrap_err()
+                .to_string()
+                .contains("beyond the last of 1")
+        );
+        assert!(check(&parse_obj("v 0 0 nan\n").unwrap()).unwrap_err().to_string().contains("not finite"));
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub enum ModelFolderError {
     TooLarge(PathBuf),
 }
 
-/// All regular files of a folder and of the folders below it, by relative path with `/`. Links and hidden files are left
-/// out.
+/// All regular files of a folder and of the folders below it, by relative path with `/`. Links and hidden
+/// files are left out.
 ///
 /// # Errors
 /// A folder that cannot be read, or holds more than 20000 files or 1 GiB.

@@ -40,7 +40,47 @@ pub enum NpyError {
         /// The file.
         path: std::path::PathBuf,
         /// What is wrong.
-        problem: String,
+        problem: NpyFault,
+    },
+}
+
+/// What is wrong with the bytes of an array.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NpyFault {
+    /// Another kind of file.
+    #[error("this is no .npy file")]
+    NoNpy,
+    /// A version of the format that is not known.
+    #[error(".npy version {0} is not known; 1 to 3 are")]
+    Version(u8),
+    /// The file ends within its header.
+    #[error("the header is cut off")]
+    Cut,
+    /// The header holds other bytes than text.
+    #[error("the header is not text: {0}")]
+    NotText(#[from] std::str::Utf8Error),
+    /// The header names no type.
+    #[error("the header has no descr")]
+    NoType,
+    /// Column-major.
+    #[error("the array is not in C order; save numpy.ascontiguousarray(x)")]
+    Order,
+    /// Other than two axes.
+    #[error("the header has no two-dimensional shape")]
+    Shape,
+    /// More values than can be counted.
+    #[error("the shape is too large")]
+    Large,
+    /// A type that is not read.
+    #[error("values of type '{0}' are not read; '<f4', '<f8', '<i4' and '|u1' are")]
+    Type(String),
+    /// Fewer bytes than the shape needs.
+    #[error("{has} bytes of values, {needed} are needed")]
+    Short {
+        /// Bytes behind the header.
+        has: usize,
+        /// Bytes of the shape.
+        needed: usize,
     },
 }
 
@@ -54,38 +94,38 @@ pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     parse_npy(&files::read(path, NPY).map_err(disk)?).map_err(format)
 }
 
-/// Reads an array from the bytes of a `.npy` file; the error is a sentence.
-fn parse_npy(bytes: &[u8]) -> Result<NpyArray, String> {
+/// Reads an array from the bytes of a `.npy` file.
+fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
     if bytes.len() < 12 || &bytes[..6] != b"\x93NUMPY" {
-        return Err("this is no .npy file".into());
+        return Err(NpyFault::NoNpy);
     }
     let (start, length): (usize, usize) = match bytes[6] {
         1 => (10, usize::from(u16::from_le_bytes([bytes[8], bytes[9]]))),
         2 | 3 => (12, u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]) as usize),
-        v => return Err(format!(".npy version {v} is not known; 1 to 3 are")),
+        v => return Err(NpyFault::Version(v)),
     };
-    let end = start.checked_add(length).filter(|&e| e <= bytes.len()).ok_or("the header is cut off")?;
-    let header = std::str::from_utf8(&bytes[start..end]).map_err(|e| format!("the header is not text: {e}"))?;
-    let descr = field(header, "descr").ok_or("the header has no descr")?;
+    let end = start.checked_add(length).filter(|&e| e <= bytes.len()).ok_or(NpyFault::Cut)?;
+    let header = std::str::from_utf8(&bytes[start..end])?;
+    let descr = field(header, "descr").ok_or(NpyFault::NoType)?;
     let descr = descr.trim_matches(|c| c == '\'' || c == '"');
     if field(header, "fortran_order") != Some("False") {
-        return Err("the array is not in C order; save numpy.ascontiguousarray(x)".into());
+        return Err(NpyFault::Order);
     }
     let (rows, columns) = shape(header)?;
-    let count = rows.checked_mul(columns).ok_or("the shape is too large")?;
+    let count = rows.checked_mul(columns).ok_or(NpyFault::Large)?;
     let values = decode(descr, &bytes[end..], count)?;
     Ok(NpyArray { rows, columns, values })
 }
 
-fn decode(descr: &str, data: &[u8], count: usize) -> Result<Vec<f64>, String> {
+fn decode(descr: &str, data: &[u8], count: usize) -> Result<Vec<f64>, NpyFault> {
     let width = match descr {
         "<f4" | "<i4" => 4,
         "<f8" => 8,
         "|u1" => 1,
-        _ => return Err(format!("values of type '{descr}' are not read; '<f4', '<f8', '<i4' and '|u1' are")),
+        _ => return Err(NpyFault::Type(descr.to_owned())),
     };
-    let needed = count.checked_mul(width).ok_or("the shape is too large")?;
-    let data = data.get(..needed).ok_or_else(|| format!("{} bytes of values, {needed} are needed", data.len()))?;
+    let needed = count.checked_mul(width).ok_or(NpyFault::Large)?;
+    let data = data.get(..needed).ok_or(NpyFault::Short { has: data.len(), needed })?;
     Ok(match descr {
         "<f4" => data.as_chunks::<4>().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect(),
         "<i4" => data.as_chunks::<4>().0.iter().map(|&b| f64::from(i32::from_le_bytes(b))).collect(),
@@ -100,14 +140,14 @@ fn field<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     Some(after.split([',', '}']).next()?.trim())
 }
 
-fn shape(header: &str) -> Result<(usize, usize), String> {
-    let bad = || "the header has no two-dimensional shape".to_owned();
-    let after = header.split_once("'shape':").ok_or_else(bad)?.1;
-    let inside = after.split_once('(').and_then(|(_, rest)| rest.split_once(')')).ok_or_else(bad)?.0;
-    let sizes: Result<Vec<usize>, _> = inside.split(',').map(str::trim).filter(|s| !s.is_empty()).map(str::parse).collect();
+fn shape(header: &str) -> Result<(usize, usize), NpyFault> {
+    let after = header.split_once("'shape':").ok_or(NpyFault::Shape)?.1;
+    let inside = after.split_once('(').and_then(|(_, rest)| rest.split_once(')')).ok_or(NpyFault::Shape)?.0;
+    let sizes: Result<Vec<usize>, _> =
+        inside.split(',').map(str::trim).filter(|s| !s.is_empty()).map(str::parse).collect();
     match sizes.as_deref() {
         Ok([rows, columns]) => Ok((*rows, *columns)),
-        _ => Err(bad()),
+        _ => Err(NpyFault::Shape),
     }
 }
 
@@ -128,7 +168,10 @@ mod tests {
     fn reads_every_supported_type() {
         let f4: Vec<u8> = [1.0f32, -2.5, 3.0, 4.0].iter().flat_map(|x| x.to_le_bytes()).collect();
         let read = parse_npy(&file("<f4", "False", "(2, 2)", &f4)).unwrap();
-        assert_eq!((read.rows, read.columns, read.row(0), read.row(1)), (2, 2, &[1.0, -2.5][..], &[3.0, 4.0][..]));
+        assert_eq!(
+            (read.rows, read.columns, read.row(0), read.row(1)),
+            (2, 2, &[1.0, -2.5][..], &[3.0, 4.0][..])
+        );
         let f8: Vec<u8> = [0.1f64, 7.0].iter().flat_map(|x| x.to_le_bytes()).collect();
         assert_eq!(parse_npy(&file("<f8", "False", "(1, 2)", &f8)).unwrap().values, [0.1, 7.0]);
         let i4: Vec<u8> = [-3i32, 9].iter().flat_map(|x| x.to_le_bytes()).collect();
@@ -145,12 +188,12 @@ mod tests {
             (file("<f4", "False", "(3, 2)", &[0; 4]), "24 are needed"),
             (file("<f8", "False", "(4611686018427387904, 9)", &[0; 4]), "too large"),
         ] {
-            let error = parse_npy(&bytes).unwrap_err();
+            let error = parse_npy(&bytes).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
         let mut cut = file("<f4", "False", "(1, 1)", &[0; 4]);
         cut.truncate(30);
-        assert!(parse_npy(&cut).unwrap_err().contains("cut off"));
+        assert!(parse_npy(&cut) == Err(NpyFault::Cut));
     }
 
     #[test]

@@ -39,15 +39,20 @@ pub struct OnnxMatcher {
 
 impl std::fmt::Debug for OnnxMatcher {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("OnnxMatcher").field("path", &self.path).field("formats", &self.formats).finish_non_exhaustive()
+        f.debug_struct("OnnxMatcher")
+            .field("path", &self.path)
+            .field("formats", &self.formats)
+            .finish_non_exhaustive()
     }
 }
 
 impl OnnxMatcher {
-    /// Reads a model. Where it leaves the images' size open, they get at most `max_side_px` pixels along a side.
+    /// Reads a model. Where it leaves the images' size open, they get at most `max_side_px` pixels along a
+    /// side.
     ///
     /// # Errors
-    /// A file that cannot be read, is too large, is no model, or has other inputs or outputs than the contract's.
+    /// A file that cannot be read, is too large, is no model, or has other inputs or outputs than the
+    /// contract's.
     pub fn open(path: &Path, max_side_px: usize) -> Result<Self, OnnxError> {
         let bytes = read(path)?;
         let refused = |reason: String| OnnxError::Model { path: path.to_owned(), reason };
@@ -57,7 +62,9 @@ impl OnnxMatcher {
         let has = || OnnxError::Contract { path: path.to_owned(), has: description(&model, &outputs) };
         let [Some(format0), Some(format1)] = formats else { return Err(has()) };
         let outlet = |name: &str| outputs.iter().find(|(n, _)| n == name).map(|(_, outlet)| *outlet);
-        let (Some(points0), Some(points1)) = (outlet(POINTS[0]), outlet(POINTS[1])) else { return Err(has()) };
+        let (Some(points0), Some(points1)) = (outlet(POINTS[0]), outlet(POINTS[1])) else {
+            return Err(has());
+        };
         if model.inputs.len() != INPUTS.len() {
             return Err(has());
         }
@@ -66,10 +73,18 @@ impl OnnxMatcher {
         model.select_output_outlets(&wanted).map_err(|e| refused(chain(&e)))?;
         let formats = [format0, format1];
         let has_confidence = confidence.is_some();
-        Ok(Self { path: path.to_owned(), model, formats, max_side_px, has_confidence, plans: Mutex::default() })
+        Ok(Self {
+            path: path.to_owned(),
+            model,
+            formats,
+            max_side_px,
+            has_confidence,
+            plans: Mutex::default(),
+        })
     }
 
-    /// Matches of two frames, in their pixels; those outside the frames or without a finite confidence are left out.
+    /// Matches of two frames, in their pixels; those outside the frames or without a finite confidence are
+    /// left out.
     ///
     /// # Errors
     /// [`OnnxError::Run`] if the model fails, or returns something else than matches.
@@ -86,16 +101,19 @@ impl OnnxMatcher {
             let [image0, image1] = inputs;
             plan.run(self.in_order(image0?.into(), image1?.into()))
         });
-        let outputs = outputs.map_err(failed)?;
+        let outputs = outputs.map_err(|e| failed(e.to_string()))?;
         let points0 = numbers(&outputs[0], 2).map_err(|e| failed(format!("keypoints0 {e}")))?;
         let points1 = numbers(&outputs[1], 2).map_err(|e| failed(format!("keypoints1 {e}")))?;
         let n = points0.len() / 2;
         let confidence = match outputs.get(2) {
-            Some(tensor) if self.has_confidence => numbers(tensor, 1).map_err(|e| failed(format!("confidence {e}")))?,
+            Some(tensor) if self.has_confidence => {
+                numbers(tensor, 1).map_err(|e| failed(format!("confidence {e}")))?
+            }
             _ => vec![1.0; n],
         };
         if points1.len() != 2 * n || confidence.len() != n || n > MAX_PAIR_MATCHES {
-            let lengths = format!("{n} keypoints0, {} keypoints1, {} confidences", points1.len() / 2, confidence.len());
+            let lengths =
+                format!("{n} keypoints0, {} keypoints1, {} confidences", points1.len() / 2, confidence.len());
             return Err(failed(format!("{lengths}; they must be as many, {MAX_PAIR_MATCHES} at most")));
         }
         let found = (0..n).filter_map(|i| {
@@ -126,7 +144,10 @@ impl OnnxMatcher {
         let mut model = self.model.clone();
         for k in [0, 1] {
             let [width, height] = sizes[k];
-            model.set_input_fact(self.input(k), f32::fact([1, self.formats[k].channels, height, width]).into())?;
+            model.set_input_fact(
+                self.input(k),
+                f32::fact([1, self.formats[k].channels, height, width]).into(),
+            )?;
         }
         let plan = model.into_optimized()?.into_runnable()?;
         plans.truncate(KEPT_PLANS - 1);
@@ -141,14 +162,31 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let file = crate::files::open(path).map_err(fails)?;
     let told = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    file.take(if told > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 }).read_to_end(&mut bytes).map_err(fails)?;
-    if told.max(bytes.len() as u64) > MAX_MODEL_BYTES { Err(OnnxError::TooLarge { path: path.to_owned() }) } else { Ok(bytes) }
+    file.take(if told > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
+        .read_to_end(&mut bytes)
+        .map_err(fails)?;
+    if told.max(bytes.len() as u64) > MAX_MODEL_BYTES {
+        Err(OnnxError::TooLarge { path: path.to_owned() })
+    } else {
+        Ok(bytes)
+    }
+}
+
+/// Why the runtime gives no numbers.
+#[derive(Debug, thiserror::Error)]
+enum RuntimeError {
+    #[error("the runtime panicked")]
+    Panic,
+    #[error("{}", chain(.0))]
+    Refusal(TractError),
+    #[error("has the shape {0:?}")]
+    Shape(Vec<usize>),
 }
 
 /// The runtime's result; its panics are errors.
-fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
-    let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| "the runtime panicked".to_owned())?;
-    result.map_err(|e| chain(&e))
+fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
+    let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| RuntimeError::Panic)?;
+    result.map_err(RuntimeError::Refusal)
 }
 
 /// An error and its causes in one line.
@@ -162,7 +200,8 @@ fn input_place(model: &InferenceModel, name: &str) -> Option<usize> {
 
 /// Outputs by the names that the file gives them.
 fn output_names(model: &InferenceModel) -> Vec<(String, OutletId)> {
-    let name = |outlet: &OutletId| model.outlet_label(*outlet).unwrap_or(&model.node(outlet.node).name).to_owned();
+    let name =
+        |outlet: &OutletId| model.outlet_label(*outlet).unwrap_or(&model.node(outlet.node).name).to_owned();
     model.outputs.iter().map(|outlet| (name(outlet), *outlet)).collect()
 }
 
@@ -189,7 +228,8 @@ fn description(model: &InferenceModel, outputs: &[(String, OutletId)]) -> String
     let input = |outlet: &OutletId| {
         let name = &model.node(outlet.node).name;
         let Ok(fact) = model.outlet_fact(*outlet) else { return name.clone() };
-        let dims: Vec<String> = dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
+        let dims: Vec<String> =
+            dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
         let kind = fact.datum_type.concretize().map_or("?".to_owned(), |t| format!("{t:?}").to_lowercase());
         format!("{name} {kind} [{}]", dims.join(", "))
     };
@@ -199,13 +239,17 @@ fn description(model: &InferenceModel, outputs: &[(String, OutletId)]) -> String
 }
 
 /// Values of a `[n, width]`, `[1, n, width]` tensor (of `[n]`, `[1, n]` where the width is 1) as floats.
-fn numbers(tensor: &TValue, width: usize) -> Result<Vec<f32>, String> {
+fn numbers(tensor: &TValue, width: usize) -> Result<Vec<f32>, RuntimeError> {
     let shape = tensor.shape();
-    let inner = shape.strip_prefix(&[1]).filter(|rest| rest.len() == if width == 1 { 1 } else { 2 }).unwrap_or(shape);
+    let inner =
+        shape.strip_prefix(&[1]).filter(|rest| rest.len() == if width == 1 { 1 } else { 2 }).unwrap_or(shape);
     let fits = if width == 1 { inner.len() == 1 } else { inner.len() == 2 && inner[1] == width };
     if !fits {
-        return Err(format!("has the shape {shape:?}"));
+        return Err(RuntimeError::Shape(shape.to_vec()));
     }
-    let floats = tensor.cast_to::<f32>().map_err(|e| chain(&e))?;
-    floats.try_as_plain_ram().and_then(|view| view.as_slice::<f32>().map(<[f32]>::to_vec)).map_err(|e| chain(&e))
+    let floats = tensor.cast_to::<f32>().map_err(RuntimeError::Refusal)?;
+    floats
+        .try_as_plain_ram()
+        .and_then(|view| view.as_slice::<f32>().map(<[f32]>::to_vec))
+        .map_err(RuntimeError::Refusal)
 }

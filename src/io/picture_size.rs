@@ -1,8 +1,8 @@
 //! Size of a picture by the front of its file, before anything is decoded.
 
-/// Width and height that a PNG or JPEG file tells; `None` where it tells none.
+/// Width and height that a PNG or JPEG file states; `None` where it states none.
 #[must_use]
-pub fn told_size(file: &[u8]) -> Option<(usize, usize)> {
+pub fn stated_size(file: &[u8]) -> Option<(usize, usize)> {
     match file {
         [0xff, 0xd8, ..] => jpeg_size(file),
         [0x89, b'P', b'N', b'G', ..] => Some((big(file.get(16..20)?), big(file.get(20..24)?))),
@@ -36,15 +36,17 @@ fn jpeg_size(file: &[u8]) -> Option<(usize, usize)> {
     }
 }
 
-/// A PNG file with the chunks that its pixels need, and no others: what stands beside them (profiles, texts) is compressed, and a
-/// decoder unpacks it.
+/// A PNG file with the chunks that its pixels need, and no others: what stands beside them (profiles, texts)
+/// is compressed, and a decoder unpacks it.
 #[must_use]
 pub fn bare_png(file: &[u8]) -> Vec<u8> {
     let mut bare = file[..file.len().min(8)].to_vec();
     let mut at = 8;
     while let Some(length) = file.get(at..at + 4).map(big) {
         let end = at.saturating_add(12).saturating_add(length).min(file.len());
-        if [&b"IHDR"[..], b"PLTE", b"tRNS", b"IDAT", b"IEND"].contains(&file.get(at + 4..at + 8).unwrap_or_default()) {
+        if [&b"IHDR"[..], b"PLTE", b"tRNS", b"IDAT", b"IEND"]
+            .contains(&file.get(at + 4..at + 8).unwrap_or_default())
+        {
             bare.extend_from_slice(&file[at..end]);
         }
         at = end;
@@ -67,16 +69,17 @@ mod tests {
     }
 
     #[test]
-    fn sizes_are_told_before_pixels() {
+    fn sizes_are_stated_before_pixels() {
         for format in [ImageFormat::Png, ImageFormat::Jpeg] {
             let file = file(format);
-            assert_eq!(told_size(&file), Some((321, 45)), "{format:?}");
-            (0..file.len().min(200)).for_each(|cut| _ = told_size(&file[..cut]));
+            assert_eq!(stated_size(&file), Some((321, 45)), "{format:?}");
+            (0..file.len().min(200)).for_each(|cut| _ = stated_size(&file[..cut]));
         }
-        let progressive = [&[0xff, 0xd8, 0xff, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc2, 0, 9, 8][..], &[0, 45, 1, 65]].concat();
-        assert_eq!(told_size(&progressive), Some((321, 45)));
-        assert_eq!(told_size(b"GIF89a"), None);
-        assert_eq!(told_size(&[0xff, 0xd8, 0xff, 0xe0, 0, 0]), None);
+        let progressive =
+            [&[0xff, 0xd8, 0xff, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc2, 0, 9, 8][..], &[0, 45, 1, 65]].concat();
+        assert_eq!(stated_size(&progressive), Some((321, 45)));
+        assert_eq!(stated_size(b"GIF89a"), None);
+        assert_eq!(stated_size(&[0xff, 0xd8, 0xff, 0xe0, 0, 0]), None);
     }
 
     #[test]

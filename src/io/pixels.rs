@@ -19,12 +19,21 @@ use crate::{
 /// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
 type Key = (usize, usize);
 
+/// A message of more bytes than its image can have.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("the message has {size} bytes; {most} are the limit of an image of {pixels} pixels")]
+struct LongMessage {
+    size: usize,
+    most: usize,
+    pixels: usize,
+}
+
 /// Payloads of the messages that the chosen views need.
 struct Payloads {
     /// Color, depth, mask.
     topics: [Option<String>; 3],
     /// Payload and whether it is a CompressedImage, or why it is not kept.
-    found: BTreeMap<Key, Option<Result<(Vec<u8>, bool), String>>>,
+    found: BTreeMap<Key, Option<Result<(Vec<u8>, bool), LongMessage>>>,
 }
 
 /// Most bytes of a message for each pixel of its image: raw images have 4, and no compression needs more.
@@ -45,7 +54,10 @@ const SHARED_MAPS: usize = 4;
 type Maps = [Option<UndistortMap>; 2];
 
 fn maps(camera: &Camera) -> Maps {
-    [UndistortMap::new(&camera.intrinsics, &camera.color), UndistortMap::new(&camera.intrinsics, &camera.depth)]
+    [
+        UndistortMap::new(&camera.intrinsics, &camera.color),
+        UndistortMap::new(&camera.intrinsics, &camera.depth),
+    ]
 }
 
 /// What became of the chosen views.
@@ -59,11 +71,18 @@ pub struct Decoded {
 /// Frames of the chosen views: state and index into `views.views`.
 ///
 /// # Errors
-/// [`CaptureError::Encoding`] and [`CaptureError::ImageSize`], which hold for the whole recording; those of [`Bag::read`].
-pub fn decode_views(bag: &Bag, views: &Views, chosen: &[(usize, usize)], config: &CaptureConfig) -> Result<Decoded, CaptureError> {
+/// [`CaptureError::Encoding`] and [`CaptureError::ImageSize`], which hold for the whole recording; those of
+/// [`Bag::read`].
+pub fn decode_views(
+    bag: &Bag,
+    views: &Views,
+    chosen: &[(usize, usize)],
+    config: &CaptureConfig,
+) -> Result<Decoded, CaptureError> {
     let payloads = Payloads::read(bag, views, chosen)?;
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
-    let shared: BTreeMap<usize, Maps> = used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
+    let shared: BTreeMap<usize, Maps> =
+        used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
     let frame = |view: &View| {
         let own;
         let maps = match shared.get(&view.camera) {
@@ -75,7 +94,8 @@ pub fn decode_views(bag: &Bag, views: &Views, chosen: &[(usize, usize)], config:
         };
         Decoder { views, payloads: &payloads, maps, config }.frame(view)
     };
-    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
+    let decoded: Vec<Result<RgbdFrame, FrameError>> =
+        chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
     let mut frames = Vec::new();
     let mut lost = Vec::new();
     for ((state, _), frame) in chosen.iter().zip(decoded) {
@@ -105,8 +125,10 @@ impl Payloads {
     fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)]) -> Result<Self, CaptureError> {
         let t = &views.topics;
         let topics = [Some(t.color.clone()), Some(t.depth.clone()), t.mask.clone()];
-        let keys =
-            chosen.iter().map(|(_, v)| &views.views[*v]).flat_map(|v| [Some((0, v.color)), Some((1, v.depth)), v.mask.map(|m| (2, m))]);
+        let keys = chosen
+            .iter()
+            .map(|(_, v)| &views.views[*v])
+            .flat_map(|v| [Some((0, v.color)), Some((1, v.depth)), v.mask.map(|m| (2, m))]);
         let mut found: BTreeMap<Key, _> = keys.flatten().map(|k| (k, None)).collect();
         let mut counts = [0; 3];
         let pixels = views.cameras.first().map_or(0, |c| c.intrinsics.width * c.intrinsics.height);
@@ -117,8 +139,10 @@ impl Payloads {
                     if let Some(slot) = found.get_mut(&(place, counts[place])) {
                         let size = message.data.len();
                         *slot = Some(match size <= most {
-                            true => Ok((message.data.to_vec(), message.type_name.ends_with("CompressedImage"))),
-                            false => Err(format!("the message has {size} bytes; {most} are the limit of an image of {pixels} pixels")),
+                            true => {
+                                Ok((message.data.to_vec(), message.type_name.ends_with("CompressedImage")))
+                            }
+                            false => Err(LongMessage { size, most, pixels }),
                         });
                     }
                     counts[place] += 1;
@@ -141,7 +165,8 @@ impl Decoder<'_> {
     fn frame(&self, view: &View) -> Result<RgbdFrame, FrameError> {
         let intrinsics = self.views.cameras[view.camera].intrinsics;
         let mut rgb = self.pixels(view, (0, view.color), codec::raw_color, codec::compressed_color)?.pixels;
-        let mut depth_m = self.pixels(view, (1, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
+        let mut depth_m =
+            self.pixels(view, (1, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
         let mut mask = match view.mask {
             Some(m) => Some(self.pixels(view, (2, m), codec::raw_mask, codec::compressed_mask)?.pixels),
             None => None,
@@ -174,18 +199,28 @@ impl Decoder<'_> {
         compressed: fn(&CompressedImage) -> Result<Raster<T>, ImageError>,
     ) -> Result<Raster<T>, FrameError> {
         let topic = self.payloads.topics[key.0].as_deref().unwrap_or_default();
-        let broken = |why: String| FrameError::Frame(format!("{topic} at {:.6} s: {why}", crate::capture::stamp_secs(view.stamp_nanos)));
+        let broken = |why: String| {
+            FrameError::Frame(format!(
+                "{topic} at {:.6} s: {why}",
+                crate::capture::stamp_secs(view.stamp_nanos)
+            ))
+        };
         let (data, is_compressed) = match self.payloads.found.get(&key) {
             Some(Some(Ok(payload))) => payload,
-            Some(Some(Err(why))) => return Err(broken(why.clone())),
+            Some(Some(Err(why))) => return Err(broken(why.to_string())),
             _ => return Err(broken("the message is gone".into())),
         };
         let camera = &self.views.cameras[view.camera].intrinsics;
         let decoded = match is_compressed {
             true => {
                 let image = decode(data).map_err(|e| broken(e.to_string()))?;
-                if let Some((w, h)) = codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera)) {
-                    return Err(broken(format!("an image of {w}x{h} pixels, but its camera has {}x{}", camera.width, camera.height)));
+                if let Some((w, h)) =
+                    codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera))
+                {
+                    return Err(broken(format!(
+                        "an image of {w}x{h} pixels, but its camera has {}x{}",
+                        camera.width, camera.height
+                    )));
                 }
                 compressed(&image)
             }

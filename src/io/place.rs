@@ -1,7 +1,8 @@
 //! Where a command puts its result, and the rule of what it may replace there.
 //!
-//! A command replaces only a folder that it wrote itself, of the same kind, unchanged since. An empty folder may be used.
-//! Anything else is refused, or with `force` kept under another name. A result never takes the place of an input.
+//! A command replaces only a folder that it wrote itself, of the same kind, unchanged since. An empty folder
+//! may be used. Anything else is refused, or with `force` kept under another name. A result never takes the
+//! place of an input.
 
 use std::{
     fs,
@@ -11,7 +12,7 @@ use std::{
 use super::{
     RunDirError, free_bytes,
     manifest::{MANIFEST, Manifest, ResultKind},
-    run_dir::free_sibling,
+    sibling::free_sibling,
 };
 use crate::model::is_plain_name;
 
@@ -61,20 +62,24 @@ impl Place {
     /// Refuses before the work what could not be put in its place after it. Leaves nothing behind.
     ///
     /// # Errors
-    /// Those of [`super::RunDir::open`]; [`RunDirError::Unwritable`] where `out`, or the folder that it would be made in,
-    /// cannot be written; [`RunDirError::Full`] where its disk has less than `least_bytes`.
+    /// Those of [`super::RunDir::open`]; [`RunDirError::Unwritable`] where `out`, or the folder that it would
+    /// be made in, cannot be written; [`RunDirError::Full`] where its disk has less than `least_bytes`.
     pub fn check(&self, kind: ResultKind, least_bytes: u64) -> Result<(), RunDirError> {
         let target = self.target()?;
         self.refuse(&target, kind)?;
         let there = target.ancestors().skip(1).find(|p| p.exists()).unwrap_or(Path::new("."));
         let unwritable = |source| RunDirError::Unwritable { folder: there.to_owned(), source };
-        let probe = free_sibling(there, target.file_name().unwrap_or_default(), "probe").map_err(|error| match error {
-            RunDirError::Disk { source, .. } => unwritable(source),
-            other => other,
-        })?;
+        let probe = free_sibling(there, target.file_name().unwrap_or_default(), "probe").map_err(
+            |error| match error {
+                RunDirError::Disk { source, .. } => unwritable(source),
+                other => other,
+            },
+        )?;
         fs::remove_dir(&probe).map_err(unwritable)?;
         match free_bytes(there) {
-            Some(free) if free < least_bytes => Err(RunDirError::Full { folder: there.to_owned(), least_bytes, free }),
+            Some(free) if free < least_bytes => {
+                Err(RunDirError::Full { folder: there.to_owned(), least_bytes, free })
+            }
             _ => Ok(()),
         }
     }
@@ -128,7 +133,9 @@ impl Standing {
             Ok(meta) if meta.is_symlink() => Self::Other("it is a link".to_owned()),
             Ok(meta) if !meta.is_dir() => Self::Other("it is no folder".to_owned()),
             Ok(_) => match Manifest::read(target) {
-                Some(manifest) if manifest.command != kind => Self::Other(format!("it is a result of {}, not of {kind}", manifest.command)),
+                Some(manifest) if manifest.command != kind => {
+                    Self::Other(format!("it is a result of {}, not of {kind}", manifest.command))
+                }
                 Some(manifest) => match manifest.differences(target) {
                     Ok(changes) if changes.is_empty() => Self::Replaceable,
                     Ok(changes) => Self::Other(format!("since {kind} wrote it, {}", first(&changes))),
@@ -145,12 +152,16 @@ impl Standing {
             Ok(entries) => entries,
             Err(error) => return Self::Other(format!("it cannot be read: {error}")),
         };
-        let mut names: Vec<String> = entries.take(MAX_ENTRIES).flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+        let mut names: Vec<String> = entries
+            .take(MAX_ENTRIES)
+            .flatten()
+            .map(|e| e.file_name().to_string_lossy().into_owned())
+            .collect();
         names.sort();
         if names.is_empty() {
             return Self::Replaceable;
         }
-        Self::Other(format!("it holds {}, and no {MANIFEST} that tells which command wrote it", first(&names)))
+        Self::Other(format!("it holds {}, and no {MANIFEST} that says which command wrote it", first(&names)))
     }
 }
 
@@ -165,7 +176,8 @@ fn first(list: &[String]) -> String {
     if list.len() > TOLD { format!("{shown} and {} more", list.len() - TOLD) } else { shown }
 }
 
-/// Where an entry of a folder stands, links on the way to it followed, itself not; `None` where it is not there.
+/// Where an entry of a folder stands, links on the way to it followed, itself not; `None` where it is not
+/// there.
 fn own_place(path: &Path) -> Option<PathBuf> {
     fs::symlink_metadata(path).ok()?;
     match (path.parent(), path.file_name()) {
@@ -177,9 +189,11 @@ fn own_place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// All places that an input needs: its own, those of the links that lead to it, and what links inside it lead to.
+/// All places that an input needs: its own, those of the links that lead to it, and what links inside it lead
+/// to.
 fn places(input: &Path) -> Vec<PathBuf> {
-    let mut places: Vec<PathBuf> = input.ancestors().filter(|a| !a.as_os_str().is_empty()).filter_map(own_place).collect();
+    let mut places: Vec<PathBuf> =
+        input.ancestors().filter(|a| !a.as_os_str().is_empty()).filter_map(own_place).collect();
     places.extend(fs::canonicalize(input));
     let mut open = if input.is_dir() { vec![input.to_owned()] } else { Vec::new() };
     let mut seen = 0;

@@ -1,4 +1,5 @@
-//! Files under names that anybody can foresee: what was planted there is never followed, emptied or waited for.
+//! Files under names that anybody can foresee: what was planted there is never followed, emptied or waited
+//! for.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -6,7 +7,8 @@ use std::{
     path::Path,
 };
 
-/// Opens a plain file. A link is refused, not followed; a pipe or device is refused, not waited for. What the file holds stays.
+/// Opens a plain file. A link is refused, not followed; a pipe or device is refused, not waited for. What the
+/// file holds stays.
 ///
 /// # Errors
 /// If it is something else, or the system refuses.
@@ -40,8 +42,8 @@ mod tests {
 
     #[test]
     fn links_pipes_and_folders_are_not_opened_and_nothing_is_emptied() {
-        let root = std::env::temp_dir().join(format!("artitwin-plain-{}", std::process::id()));
-        fs::remove_dir_all(&root).ok();
+        let folder = crate::temp::Temp::new("plain");
+        let root = folder.0.clone();
         fs::create_dir_all(root.join("folder")).unwrap();
         let [victim, link, pipe] = ["victim", "link", "pipe"].map(|n| root.join(n));
         fs::write(&victim, "precious").unwrap();
@@ -59,6 +61,5 @@ mod tests {
         assert!(create_plain(&root.join("folder")).is_err());
         assert_eq!(fs::read_to_string(&victim).unwrap(), "precious");
         assert_eq!(fs::read_to_string(&link).unwrap(), "new");
-        fs::remove_dir_all(&root).unwrap();
     }
 }

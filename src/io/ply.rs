@@ -1,10 +1,104 @@
 //! PLY meshes, ASCII or binary little-endian.
 
-use super::mesh_files::{MAX_ELEMENTS, fan};
+use super::mesh_faces::{FaceError, MAX_ELEMENTS, fan};
 use crate::surface::TriangleMesh;
 
 /// Most corners of a face and most entries of any other list.
 const MAX_LIST: usize = 1024;
+
+/// Why bytes are no PLY mesh.
+#[derive(Debug, thiserror::Error)]
+pub enum PlyError {
+    /// Another kind of file.
+    #[error("this is no PLY file")]
+    NoPly,
+    /// The header does not end.
+    #[error("the header has no end")]
+    NoEnd,
+    /// The header holds other bytes than text.
+    #[error("the header is not text: {0}")]
+    HeaderNotText(std::str::Utf8Error),
+    /// The values of an ASCII file hold other bytes than text.
+    #[error("the contents are not text: {0}")]
+    NotText(std::str::Utf8Error),
+    /// A format that is not read.
+    #[error("PLY of format '{0}' is not read; ascii and binary_little_endian are")]
+    Format(String),
+    /// A property of a type that is not known.
+    #[error("properties of type '{0}' are not known")]
+    Type(String),
+    /// A property that belongs to nothing.
+    #[error("a property stands before any element")]
+    Lost,
+    /// A line that should name a property.
+    #[error("'{0}' is no property")]
+    Property(String),
+    /// A number of elements that is none.
+    #[error("element {name}: {source}")]
+    Count {
+        /// Name of the element.
+        name: String,
+        /// Why it is none.
+        source: std::num::ParseIntError,
+    },
+    /// More elements than are taken.
+    #[error("{count} elements {name}; {MAX_ELEMENTS} are the limit")]
+    Large {
+        /// Name of the element.
+        name: String,
+        /// How many there are.
+        count: usize,
+    },
+    /// Vertices in two places.
+    #[error("the file names its vertices twice")]
+    Twice,
+    /// No vertices, or without a coordinate.
+    #[error("the file has no vertices with x, y and z")]
+    NoVertices,
+    /// Fewer bytes than the elements need.
+    #[error("{count} elements {name}: the file ends early")]
+    Short {
+        /// Name of the element.
+        name: String,
+        /// How many there should be.
+        count: usize,
+    },
+    /// An element that cannot be read.
+    #[error("{name} {index}: {fault}")]
+    Element {
+        /// Its name.
+        name: String,
+        /// Its number, from 0.
+        index: usize,
+        /// What is wrong.
+        fault: PlyFault,
+    },
+}
+
+/// What is wrong with an element of a PLY file.
+#[derive(Debug, thiserror::Error)]
+pub enum PlyFault {
+    /// The file ends within it.
+    #[error("the file ends early")]
+    Cut,
+    /// A word that is no number.
+    #[error("'{word}': {source}")]
+    Number {
+        /// The word.
+        word: String,
+        /// Why it is none.
+        source: std::num::ParseFloatError,
+    },
+    /// A number that is no index.
+    #[error("{0} is no index")]
+    Index(f64),
+    /// A list of more values than are taken.
+    #[error("a list of {0} values; {MAX_LIST} are the limit")]
+    List(usize),
+    /// A face of too few corners.
+    #[error(transparent)]
+    Face(#[from] FaceError),
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Scalar {
@@ -19,7 +113,7 @@ enum Scalar {
 }
 
 impl Scalar {
-    fn named(name: &str) -> Result<Self, String> {
+    fn named(name: &str) -> Result<Self, PlyError> {
         Ok(match name {
             "char" | "int8" => Self::I8,
             "uchar" | "uint8" => Self::U8,
@@ -29,7 +123,7 @@ impl Scalar {
             "uint" | "uint32" => Self::U32,
             "float" | "float32" => Self::F32,
             "double" | "float64" => Self::F64,
-            _ => return Err(format!("properties of type '{name}' are not known")),
+            _ => return Err(PlyError::Type(name.to_owned())),
         })
     }
 
@@ -83,16 +177,15 @@ impl Values<'_> {
         }
     }
 
-    fn next(&mut self, kind: Scalar) -> Result<f64, String> {
-        const CUT: &str = "the file ends early";
+    fn next(&mut self, kind: Scalar) -> Result<f64, PlyFault> {
         match self {
             Self::Ascii(words, _) => {
-                let word = words.next().ok_or(CUT)?;
-                word.parse().map_err(|e| format!("'{word}': {e}"))
+                let word = words.next().ok_or(PlyFault::Cut)?;
+                word.parse().map_err(|source| PlyFault::Number { word: word.to_owned(), source })
             }
             Self::Binary(bytes) => {
-                fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], String> {
-                    let (head, tail) = bytes.split_first_chunk::<N>().ok_or(CUT)?;
+                fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], PlyFault> {
+                    let (head, tail) = bytes.split_first_chunk::<N>().ok_or(PlyFault::Cut)?;
                     *bytes = tail;
                     Ok(*head)
                 }
@@ -110,63 +203,72 @@ impl Values<'_> {
         }
     }
 
-    fn next_index(&mut self, kind: Scalar) -> Result<u32, String> {
+    fn next_index(&mut self, kind: Scalar) -> Result<u32, PlyFault> {
         let x = self.next(kind)?;
-        if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 { Ok(x as u32) } else { Err(format!("{x} is no index")) }
+        if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 {
+            Ok(x as u32)
+        } else {
+            Err(PlyFault::Index(x))
+        }
     }
 }
 
-/// Reads a mesh from the bytes of a PLY file; the error is a sentence. Colours are read where vertices have 8-bit
-/// `red green blue`.
-pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, String> {
+/// Reads a mesh from the bytes of a PLY file. Colors are read where vertices have 8-bit `red green blue`.
+pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
     const END: &[u8] = b"end_header";
     if !bytes.starts_with(b"ply") {
-        return Err("this is no PLY file".into());
+        return Err(PlyError::NoPly);
     }
-    let end = bytes.windows(END.len()).take(1 << 20).position(|w| w == END).ok_or("the header has no end")?;
-    let body = bytes[end..].iter().position(|&b| b == b'\n').ok_or("the header has no end")? + end + 1;
-    let header = std::str::from_utf8(&bytes[..end]).map_err(|e| format!("the header is not text: {e}"))?;
+    let end = bytes.windows(END.len()).take(1 << 20).position(|w| w == END).ok_or(PlyError::NoEnd)?;
+    let body = bytes[end..].iter().position(|&b| b == b'\n').ok_or(PlyError::NoEnd)? + end + 1;
+    let header = std::str::from_utf8(&bytes[..end]).map_err(PlyError::HeaderNotText)?;
     let (format, elements) = parse_header(header)?;
     let mut values = match format {
         "ascii" => {
-            let text = std::str::from_utf8(&bytes[body..]).map_err(|e| format!("the contents are not text: {e}"))?;
+            let text = std::str::from_utf8(&bytes[body..]).map_err(PlyError::NotText)?;
             Values::Ascii(text.split_ascii_whitespace(), text.len())
         }
         "binary_little_endian" => Values::Binary(&bytes[body..]),
-        other => return Err(format!("PLY of format '{other}' is not read; ascii and binary_little_endian are")),
+        other => return Err(PlyError::Format(other.to_owned())),
     };
     let mut mesh = TriangleMesh::default();
     for element in elements.iter().filter(|e| !e.properties.is_empty()) {
         let least = element.least_bytes(&values);
         if element.count.saturating_mul(least) > values.left() {
-            return Err(format!("{} elements {}: the file ends early", element.count, element.name));
+            return Err(PlyError::Short { name: element.name.clone(), count: element.count });
         }
-        for i in 0..element.count {
-            read_row(element, &mut values, &mut mesh).map_err(|e| format!("{} {i}: {e}", element.name))?;
+        for index in 0..element.count {
+            read_row(element, &mut values, &mut mesh).map_err(|fault| PlyError::Element {
+                name: element.name.clone(),
+                index,
+                fault,
+            })?;
         }
     }
     Ok(mesh)
 }
 
-fn parse_header(header: &str) -> Result<(&str, Vec<Element>), String> {
+fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
     let (mut format, mut elements) = ("", Vec::<Element>::new());
     for line in header.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
             ["format", kind, ..] => format = kind,
             ["element", name, count] => {
-                let count = count.parse().map_err(|e| format!("element {name}: {e}"))?;
-                if count > MAX_ELEMENTS {
-                    return Err(format!("{count} elements {name}; {MAX_ELEMENTS} are the limit"));
-                }
-                elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
+                let name = (*name).to_owned();
+                let count = match count.parse() {
+                    Ok(count) if count > MAX_ELEMENTS => return Err(PlyError::Large { name, count }),
+                    Ok(count) => count,
+                    Err(source) => return Err(PlyError::Count { name, source }),
+                };
+                elements.push(Element { name, count, properties: Vec::new() });
             }
             ["property", kind @ .., name] => {
-                let element = elements.last_mut().ok_or("a property stands before any element")?;
+                let element = elements.last_mut().ok_or(PlyError::Lost)?;
                 let (length, value) = match kind {
                     ["list", length, value] => (Some(Scalar::named(length)?), Scalar::named(value)?),
                     [value] => (None, Scalar::named(value)?),
-                    _ => return Err(format!("'{line}' is no property")),
+                    _ => return Err(PlyError::Property(line.to_owned())),
                 };
                 element.properties.push(Property { name: (*name).to_owned(), length, value });
             }
@@ -174,25 +276,28 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), String> {
         }
     }
     if elements.iter().filter(|e| e.name == "vertex").count() > 1 {
-        return Err("the file names its vertices twice".into());
+        return Err(PlyError::Twice);
     }
-    let has = |name: &str, property: &str| elements.iter().any(|e| e.name == name && e.properties.iter().any(|p| p.name == property));
+    let has = |name: &str, property: &str| {
+        elements.iter().any(|e| e.name == name && e.properties.iter().any(|p| p.name == property))
+    };
     if ["x", "y", "z"].iter().any(|axis| !has("vertex", axis)) {
-        return Err("the file has no vertices with x, y and z".into());
+        return Err(PlyError::NoVertices);
     }
     Ok((format, elements))
 }
 
-fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> Result<(), String> {
+fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> Result<(), PlyFault> {
     let (mut position, mut color, mut channels) = ([0.0; 3], [0u8; 3], 0);
     for property in &element.properties {
         if let Some(length) = property.length {
             let count = values.next_index(length)? as usize;
             if count > MAX_LIST {
-                return Err(format!("a list of {count} values; {MAX_LIST} are the limit"));
+                return Err(PlyFault::List(count));
             }
             if element.name == "face" && matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
-                let corners: Vec<u32> = (0..count).map(|_| values.next_index(property.value)).collect::<Result<_, _>>()?;
+                let corners: Vec<u32> =
+                    (0..count).map(|_| values.next_index(property.value)).collect::<Result<_, _>>()?;
                 fan(&corners, &mut mesh.triangles)?;
             } else {
                 for _ in 0..count {
@@ -207,7 +312,8 @@ fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> 
             "y" => position[1] = value as f32,
             "z" => position[2] = value as f32,
             "red" | "green" | "blue" if property.value == Scalar::U8 => {
-                let channel = ["red", "green", "blue"].iter().position(|c| *c == property.name).unwrap_or_default();
+                let channel =
+                    ["red", "green", "blue"].iter().position(|c| *c == property.name).unwrap_or_default();
                 color[channel] = value.clamp(0.0, 255.0) as u8;
                 channels += 1;
             }
@@ -227,7 +333,8 @@ fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> 
 mod tests {
     use super::*;
 
-    const ASCII: &str = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\n\
+    const ASCII: &str = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty \
+        double y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\nelement face 1\n\
         property uchar flags\nproperty list uchar int vertex_indices\nend_header\n\
         0 0 0 1 2 3 255\n1 0 0 4 5 6 255\n1 1 0 7 8 9 255\n0 1 0.5 10 11 12 255\n9 4 0 1 2 3\n";
@@ -252,7 +359,7 @@ mod tests {
         binary.extend([0i32, 1, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
         assert_eq!(parse_ply(&binary).unwrap(), ascii);
         for cut in [binary.len() - 1, binary.len() - 20, binary.len() - 60] {
-            assert!(parse_ply(&binary[..cut]).unwrap_err().contains("ends early"));
+            assert!(parse_ply(&binary[..cut]).unwrap_err().to_string().contains("ends early"));
         }
     }
 
@@ -267,9 +374,12 @@ mod tests {
             (&ASCII.replace("9 4 0 1", "9 4 -1 1"), "face 0: -1 is no index"),
             (&ASCII.replace("9 4 0 1", "9 9999 0 1"), "a list of 9999"),
             (&ASCII.replace("double y", "quad y"), "'quad'"),
-            (&ASCII.replace("element face", "element vertex 2\nproperty float x\nelement face"), "vertices twice"),
+            (
+                &ASCII.replace("element face", "element vertex 2\nproperty float x\nelement face"),
+                "vertices twice",
+            ),
         ] {
-            let error = parse_ply(text.as_bytes()).unwrap_err();
+            let error = parse_ply(text.as_bytes()).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
     }

@@ -17,12 +17,16 @@ pub struct PoseSource {
 }
 
 impl PoseSource {
-    /// Finds where the poses of the color images come from: the topic that was asked for, else /tf if the camera moves
-    /// there, else the only pose topic.
+    /// Finds where the poses of the color images come from: the topic that was asked for, else /tf if the
+    /// camera moves there, else the only pose topic.
     ///
     /// # Errors
     /// [`CaptureError::NoTransform`], [`CaptureError::StaticCamera`], [`CaptureError::InvalidPoses`].
-    pub fn find(index: &BagIndex, topics: &TopicChoice, config: &CaptureConfig) -> Result<Self, CaptureError> {
+    pub fn find(
+        index: &BagIndex,
+        topics: &TopicChoice,
+        config: &CaptureConfig,
+    ) -> Result<Self, CaptureError> {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
         let moves = index.tf.chain(&optical).moves;
         let only = || {
@@ -30,18 +34,34 @@ impl PoseSource {
             usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
         };
         let topic = topics.pose.clone().or_else(|| if moves { None } else { only() });
-        let mut source = Self { tf: index.tf.clone(), world: String::new(), optical, origin: "/tf".into(), from_topic: false };
+        let mut source = Self {
+            tf: index.tf.clone(),
+            world: String::new(),
+            optical,
+            origin: "/tf".into(),
+            from_topic: false,
+        };
         if let Some(name) = topic {
             let poses = index.poses.get(&name).cloned().unwrap_or_default();
-            let child = config.pose_frame.clone().or(poses.child).filter(|c| !c.is_empty()).unwrap_or_else(|| source.optical.clone());
+            let child = config
+                .pose_frame
+                .clone()
+                .or(poses.child)
+                .filter(|c| !c.is_empty())
+                .unwrap_or_else(|| source.optical.clone());
             source.tf.replace(&poses.parent, &child, poses.samples);
             source.origin = name;
             source.from_topic = true;
         }
         let chain = source.tf.chain(&source.optical);
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
-        if source.invalid(index) > 0 && (!chain.moves || source.tf.chain(&source.optical).root == source.optical) {
-            return Err(CaptureError::InvalidPoses { topic: source.origin.clone(), count: source.invalid(index) });
+        if source.invalid(index) > 0
+            && (!chain.moves || source.tf.chain(&source.optical).root == source.optical)
+        {
+            return Err(CaptureError::InvalidPoses {
+                topic: source.origin.clone(),
+                count: source.invalid(index),
+            });
         }
         if chain.root == source.optical && config.world_frame.is_none() {
             let reason = if source.optical.is_empty() {
@@ -52,8 +72,16 @@ impl PoseSource {
             return Err(CaptureError::NoTransform {
                 target: "a world frame".into(),
                 source_frame: source.optical,
-                stamp_secs: stamp_secs(index.images.get(&topics.color).and_then(|i| i.entries.first()).map_or(0, |e| e.stamp_nanos)),
-                reason: format!("{reason}; record /tf and /tf_static, or camera poses as PoseStamped or Odometry"),
+                stamp_secs: stamp_secs(
+                    index
+                        .images
+                        .get(&topics.color)
+                        .and_then(|i| i.entries.first())
+                        .map_or(0, |e| e.stamp_nanos),
+                ),
+                reason: format!(
+                    "{reason}; record /tf and /tf_static, or camera poses as PoseStamped or Odometry"
+                ),
             });
         }
         if !chain.moves && config.world_frame.is_none() {
@@ -65,6 +93,10 @@ impl PoseSource {
     /// Poses left out, as they were none.
     #[must_use]
     pub fn invalid(&self, index: &BagIndex) -> usize {
-        if self.from_topic { index.poses.get(&self.origin).map_or(0, |p| p.invalid) } else { index.tf.invalid }
+        if self.from_topic {
+            index.poses.get(&self.origin).map_or(0, |p| p.invalid)
+        } else {
+            index.tf.invalid
+        }
     }
 }

@@ -1,6 +1,9 @@
 //! Recordings opened: from paths to a [`Capture`] whose frames carry object masks.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Display,
+    path::{Path, PathBuf},
+};
 
 use super::{
     bag::Bag,
@@ -8,25 +11,27 @@ use super::{
     dataset,
     pixels::{Decoded, decode_views},
     source::Source,
-    views::{View, Views},
+    views::{View, Views, views_kept},
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, RefinePoses, RgbdFrame, Split, denoise, isolate, noise_factor, refine_poses, spread_views,
+        Capture, CaptureConfig, CaptureError, RefinePoses, RgbdFrame, Split, denoise, isolate, noise_factor,
+        refine_poses, spread_views,
     },
     geometry::Pose,
-    run::stage_rng,
+    note::{Note, NoteCode},
+    random::stage_rng,
 };
 
 /// Least and greatest factor on the noise model.
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
-/// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset folder.
-/// Every frame of the result has a mask, and each state has at least one frame with depth on the object. `seed` is that of
-/// the run; the search for background planes draws from it.
+/// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
+/// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the
+/// object. `seed` is that of the run; the search for background planes draws from it.
 ///
 /// # Errors
-/// [`CaptureError`]; see its variants. What is merely degraded is told in [`Capture::warnings`].
+/// [`CaptureError`]; see its variants. What is merely degraded stands in [`Capture::warnings`].
 pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
@@ -70,7 +75,10 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
 fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
     if !config.split_secs.is_empty() || config.topics.marker.is_some() {
         return Err(CaptureError::Split {
-            reason: format!("a split was asked for, but {} recordings were given, one per state", paths.len()),
+            reason: format!(
+                "a split was asked for, but {} recordings were given, one per state",
+                paths.len()
+            ),
         });
     }
     let mut capture = Capture::of_states(paths.len());
@@ -78,20 +86,26 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
     for (state, path) in paths.iter().enumerate() {
         let bag = Bag::open(path)?;
         let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
-        let chosen: Vec<_> =
-            spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config).into_iter().map(|v| (state, v)).collect();
-        let note = format!("state {state}: {} of {} views kept, by the spread of their poses", chosen.len(), views.views.len());
+        let chosen: Vec<_> = spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config)
+            .into_iter()
+            .map(|v| (state, v))
+            .collect();
+        let note = views_kept(state, chosen.len(), views.views.len());
         found.push((bag, views, chosen, note));
     }
     // Before anything is decoded.
-    config.check_memory(&found.iter().map(|(_, views, chosen, _)| views.sizes(chosen.len())).collect::<Vec<_>>())?;
+    config.check_memory(
+        &found.iter().map(|(_, views, chosen, _)| views.sizes(chosen.len())).collect::<Vec<_>>(),
+    )?;
     let worlds: Vec<String> = found.iter().map(|(_, views, ..)| views.world_frame.clone()).collect();
     for (bag, views, chosen, note) in found {
         capture.notes.push(note);
         add_frames(&mut capture, &bag, views, &chosen, config)?;
     }
     match (1..worlds.len()).find(|&k| worlds[k] != worlds[0]) {
-        Some(state) => Err(CaptureError::WorldFrames { world0: worlds[0].clone(), state, world1: worlds[state].clone() }),
+        Some(state) => {
+            Err(CaptureError::WorldFrames { world0: worlds[0].clone(), state, world1: worlds[state].clone() })
+        }
         None => Ok(capture),
     }
 }
@@ -102,21 +116,25 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
     let views = Views::find(&bag, &index, config, 0)?;
     let (first, last) = index.span_nanos().unwrap_or_default();
     let split = match (&views.topics.marker, config.split_secs.as_slice()) {
-        (Some(topic), _) => Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))?,
+        (Some(topic), _) => {
+            Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))?
+        }
         (None, []) => return Err(CaptureError::OneState { path: path.to_owned() }),
         (None, times) => Split::at(times, first, last)?,
     };
     let mut capture = Capture::of_states(2);
     let mut chosen = Vec::new();
     for state in 0..2 {
-        let of_state: Vec<usize> = (0..views.views.len()).filter(|v| split.state(views.views[*v].log_nanos) == Some(state)).collect();
+        let of_state: Vec<usize> = (0..views.views.len())
+            .filter(|v| split.state(views.views[*v].log_nanos) == Some(state))
+            .collect();
         if of_state.is_empty() {
             return Err(CaptureError::Split {
                 reason: format!("no usable view lies in state {state}; {} views in all", views.views.len()),
             });
         }
         let kept = spread(&views.views, &of_state, config);
-        capture.notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", kept.len(), of_state.len()));
+        capture.notes.push(views_kept(state, kept.len(), of_state.len()));
         chosen.extend(kept.into_iter().map(|v| (state, v)));
     }
     config.check_memory(&[views.sizes(chosen.len())])?;
@@ -142,11 +160,15 @@ fn add_frames(
         push_frame(capture, state, frame);
     }
     if let Some(first) = lost.first() {
-        capture.warnings.push(format!("{} frames are broken and not used (first: {first})", lost.len()));
+        capture.warnings.push(Note::new(
+            NoteCode::FramesBroken,
+            format!("{} frames are broken and not used (first: {first})", lost.len()),
+        ));
     }
     for state in chosen.iter().map(|(state, _)| *state) {
         if capture.states[state].is_empty() {
-            let reason = format!("all {} are broken (first: {})", lost.len(), lost.first().map_or("", String::as_str));
+            let reason =
+                format!("all {} are broken (first: {})", lost.len(), lost.first().map_or("", String::as_str));
             return Err(CaptureError::NoFrames { state, reason });
         }
     }
@@ -162,7 +184,9 @@ fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
 
 /// Refuses one recording given for two states: noise makes images of two recordings differ.
 fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
-    let same = |(a, b): (&RgbdFrame, &RgbdFrame)| a.world_from_camera == b.world_from_camera && a.depth_m == b.depth_m && a.rgb == b.rgb;
+    let same = |(a, b): (&RgbdFrame, &RgbdFrame)| {
+        a.world_from_camera == b.world_from_camera && a.depth_m == b.depth_m && a.rgb == b.rgb
+    };
     let twice = |a: &[RgbdFrame], b: &[RgbdFrame]| a.len() == b.len() && a.iter().zip(b).all(same);
     let states = &capture.states;
     let mut pairs = (0..states.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
@@ -172,8 +196,12 @@ fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
     }
 }
 
-/// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot be.
-pub(super) fn measured_noise<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, config: &CaptureConfig) -> Option<f64> {
+/// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot
+/// be.
+pub(super) fn measured_noise<'a>(
+    frames: impl Iterator<Item = &'a RgbdFrame>,
+    config: &CaptureConfig,
+) -> Option<f64> {
     let factor = if config.measure_noise { noise_factor(frames, &config.noise) } else { None };
     factor.map(|f| f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1]))
 }
@@ -183,31 +211,44 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
     capture.noise = config.noise;
     if let Some(factor) = measured_noise(capture.states.iter().flatten(), config) {
         capture.noise = config.noise.scaled(factor);
-        capture
-            .notes
-            .push(format!("depth noise is {factor:.2} times the model of the settings: {:.1} mm at 1 m", 1e3 * capture.noise.sigma_m(1.0)));
+        capture.notes.push(Note::new(
+            NoteCode::NoiseMeasured,
+            format!(
+                "depth noise is {factor:.2} times the model of the settings: {:.1} mm at 1 m",
+                1e3 * capture.noise.sigma_m(1.0)
+            ),
+        ));
     }
 }
 
-/// Corrects the camera poses of each state, and tells of it.
+/// Corrects the camera poses of each state, and reports it.
 fn correct_poses(capture: &mut Capture) {
     capture.poses = refine_poses(&mut capture.states, &capture.noise);
     for (state, found) in capture.poses.states.iter().enumerate() {
-        capture.notes.extend(found.iter().map(|found| format!("state {state}: {found}")));
+        capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }
     for (state, world) in (1..).zip(&capture.poses.worlds) {
-        capture.notes.extend(world.iter().map(|found| format!("state {state}: {found}")));
+        capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
     }
 }
 
-/// Refuses a state without any depth reading, and tells of one with few.
+fn poses_checked(state: usize, found: &impl Display) -> Note {
+    Note::new(NoteCode::PosesChecked, format!("state {state}: {found}"))
+}
+
+/// Refuses a state without any depth reading.
 fn check_depth(capture: &Capture, config: &CaptureConfig) -> Result<(), CaptureError> {
     for (state, frames) in capture.states.iter().enumerate() {
         if frames.is_empty() {
             return Err(CaptureError::NoFrames { state, reason: "the recording has none".into() });
         }
         if !frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0)) {
-            return Err(CaptureError::NoDepth { state, frames: frames.len(), min_m: config.depth_min_m, max_m: config.depth_max_m });
+            return Err(CaptureError::NoDepth {
+                state,
+                frames: frames.len(),
+                min_m: config.depth_min_m,
+                max_m: config.depth_max_m,
+            });
         }
     }
     Ok(())

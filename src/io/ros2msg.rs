@@ -1,7 +1,8 @@
 //! The ROS 2 messages that recordings hold, as serde structs in CDR field order, and their decoding.
 //!
-//! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever comes out
-//! of the decoder is still untrusted: see [`crate::io::image_codec`] and [`crate::capture`] for the checks of meaning.
+//! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever
+//! comes out of the decoder is still untrusted: see [`crate::io::image_codec`] and [`crate::capture`] for the
+//! checks of meaning.
 
 pub mod definitions;
 pub mod diagnostic;
@@ -40,8 +41,8 @@ fn representation_name(id: u8) -> &'static str {
     }
 }
 
-/// Decodes a message with its 4-byte encapsulation header. Bytes after the message are ignored, so that a struct may
-/// stand for the front of a longer message.
+/// Decodes a message with its 4-byte encapsulation header. Bytes after the message are ignored, so that a
+/// struct may stand for the front of a longer message.
 ///
 /// # Errors
 /// [`DecodeError`]; XCDR2 and parameter lists are refused.
@@ -61,7 +62,8 @@ pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
 /// # Errors
 /// [`DecodeError::Body`] where serde cannot express the value.
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, DecodeError> {
-    let body = cdr_encoding::to_vec::<T, LittleEndian>(message).map_err(|e| DecodeError::Body(e.to_string()))?;
+    let body =
+        cdr_encoding::to_vec::<T, LittleEndian>(message).map_err(|e| DecodeError::Body(e.to_string()))?;
     Ok([&[0, 1, 0, 0], body.as_slice()].concat())
 }
 
@@ -78,7 +80,8 @@ impl Time {
     /// Nanoseconds since the epoch; `None` for a stamp that is none.
     #[must_use]
     pub fn nanos(&self) -> Option<i64> {
-        (self.sec >= 0 && self.nanosec < 1_000_000_000).then(|| i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec))
+        (self.sec >= 0 && self.nanosec < 1_000_000_000)
+            .then(|| i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec))
     }
 
     /// The stamp of a number of nanoseconds since the epoch.
@@ -105,13 +108,6 @@ impl Header {
         (frame.len() <= MAX_NAME).then_some(())?;
         Some((self.stamp.nanos()?, frame.to_owned()))
     }
-}
-
-/// Front of any stamped message.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Stamped {
-    /// Its header.
-    pub header: Header,
 }
 
 /// `sensor_msgs/msg/Image`.
@@ -256,8 +252,8 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// `parent_from_child`; `None` where a number is not finite, a coordinate exceeds 1e6 m or the quaternion's length
-    /// is off unity by more than 1 %.
+    /// `parent_from_child`; `None` where a number is not finite, a coordinate exceeds 1e6 m or the
+    /// quaternion's length is off unity by more than 1 %.
     #[must_use]
     pub fn checked(&self) -> Option<crate::geometry::Pose> {
         let (t, q) = (self.translation, self.rotation);
@@ -269,14 +265,20 @@ impl Transform {
         if unit.is_nan() || unit > 0.01 {
             return None;
         }
-        Some(crate::geometry::Pose::from_parts(nalgebra::Translation3::new(t.x, t.y, t.z), nalgebra::UnitQuaternion::from_quaternion(q)))
+        Some(crate::geometry::Pose::from_parts(
+            nalgebra::Translation3::new(t.x, t.y, t.z),
+            nalgebra::UnitQuaternion::from_quaternion(q),
+        ))
     }
 
     /// The message of a pose.
     #[must_use]
     pub fn from_pose(pose: &crate::geometry::Pose) -> Self {
         let (t, q) = (pose.translation.vector, pose.rotation);
-        Self { translation: Vector3 { x: t.x, y: t.y, z: t.z }, rotation: Quaternion { x: q.i, y: q.j, z: q.k, w: q.w } }
+        Self {
+            translation: Vector3 { x: t.x, y: t.y, z: t.z },
+            rotation: Quaternion { x: q.i, y: q.j, z: q.k, w: q.w },
+        }
     }
 }
 
@@ -350,13 +352,22 @@ mod tests {
 
     fn image() -> Image {
         let header = Header { stamp: Time { sec: 3, nanosec: 5 }, frame_id: "cam".into() };
-        Image { header, height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 0, step: 3, data: vec![1, 2, 3, 4, 5, 6] }
+        Image {
+            header,
+            height: 2,
+            width: 1,
+            encoding: "rgb8".into(),
+            is_bigendian: 0,
+            step: 3,
+            data: vec![1, 2, 3, 4, 5, 6],
+        }
     }
 
-    /// Bytes written down by hand from the CDR rules: 4-byte alignment after the header, strings with their NUL.
+    /// Bytes written down by hand from the CDR rules: 4-byte alignment after the header, strings with their
+    /// NUL.
     const IMAGE_BYTES: &[u8] = &[
-        0, 1, 0, 0, 3, 0, 0, 0, 5, 0, 0, 0, 4, 0, 0, 0, b'c', b'a', b'm', 0, 2, 0, 0, 0, 1, 0, 0, 0, 5, 0, 0, 0, b'r', b'g', b'b', b'8', 0,
-        0, 0, 0, 3, 0, 0, 0, 6, 0, 0, 0, 1, 2, 3, 4, 5, 6,
+        0, 1, 0, 0, 3, 0, 0, 0, 5, 0, 0, 0, 4, 0, 0, 0, b'c', b'a', b'm', 0, 2, 0, 0, 0, 1, 0, 0, 0, 5, 0, 0,
+        0, b'r', b'g', b'b', b'8', 0, 0, 0, 0, 3, 0, 0, 0, 6, 0, 0, 0, 1, 2, 3, 4, 5, 6,
     ];
 
     #[test]
@@ -369,7 +380,7 @@ mod tests {
     #[test]
     fn big_endian_is_read() {
         let big = [0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 5, 0, 0, 0, 4, b'c', b'a', b'm', 0];
-        assert_eq!(decode::<Stamped>(&big).unwrap().header, image().header);
+        assert_eq!(decode::<Header>(&big).unwrap(), image().header);
     }
 
     #[test]

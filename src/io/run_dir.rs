@@ -1,7 +1,6 @@
 //! A result folder that appears under its name only when it is whole.
 
 use std::{
-    ffi::{OsStr, OsString},
     fs, io,
     path::{Component, Path, PathBuf},
 };
@@ -10,72 +9,17 @@ use super::{
     Place,
     manifest::{Manifest, ResultKind},
     place::{Standing, taken},
+    run_dir_error::{RunDirError, backup},
+    sibling::{first_free, free_sibling},
 };
+
+use crate::note::{Note, NoteCode};
 
 /// Longest relative path, bytes.
 const MAX_PATH: usize = 240;
-/// Names that are tried for a folder beside the result, at most.
-const MAX_TRIES: usize = 1000;
 
-/// Why a result folder could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum RunDirError {
-    /// The name cannot be a folder's name.
-    #[error("'{0}' cannot name an output folder: use letters, digits and _, beginning with a letter")]
-    Name(String),
-    /// The path does not end in a name.
-    #[error("'{}' cannot be the result's folder: give a path that ends in a name, or add --name", .0.display())]
-    NoName(PathBuf),
-    /// A path leads out of the folder or cannot be a file name.
-    #[error("'{0}' is no path inside the output folder")]
-    Path(String),
-    /// Something stands there that the command did not write, or that was changed since.
-    #[error("{} is left as it is: {why}; give another --out or --name, or --force, which moves it to {}", path.display(), backup(path, 0).display())]
-    Taken {
-        /// Where the result should go.
-        path: PathBuf,
-        /// What stands there.
-        why: String,
-    },
-    /// The result would take the place of what the command reads.
-    #[error("the result cannot go to {}, which is or holds the input {}; give another --out or --name", folder.display(), input.display())]
-    HoldsInput {
-        /// Where the result should go.
-        folder: PathBuf,
-        /// An input, as it was given.
-        input: PathBuf,
-    },
-    /// Nothing can be written there.
-    #[error("cannot write into {}; choose another --out or make it writable", folder.display())]
-    Unwritable {
-        /// The folder, or the nearest one above it that is there.
-        folder: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The disk is too full.
-    #[error("the disk of {} has {free} bytes free, and {least_bytes} at least are needed; make room or give another --out", folder.display())]
-    Full {
-        /// The folder, or the nearest one above it that is there.
-        folder: PathBuf,
-        /// What the command writes at least.
-        least_bytes: u64,
-        /// What is free.
-        free: u64,
-    },
-    /// The disk refused.
-    #[error("cannot {what} {path}: {source}")]
-    Disk {
-        /// What was tried.
-        what: &'static str,
-        /// With which path.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-}
-
-/// A folder being written beside its final place. Dropped before [`RunDir::commit`], it leaves nothing behind.
+/// A folder being written beside its final place. Dropped before [`RunDir::commit`], it leaves nothing
+/// behind.
 #[derive(Debug)]
 pub struct RunDir {
     place: Place,
@@ -97,26 +41,31 @@ pub struct Committed {
 }
 
 impl Committed {
-    /// What is to be told of what stood there before.
+    /// What is to be said of what stood there before.
     #[must_use]
-    pub fn note(&self) -> Option<String> {
+    pub fn note(&self) -> Option<Note> {
         let to = self.moved_to.as_ref()?;
-        Some(format!("what stood at {} was moved to {}", self.folder.display(), to.display()))
+        let text = format!("what stood at {} was moved to {}", self.folder.display(), to.display());
+        Some(Note::new(NoteCode::MovedAside, text))
     }
 }
 
 impl RunDir {
-    /// Starts the folder of a result; the folders above it are made where they are missing. Nothing appears under the final
-    /// name yet.
+    /// Starts the folder of a result; the folders above it are made where they are missing. Nothing appears
+    /// under the final name yet.
     ///
     /// # Errors
-    /// A name that is none; an input where the result should go; anything there that may not be replaced ([`Place`]); a disk
-    /// that refuses.
+    /// A name that is none; an input where the result should go; anything there that may not be replaced
+    /// ([`Place`]); a disk that refuses.
     pub fn open(place: &Place, kind: ResultKind) -> Result<Self, RunDirError> {
         let target = place.target()?;
         place.refuse(&target, kind)?;
         let out = parent(&target);
-        let made: Vec<PathBuf> = out.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_owned).collect();
+        let made: Vec<PathBuf> = out
+            .ancestors()
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .map(Path::to_owned)
+            .collect();
         fs::create_dir_all(out).map_err(disk("make", out))?;
         let partial = free_sibling(out, target.file_name().unwrap_or_default(), "partial")?;
         Ok(Self { place: place.clone(), kind, partial, target, made, committed: false })
@@ -146,9 +95,9 @@ impl RunDir {
         fs::write(&file, bytes).map_err(disk("write", &file))
     }
 
-    /// Writes the manifest and puts the folder in its place. What stands there is looked at again: an unchanged result of the
-    /// same command is moved away first, put back if the new one cannot take its place, and deleted at the end; anything else
-    /// is refused, or with force moved to `NAME.bak`.
+    /// Writes the manifest and puts the folder in its place. What stands there is looked at again: an
+    /// unchanged result of the same command is moved away first, put back if the new one cannot take its
+    /// place, and deleted at the end; anything else is refused, or with force moved to `NAME.bak`.
     ///
     /// # Errors
     /// Something that may not be replaced; a disk that refuses. What stood there is then still there.
@@ -223,45 +172,16 @@ impl Old {
 /// Moves a file or folder to the first free one of `NAME.bak`, `NAME.bak1`, ...; where it is then.
 fn keep(target: &Path) -> Result<PathBuf, RunDirError> {
     let is_folder = fs::symlink_metadata(target).is_ok_and(|m| m.is_dir());
-    // Reserved first, so that nothing of that name can be overwritten: a folder replaces an empty one, a file a file.
-    let reserve = |path: &Path| if is_folder { fs::create_dir(path) } else { fs::File::create_new(path).map(drop) };
+    // Reserved first, so that nothing of that name can be overwritten: a folder replaces an empty one, a file
+    // a file.
+    let reserve =
+        |path: &Path| if is_folder { fs::create_dir(path) } else { fs::File::create_new(path).map(drop) };
     let to = first_free(|k| backup(target, k), reserve)?;
     fs::rename(target, &to).map_err(|source| {
         if is_folder { fs::remove_dir(&to) } else { fs::remove_file(&to) }.unwrap_or_default();
         RunDirError::Disk { what: "move away", path: target.to_owned(), source }
     })?;
     Ok(to)
-}
-
-/// `NAME.bak`, `NAME.bak1`, ...
-fn backup(target: &Path, k: usize) -> PathBuf {
-    let mut name = target.file_name().unwrap_or_default().to_owned();
-    name.push(if k == 0 { ".bak".to_owned() } else { format!(".bak{k}") });
-    target.with_file_name(name)
-}
-
-/// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
-pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
-    let path = |k| {
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
-        out.join(hidden)
-    };
-    first_free(path, |path| fs::create_dir(path))
-}
-
-/// The first path that `make` makes; one that is there already is passed over.
-fn first_free(path: impl Fn(usize) -> PathBuf, make: impl Fn(&Path) -> io::Result<()>) -> Result<PathBuf, RunDirError> {
-    let mut k = 0;
-    loop {
-        let path = path(k);
-        match make(&path) {
-            Ok(()) => return Ok(path),
-            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < MAX_TRIES => k += 1,
-            Err(source) => return Err(RunDirError::Disk { what: "make", path, source }),
-        }
-    }
 }
 
 /// The folder that holds a path.
@@ -272,7 +192,11 @@ fn parent(path: &Path) -> &Path {
 fn safe_path(path: &str) -> Result<&Path, RunDirError> {
     let bad = || RunDirError::Path(path.to_owned());
     let plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
-    if path.is_empty() || path.len() > MAX_PATH || !plain || path.split('/').any(|p| p.is_empty() || p == "." || p == "..") {
+    if path.is_empty()
+        || path.len() > MAX_PATH
+        || !plain
+        || path.split('/').any(|p| p.is_empty() || p == "." || p == "..")
+    {
         return Err(bad());
     }
     let path = Path::new(path);
@@ -287,7 +211,7 @@ fn disk(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> RunDirErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::temp::Temp;
+    use crate::temp::Temp;
 
     const KIND: ResultKind = ResultKind::Reconstruct;
 
@@ -363,15 +287,18 @@ mod tests {
             (
                 "added",
                 KIND,
-                "since reconstruct wrote it, note0.txt was added, note1.txt was added, note2.txt was added, note3.txt was added and 2 more",
+                "since reconstruct wrote it, note0.txt was added, note1.txt was added, note2.txt was \
+                 added, note3.txt was added and 2 more",
             ),
             ("kind", ResultKind::Synth, "it is a result of reconstruct, not of synth"),
-            ("older", KIND, "it holds report.json, and no manifest.json that tells which command wrote it"),
+            ("older", KIND, "it holds report.json, and no manifest.json that says which command wrote it"),
             ("file", KIND, "it is no folder"),
         ] {
             let path = out.0.join(name).display().to_string();
-            let expected =
-                format!("{path} is left as it is: {why}; give another --out or --name, or --force, which moves it to {path}.bak");
+            let expected = format!(
+                "{path} is left as it is: {why}; give another --out or --name, or --force, which moves it \
+                 to {path}.bak"
+            );
             assert_eq!(refused(&place(name), kind), expected);
         }
         fs::create_dir(out.0.join("empty")).unwrap();
@@ -386,12 +313,14 @@ mod tests {
         std::os::unix::fs::symlink(out.0.join("there"), out.0.join("link")).unwrap();
         std::os::unix::fs::symlink(out.0.join("nowhere"), out.0.join("dangling")).unwrap();
         for path in ["link", "link/", "link/.", "dangling", "dangling/"] {
-            let told = refused(&Place::at(out.0.join(path)), KIND);
-            assert!(told.contains("it is a link"), "{told}");
+            let reason = refused(&Place::at(out.0.join(path)), KIND);
+            assert!(reason.contains("it is a link"), "{reason}");
         }
         let forced = finished(&Place { force: true, ..Place::at(out.0.join("link/")) }, "a.txt", "");
         assert_eq!((forced.moved_to, forced.folder), (Some(out.0.join("link.bak")), out.0.join("link")));
-        assert!(out.0.join("link.bak").is_symlink() && out.0.join("there").read_dir().unwrap().next().is_none());
+        assert!(
+            out.0.join("link.bak").is_symlink() && out.0.join("there").read_dir().unwrap().next().is_none()
+        );
         // A link to the folder around the result is followed.
         finished(&Place::named(out.0.join("link.bak"), "box"), "a.txt", "");
         assert!(out.0.join("there/box/a.txt").is_file());
@@ -406,8 +335,12 @@ mod tests {
             fs::write(out.0.join("box/notes.txt"), format!("{k}")).unwrap();
             let done = finished(&place, "report.json", "{}");
             assert_eq!(
-                done.note().unwrap(),
-                format!("what stood at {0}/box was moved to {0}/box.bak{1}", out.0.display(), ["", "1", "2"][k])
+                done.note().unwrap().text,
+                format!(
+                    "what stood at {0}/box was moved to {0}/box.bak{1}",
+                    out.0.display(),
+                    ["", "1", "2"][k]
+                )
             );
         }
         assert_eq!(out.names(), ["box", "box.bak", "box.bak1", "box.bak2"]);
@@ -428,8 +361,8 @@ mod tests {
         let run = open(&place);
         run.put("report.json", b"[]").unwrap();
         fs::write(out.0.join("box/notes.txt"), "mine").unwrap();
-        let told = run.commit().unwrap_err().to_string();
-        assert!(told.contains("notes.txt was added"), "{told}");
+        let reason = run.commit().unwrap_err().to_string();
+        assert!(reason.contains("notes.txt was added"), "{reason}");
         assert_eq!(out.names(), ["box"]);
         assert_eq!(fs::read_to_string(out.0.join("box/report.json")).unwrap(), "{}");
     }
@@ -459,8 +392,13 @@ mod tests {
         }
         for (target, input) in cases {
             let place = Place { force: true, inputs: vec![input.clone()], ..Place::at(&target) };
-            let told = refused(&place, KIND);
-            assert!(told.contains("is or holds the input"), "{} {}: {told}", target.display(), input.display());
+            let reason = refused(&place, KIND);
+            assert!(
+                reason.contains("is or holds the input"),
+                "{} {}: {reason}",
+                target.display(),
+                input.display()
+            );
         }
         let beside = Place { inputs: vec![bag.clone()], ..Place::at(bag.join("runs")) };
         finished(&beside, "a.txt", "");
@@ -469,8 +407,11 @@ mod tests {
     #[test]
     fn a_disk_that_is_too_full_is_refused_before_the_work() {
         let out = Temp::new("full");
-        let told = Place::named(&out.0, "box").check(KIND, u64::MAX).unwrap_err().to_string();
-        assert!(told.contains(" bytes free, and 18446744073709551615 at least are needed; make room"), "{told}");
+        let reason = Place::named(&out.0, "box").check(KIND, u64::MAX).unwrap_err().to_string();
+        assert!(
+            reason.contains(" bytes free, and 18446744073709551615 at least are needed; make room"),
+            "{reason}"
+        );
         assert_eq!(out.names(), [""; 0]);
     }
 
@@ -478,11 +419,26 @@ mod tests {
     fn paths_out_of_the_folder_are_refused() {
         let out = Temp::new("paths");
         let run = open(&Place::named(&out.0, "box"));
-        for path in ["", "/etc/passwd", "../x", "a/../../x", "a//b", "./a", "a/", "a\\..\\b", "C:x", "a\0b", &"a".repeat(300)] {
+        for path in [
+            "",
+            "/etc/passwd",
+            "../x",
+            "a/../../x",
+            "a//b",
+            "./a",
+            "a/",
+            "a\\..\\b",
+            "C:x",
+            "a\0b",
+            &"a".repeat(300),
+        ] {
             assert!(matches!(run.put(path, b""), Err(RunDirError::Path(_))), "{path}");
         }
         for name in ["", "..", "a/b", "1box", ".box", "a b"] {
-            assert!(matches!(RunDir::open(&Place::named(&out.0, name), KIND), Err(RunDirError::Name(_))), "{name}");
+            assert!(
+                matches!(RunDir::open(&Place::named(&out.0, name), KIND), Err(RunDirError::Name(_))),
+                "{name}"
+            );
         }
         for path in [".", "..", "/", "box/.."] {
             assert!(matches!(RunDir::open(&Place::at(path), KIND), Err(RunDirError::NoName(_))), "{path}");

@@ -1,4 +1,4 @@
-//! What a finished run folder tells of its twin: URDF, joints, observed states, uncertainty.
+//! What a finished run folder says of its twin: URDF, joints, observed states, uncertainty.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -9,8 +9,9 @@ use std::{
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::urdf::{check_numbers, robot_of};
+use super::urdf::robot_of;
 use crate::{
+    export::require_numbers,
     files,
     geometry::Pose,
     limits::{FileLimit, REPORT, URDF},
@@ -79,7 +80,9 @@ impl SummaryJoint {
                 let axis = self.axis.into_inner();
                 Pose::from_parts((axis * advance_m).into(), UnitQuaternion::from_scaled_axis(axis * position))
             }
-            JointKind::Prismatic => Pose::from_parts((self.axis.into_inner() * position).into(), UnitQuaternion::identity()),
+            JointKind::Prismatic => {
+                Pose::from_parts((self.axis.into_inner() * position).into(), UnitQuaternion::identity())
+            }
         };
         self.parent_from_joint * step
     }
@@ -107,17 +110,20 @@ impl RunSummary {
         self.joints.iter().map(|j| j.states.get(state).copied().unwrap_or_default()).collect()
     }
 
-    /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the twin's name.
+    /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the
+    /// twin's name.
     #[must_use]
     pub fn urdf_with_uris(&self, package: bool) -> String {
         let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
-        let base = if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
+        let base =
+            if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
         let base = escape_xml(&base);
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
 }
 
-/// The fingerprint of the run that made a result, empty where its report tells none; `None` where there is no result.
+/// The fingerprint of the run that made a result, empty where its report has none; `None` where there is no
+/// result.
 #[must_use]
 pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
     #[derive(Default, Deserialize)]
@@ -164,25 +170,31 @@ struct ReportQuantity {
 /// If a file is missing, too large or damaged.
 pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let fail = |path: &Path, reason: String| RunSummaryError { path: path.to_owned(), reason };
-    let read = |path: &Path, limit: FileLimit| files::read_text(path, limit).map_err(|e| fail(path, e.to_string()));
+    let read =
+        |path: &Path, limit: FileLimit| files::read_text(path, limit).map_err(|e| fail(path, e.to_string()));
     let path = folder.join("report.json");
-    let report: ReportFile = serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
+    let report: ReportFile =
+        serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
     let path = folder.join(format!("{}.urdf", report.name));
     let urdf = read(&path, URDF)?;
-    let robot = robot_of(&urdf).map_err(|e| fail(&path, e))?;
+    require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let robot = robot_of(&urdf).map_err(|e| fail(&path, e.to_string()))?;
     let children: Vec<&str> = robot.joints.iter().map(|j| j.child.link.as_str()).collect();
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
     let joints: Option<Vec<SummaryJoint>> = robot.joints.iter().map(|j| joint(j, &report)).collect();
     let joints = joints.ok_or_else(|| {
-        fail(&path, "a joint is neither revolute nor prismatic, holds no finite numbers, or is not in report.json".into())
+        fail(
+            &path,
+            "a joint is neither revolute nor prismatic, holds no finite numbers, or is not in report.json"
+                .into(),
+        )
     })?;
     let joints = sorted(joints, &root).ok_or_else(|| fail(&path, "its links are no tree".into()))?;
     Ok(RunSummary { folder: folder.to_owned(), name: report.name, urdf, root, joints })
 }
 
 fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
-    check_numbers(j).ok()?;
     let told = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
     let kind = match (&j.joint_type, told.pitch_m_per_rad) {
@@ -199,7 +211,10 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
         parent: j.parent.link.clone(),
         child: j.child.link.clone(),
         kind,
-        parent_from_joint: Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)),
+        parent_from_joint: Pose::from_parts(
+            Translation3::new(x, y, z),
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+        ),
         axis: Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)?,
         limits: [j.limit.lower, j.limit.upper],
         states: states?,

@@ -1,36 +1,59 @@
 //! RVL, the run-length and variable-length code for depth images.
 //!
-//! A. D. Wilson, "Fast Lossless Depth Image Compression", ISS 2017. Pixels alternate between runs of zeros and of
-//! nonzero values; a run is stored as its length, nonzero values as zigzag differences; every number is a sequence of
-//! nibbles with three bits each, low bits first, and a continuation bit; nibbles fill 32-bit little-endian words from
-//! the top.
+//! A. D. Wilson, "Fast Lossless Depth Image Compression", ISS 2017. Pixels alternate between runs of zeros
+//! and of nonzero values; a run is stored as its length, nonzero values as zigzag differences; every number
+//! is a sequence of nibbles with three bits each, low bits first, and a continuation bit; nibbles fill 32-bit
+//! little-endian words from the top.
+
+/// Why a code is none of the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RvlError {
+    /// More zeros than the image has pixels left.
+    #[error("a run of zeros leaves the image")]
+    Zeros,
+    /// More values than the image has pixels left.
+    #[error("a run of values leaves the image")]
+    Values,
+    /// Neither zeros nor values.
+    #[error("an empty run")]
+    Empty,
+    /// Beyond 0 to 65535.
+    #[error("a value leaves 16 bits ({0})")]
+    Range(#[from] std::num::TryFromIntError),
+    /// Fewer pixels than the image has.
+    #[error("the code ends before the image does")]
+    Cut,
+    /// Too many nibbles.
+    #[error("a number is longer than 32 bits")]
+    Long,
+}
 
 /// Decodes `count` pixels.
 ///
 /// # Errors
-/// A sentence where the code ends early, overruns the image or is no RVL.
-pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, String> {
+/// [`RvlError`].
+pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, RvlError> {
     let mut nibbles = Nibbles { data, next: 0 };
     let mut pixels = Vec::with_capacity(count.min(data.len().saturating_mul(8)));
     let mut previous = 0i32;
     while pixels.len() < count {
         let zeros = nibbles.number()? as usize;
         if zeros > count - pixels.len() {
-            return Err("a run of zeros leaves the image".into());
+            return Err(RvlError::Zeros);
         }
         pixels.resize(pixels.len() + zeros, 0);
         let values = nibbles.number()? as usize;
         if values > count - pixels.len() {
-            return Err("a run of values leaves the image".into());
+            return Err(RvlError::Values);
         }
         if zeros == 0 && values == 0 && pixels.len() < count {
-            return Err("an empty run".into());
+            return Err(RvlError::Empty);
         }
         for _ in 0..values {
             let zigzag = nibbles.number()?;
             let delta = (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32);
             previous = previous.wrapping_add(delta);
-            pixels.push(u16::try_from(previous).map_err(|e| format!("a value leaves 16 bits ({e})"))?);
+            pixels.push(u16::try_from(previous)?);
         }
     }
     Ok(pixels)
@@ -54,7 +77,8 @@ pub fn encode(pixels: &[u16]) -> Vec<u8> {
         }
         rest = &rest[zeros + values..];
     }
-    let word = |chunk: &[u8]| chunk.iter().enumerate().fold(0u32, |w, (i, n)| w | u32::from(*n) << (28 - 4 * i));
+    let word =
+        |chunk: &[u8]| chunk.iter().enumerate().fold(0u32, |w, (i, n)| w | u32::from(*n) << (28 - 4 * i));
     nibbles.chunks(8).flat_map(|chunk| word(chunk).to_le_bytes()).collect()
 }
 
@@ -75,15 +99,15 @@ struct Nibbles<'a> {
 }
 
 impl Nibbles<'_> {
-    fn nibble(&mut self) -> Result<u8, String> {
+    fn nibble(&mut self) -> Result<u8, RvlError> {
         // The first nibble of a word lies in the top half of its last byte.
         let (word, place) = (self.next / 8, self.next % 8);
-        let byte = self.data.get(word * 4 + 3 - place / 2).ok_or("the code ends before the image does")?;
+        let byte = self.data.get(word * 4 + 3 - place / 2).ok_or(RvlError::Cut)?;
         self.next += 1;
         Ok(if place % 2 == 0 { byte >> 4 } else { byte & 15 })
     }
 
-    fn number(&mut self) -> Result<u32, String> {
+    fn number(&mut self) -> Result<u32, RvlError> {
         let mut number = 0;
         for shift in (0..32).step_by(3) {
             let nibble = self.nibble()?;
@@ -92,7 +116,7 @@ impl Nibbles<'_> {
                 return Ok(number);
             }
         }
-        Err("a number is longer than 32 bits".into())
+        Err(RvlError::Long)
     }
 }
 
@@ -112,12 +136,20 @@ mod tests {
 
     proptest! {
         #[test]
-        fn decoding_inverts_encoding(pixels in prop::collection::vec(prop_oneof![Just(0u16), Just(65535), 500..520u16, any::<u16>()], 1..400)) {
+        fn decoding_inverts_encoding(
+            pixels in prop::collection::vec(
+                prop_oneof![Just(0u16), Just(65535), 500..520u16, any::<u16>()],
+                1..400,
+            ),
+        ) {
             prop_assert_eq!(decode(&encode(&pixels), pixels.len()).unwrap(), pixels);
         }
 
         #[test]
-        fn nonsense_is_an_error_or_an_image(data in prop::collection::vec(any::<u8>(), 0..64), count in 1..200usize) {
+        fn nonsense_is_an_error_or_an_image(
+            data in prop::collection::vec(any::<u8>(), 0..64),
+            count in 1..200usize,
+        ) {
             if let Ok(pixels) = decode(&data, count) {
                 prop_assert_eq!(pixels.len(), count);
             }

@@ -2,34 +2,39 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{UrdfError, read_urdf};
+use super::{UrdfError, read_urdf, urdf_fault::UrdfFault};
 use crate::{
     export::require_sound,
     files,
-    gap::camera::{tree::JointFacts, twin::SeenTwin},
-    limits::{URDF, parse_xml},
+    gap::camera::model::{tree::JointFacts, twin::SeenTwin},
+    limits::{URDF, XmlError, parse_xml},
 };
 
 /// Reads a twin with its visual meshes, and gives its text too.
 ///
 /// # Errors
-/// [`UrdfError`] as [`read_urdf`], where the text describes no bodies ([`require_sound`]), and where no link has a mesh.
+/// [`UrdfError`] as [`read_urdf`], where the text describes no bodies ([`require_sound`]), and where no link
+/// has a mesh.
 pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
-    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
+    let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
     let tree = read_urdf(path)?;
-    let text = files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    require_sound(&text).map_err(format)?;
-    let facts = facts(&text).map_err(format)?;
-    Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(e.to_string()))?, text))
+    let text =
+        files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
+    require_sound(&text).map_err(|e| format(e.into()))?;
+    let facts = facts(&text).map_err(|e| format(e.into()))?;
+    Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(UrdfFault::Seen(e.to_string())))?, text))
 }
 
 /// Limits and pitches of the joints.
-fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, String> {
+fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, XmlError> {
     let document = parse_xml(text)?;
-    let number = |n: &roxmltree::Node, name: &str| n.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
+    let number =
+        |n: &roxmltree::Node, name: &str| n.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
     let of = |joint: roxmltree::Node| {
         let limit = joint.children().find(|n| n.has_tag_name("limit"));
-        let range = limit.and_then(|l| Some((number(&l, "lower")?, number(&l, "upper")?))).filter(|(low, high)| high > low);
+        let range = limit
+            .and_then(|l| Some((number(&l, "lower")?, number(&l, "upper")?)))
+            .filter(|(low, high)| high > low);
         let thread = joint.children().find(|n| n.tag_name().name() == "thread");
         let pitch_m_per_rad = thread.and_then(|t| number(&t, "pitch_m_per_rad"));
         Some((joint.attribute("name")?.to_owned(), JointFacts { limit: range, pitch_m_per_rad }))

@@ -1,6 +1,9 @@
 //! What a path holds: bags, states, or a dataset.
 
-use std::path::{Path, PathBuf};
+use std::{
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
 
 use super::bag::Bag;
 use crate::capture::{CaptureError, MAX_STATES};
@@ -19,20 +22,25 @@ pub enum Source {
 }
 
 impl Source {
-    /// Tells what the paths hold.
+    /// What the paths hold.
     ///
     /// # Errors
-    /// [`CaptureError::NotARecording`] and [`CaptureError::Read`].
+    /// [`CaptureError::Missing`], [`CaptureError::NotARecording`] and [`CaptureError::Read`].
     pub fn of(paths: &[PathBuf]) -> Result<Self, CaptureError> {
         match paths {
-            [] => Err(CaptureError::NotARecording { path: PathBuf::new(), reason: "no path was given".into() }),
+            [] => {
+                Err(CaptureError::NotARecording { path: PathBuf::new(), reason: "no path was given".into() })
+            }
             [one] => Self::of_one(one),
             _ => {
                 check_count(paths.len())?;
                 for path in paths {
                     exists(path)?;
                     if !Bag::is_at(path) {
-                        return Err(CaptureError::NotARecording { path: path.clone(), reason: describe(path) });
+                        return Err(CaptureError::NotARecording {
+                            path: path.clone(),
+                            reason: describe(path),
+                        });
                     }
                 }
                 Ok(Self::States(paths.to_vec()))
@@ -59,7 +67,9 @@ impl Source {
                 // One that is skipped was hardly meant to be left out.
                 let count = states.len();
                 if let Some(further) = (count + 1..=count + MAX_STATES).find(|s| state(*s).is_some()) {
-                    let reason = format!("it holds state{further} but not state{count}; number the states without gaps");
+                    let reason = format!(
+                        "it holds state{further} but not state{count}; number the states without gaps"
+                    );
                     return Err(CaptureError::NotARecording { path: path.to_owned(), reason });
                 }
                 check_count(count)?;
@@ -82,12 +92,16 @@ impl Source {
         }
     }
 
-    /// A name for the object: that of the folder above the states, or of the recording; `[A-Za-z][A-Za-z0-9_]*`.
+    /// A name for the object: that of the folder above the states, or of the recording;
+    /// `[A-Za-z][A-Za-z0-9_]*`.
     #[must_use]
     pub fn object_name(&self) -> String {
         let path = match self {
             Self::States(paths) => match paths.as_slice() {
-                [zero, others @ ..] if !others.is_empty() && others.iter().all(|o| o.parent() == zero.parent() && o != zero) => {
+                [zero, others @ ..]
+                    if !others.is_empty()
+                        && others.iter().all(|o| o.parent() == zero.parent() && o != zero) =>
+                {
                     zero.parent().map_or_else(String::new, own_name)
                 }
                 paths => paths.first().map_or_else(String::new, |zero| own_name(zero)),
@@ -104,18 +118,25 @@ fn check_count(count: usize) -> Result<(), CaptureError> {
 }
 
 fn exists(path: &Path) -> Result<(), CaptureError> {
-    path.metadata().map(|_| ()).map_err(|source| CaptureError::Read { path: path.to_owned(), source })
+    match path.metadata() {
+        Ok(_) => Ok(()),
+        Err(e) if e.kind() == ErrorKind::NotFound => Err(CaptureError::Missing { path: path.to_owned() }),
+        Err(source) => Err(CaptureError::Read { path: path.to_owned(), source }),
+    }
 }
 
 /// Last part of a path without extension, also where it is given as `.` or ``.
 fn own_name(path: &Path) -> String {
     let stem = |p: &Path| p.file_stem().map(|n| n.to_string_lossy().into_owned());
-    let absolute = || stem(&std::fs::canonicalize(if path.as_os_str().is_empty() { Path::new(".") } else { path }).ok()?);
+    let absolute = || {
+        stem(&std::fs::canonicalize(if path.as_os_str().is_empty() { Path::new(".") } else { path }).ok()?)
+    };
     stem(path).or_else(absolute).unwrap_or_default()
 }
 
 fn sanitize(name: &str) -> String {
-    let clean: String = name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let clean: String =
+        name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
 }
 
@@ -123,8 +144,13 @@ fn describe(path: &Path) -> String {
     if path.is_file() {
         return "the file does not begin as an MCAP file".into();
     }
-    let mut names: Vec<_> =
-        std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.file_name().to_string_lossy().into_owned()).take(1000).collect();
+    let mut names: Vec<_> = std::fs::read_dir(path)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|e| e.file_name().to_string_lossy().into_owned())
+        .take(1000)
+        .collect();
     names.sort();
     match names.len() {
         0 => "the folder is empty".into(),
@@ -141,15 +167,16 @@ mod tests {
         let of = |s: &str| Source::Both(PathBuf::from(s)).object_name();
         assert_eq!(of("/x/my fridge-2.mcap"), "my_fridge_2");
         assert_eq!(of("/x/2nd"), "object_2nd");
-        let states = |a: &str, b: &str| Source::States(vec![PathBuf::from(a), PathBuf::from(b)]).object_name();
+        let states =
+            |a: &str, b: &str| Source::States(vec![PathBuf::from(a), PathBuf::from(b)]).object_name();
         assert_eq!(states("/x/laptop/state0", "/x/laptop/state1"), "laptop");
         assert_eq!(states("/x/a/open", "/y/b/closed"), "open");
     }
 
     #[test]
     fn all_states_of_a_folder_are_found_and_a_gap_is_refused() {
-        let root = std::env::temp_dir().join(format!("artitwin-states-{}", std::process::id()));
-        std::fs::create_dir_all(&root).unwrap();
+        let folder = crate::temp::Temp::new("states");
+        let root = folder.0.clone();
         let add = |s: usize| std::fs::write(root.join(format!("state{s}.mcap")), b"\x89MCAP0\r\n").unwrap();
         let of = || Source::of(std::slice::from_ref(&root));
         (0..3).for_each(add);
@@ -159,6 +186,5 @@ mod tests {
         assert!(of().unwrap_err().to_string().contains("state4 but not state3"));
         (3..MAX_STATES + 1).for_each(add);
         assert!(of().unwrap_err().to_string().contains("17 states, 16 at most"));
-        std::fs::remove_dir_all(&root).unwrap();
     }
 }

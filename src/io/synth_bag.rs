@@ -2,13 +2,19 @@
 
 use std::{io::Cursor, path::Path};
 
-use image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder as _, ImageFormat, codecs::jpeg::JpegEncoder};
+use image::{
+    DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder as _, ImageFormat, codecs::jpeg::JpegEncoder,
+};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::{
-    SynthError,
-    bag_writer::{BagWriter, OfferedQos},
-    ros2msg::{CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped, definitions::RosMessage, encode},
+    bag_writer::BagWriter,
+    offered_qos::OfferedQos,
+    ros2msg::{
+        CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped,
+        definitions::RosMessage, encode,
+    },
+    synth_error::SynthError,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -29,7 +35,7 @@ const JPEG_QUALITY: u8 = 92;
 const START_NANOS: i64 = 1_760_000_000_000_000_000;
 /// Time between the starts of the states, nanoseconds.
 const STATE_NANOS: i64 = 600_000_000_000;
-/// Depth and masks are logged a little later than the colour of the same view, nanoseconds.
+/// Depth and masks are logged a little later than the color of the same view, nanoseconds.
 const LATER_NANOS: i64 = 300_000;
 /// The static transform is logged this long before the first view, nanoseconds.
 const STATIC_NANOS: i64 = 100_000_000;
@@ -42,24 +48,34 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
     let start = START_NANOS + state as i64 * STATE_NANOS;
     let link_from_optical = link_from_optical();
     let mut bag = BagWriter::create(folder)?;
-    put(&mut bag, "/tf_static", start - STATIC_NANOS, &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical))?;
+    put(
+        &mut bag,
+        "/tf_static",
+        start - STATIC_NANOS,
+        &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical),
+    )?;
     for (i, frame) in recording.frames.iter().enumerate() {
         let stamp = start + i as i64 * SynthFrame::PERIOD_NANOS;
         let tell = |bag: &mut BagWriter, at: i64, pose: &Pose| {
             put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
-        tell(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.told[0])?;
+        tell(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
         let info = camera_info(stamp, &recording.intrinsics);
         put(&mut bag, COLOR_INFO, stamp, &info)?;
         put(&mut bag, DEPTH_INFO, stamp, &info)?;
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
-        tell(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.told[1])?;
+        tell(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.reported[1])?;
     }
     bag.finish()?;
     Ok(())
 }
 
-fn put<M: RosMessage>(bag: &mut BagWriter, topic: &str, log_nanos: i64, message: &M) -> Result<(), SynthError> {
+fn put<M: RosMessage>(
+    bag: &mut BagWriter,
+    topic: &str,
+    log_nanos: i64,
+    message: &M,
+) -> Result<(), SynthError> {
     let qos = OfferedQos { reliable: true, latched: topic == "/tf_static", depth: 10 };
     Ok(bag.write(topic, M::TYPE, qos, log_nanos, &encode(message)?)?)
 }
@@ -67,8 +83,17 @@ fn put<M: RosMessage>(bag: &mut BagWriter, topic: &str, log_nanos: i64, message:
 fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), SynthError> {
     let (width, height) = (k.width as u32, k.height as u32);
     let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).write_image(frame.rgb.as_flattened(), width, height, ExtendedColorType::Rgb8)?;
-    let color = CompressedImage { header: header(stamp, OPTICAL), format: "rgb8; jpeg compressed bgr8".into(), data: jpeg };
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).write_image(
+        frame.rgb.as_flattened(),
+        width,
+        height,
+        ExtendedColorType::Rgb8,
+    )?;
+    let color = CompressedImage {
+        header: header(stamp, OPTICAL),
+        format: "rgb8; jpeg compressed bgr8".into(),
+        data: jpeg,
+    };
     put(bag, COLOR, stamp, &color)?;
     // compressedDepth: 12 bytes of quantisation, unused for 16UC1, then the PNG.
     let mut png = Cursor::new(Vec::new());
@@ -76,7 +101,8 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
         DynamicImage::ImageLuma16(image).write_to(&mut png, ImageFormat::Png)?;
     }
     let data = [&[0; 12], png.get_ref().as_slice()].concat();
-    let depth = CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
+    let depth =
+        CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
     put(bag, DEPTH, stamp + LATER_NANOS, &depth)?;
     let mask = Image {
         header: header(stamp, OPTICAL),
@@ -96,7 +122,13 @@ fn header(stamp_nanos: i64, frame: &str) -> Header {
 
 fn transform(stamp_nanos: i64, parent: &str, child: &str, parent_from_child: &Pose) -> TfMessage {
     let transform = Transform::from_pose(parent_from_child);
-    TfMessage { transforms: vec![TransformStamped { header: header(stamp_nanos, parent), child_frame_id: child.into(), transform }] }
+    TfMessage {
+        transforms: vec![TransformStamped {
+            header: header(stamp_nanos, parent),
+            child_frame_id: child.into(),
+            transform,
+        }],
+    }
 }
 
 /// The optical frame in the camera's body (REP 103): x forward, y left, z up.

@@ -6,43 +6,19 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::{
-    Committed, Place, ResultKind, RunDir, RunDirError, bag_writer::BagWriteError, ros2msg::DecodeError, synth_bag::synth_bag,
+    Committed, Place, ResultKind, RunDir, RunDirError, synth_bag::synth_bag, synth_error::SynthError,
     synth_twin::put_twin,
 };
 use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
-    synth::{Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record},
+    synth::{
+        Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record,
+    },
 };
 
-/// Why an object could not be made or written.
-#[derive(Debug, thiserror::Error)]
-pub enum SynthError {
-    /// The settings cannot be used.
-    #[error("{0}")]
-    Config(String),
-    /// No such object was found.
-    #[error("{0}")]
-    Object(String),
-    /// The recording cannot be written.
-    #[error(transparent)]
-    Bag(#[from] BagWriteError),
-    /// A message has no CDR form.
-    #[error("a message of the recording cannot be encoded: {0}")]
-    Message(#[from] DecodeError),
-    /// An image has no compressed form.
-    #[error("an image cannot be compressed: {0}")]
-    Image(#[from] image::ImageError),
-    /// The truth cannot be encoded.
-    #[error("truth.json cannot be written: {0}")]
-    Truth(#[from] serde_json::Error),
-    /// The folder cannot be written.
-    #[error(transparent)]
-    Folder(#[from] RunDirError),
-}
-
-/// Bytes of recording for every pixel of every view, at least. Measured: 1.4 to 1.6 without noise and texture at 640 x 480, more
-/// otherwise.
+/// Bytes of recording for every pixel of every view, at least. Measured: 1.4 to 1.6 without noise and texture
+/// at 640 x 480, more otherwise.
 const LEAST_BYTES_A_PIXEL: u64 = 1;
 
 #[derive(Serialize)]
@@ -105,17 +81,18 @@ pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> R
     synth_bag(folder, state, recording)
 }
 
-/// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`, ...,
-/// `truth.json` and `truth/` into a folder that appears when it is whole. Returns the folder and the object.
+/// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`,
+/// ..., `truth.json` and `truth/` into a folder that appears when it is whole. Returns the folder and the
+/// object.
 ///
 /// # Errors
-/// Settings that cannot be used; a place that holds what may not be replaced, or a disk that is too full, which is told
-/// before the work; a disk that refuses.
+/// Settings that cannot be used; a place that holds what may not be replaced, or a disk that is too full,
+/// which is found before the work; a disk that refuses.
 pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Object), SynthError> {
-    config.check().map_err(SynthError::Config)?;
+    config.check()?;
     place.check(ResultKind::Synth, least_bytes(config))?;
     let folder = RunDir::open(place, ResultKind::Synth)?;
-    let object = generate(config).map_err(SynthError::Object)?;
+    let object = generate(config)?;
     let mut recorded_from_world = [Pose::identity(); 2];
     let mut seen_points = vec![[0; 2]; object.parts.len()];
     for (state, told) in recorded_from_world.iter_mut().enumerate() {
@@ -126,18 +103,22 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
         put_truth(&folder, &object, state, &recording)?;
     }
     put_twin(&folder, &object)?;
-    let further = further_states(&object, config.further, config).map_err(SynthError::Object)?;
+    let further = further_states(&object, config.further, config)?;
     for (k, state) in further.iter().enumerate() {
         synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &film(state, 1, k + 2, config))?;
     }
     let truth = TruthFile {
-        unit: "metre, radian; true world frame, which is that of state 0; axes and origins as they stand in state 0",
+        unit: "meter, radian; true world frame, which is that of state 0; axes and origins as they stand \
+            in state 0",
         made_by: format!("artitwin {} synth", env!("CARGO_PKG_VERSION")),
         family: object.family,
         seed: config.seed,
         recorded_from_world: recorded_from_world.map(|p| rows(&p)),
         parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, &further, k, *seen)).collect(),
-        further: further.iter().map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect()).collect(),
+        further: further
+            .iter()
+            .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
+            .collect(),
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))
@@ -146,7 +127,9 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
 /// What a made object takes on the disk, at least.
 fn least_bytes(config: &SynthConfig) -> u64 {
     let views = (2 + config.further) * config.views;
-    [views, config.width, config.height].iter().fold(LEAST_BYTES_A_PIXEL, |product, n| product.saturating_mul(*n as u64))
+    [views, config.width, config.height]
+        .iter()
+        .fold(LEAST_BYTES_A_PIXEL, |product, n| product.saturating_mul(*n as u64))
 }
 
 /// What is true of part `k`; `further` hold it in their state 1.
@@ -162,19 +145,39 @@ fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usi
             q1,
             motion: q1 - q0,
             limits: joint.limits,
-            pitch_m_per_rad: if let PartJointKind::Screw { pitch_m_per_rad } = joint.kind { pitch_m_per_rad } else { 0.0 },
+            pitch_m_per_rad: if let PartJointKind::Screw { pitch_m_per_rad } = joint.kind {
+                pitch_m_per_rad
+            } else {
+                0.0
+            },
             state1_from_state0: rows(&(after * before.inverse())),
-            further_from_state0: further.iter().map(|o| rows(&(o.world_from_parts(1)[k] * before.inverse()))).collect(),
+            further_from_state0: further
+                .iter()
+                .map(|o| rows(&(o.world_from_parts(1)[k] * before.inverse())))
+                .collect(),
         }
     });
     let parent = part.joint.map_or(-1, |j| j.parent as i64);
-    PartEntry { index: k, name: &part.name, parent, kind: part.joint.as_ref().map_or("fixed", |j| j.kind.name()), seen_points, joint }
+    PartEntry {
+        index: k,
+        name: &part.name,
+        parent,
+        kind: part.joint.as_ref().map_or("fixed", |j| j.kind.name()),
+        seen_points,
+        joint,
+    }
 }
 
 /// Meshes of the parts and of the whole as they stand in a state, and the points that the cameras saw.
-fn put_truth(folder: &RunDir, object: &Object, state: usize, recording: &SynthState) -> Result<(), RunDirError> {
+fn put_truth(
+    folder: &RunDir,
+    object: &Object,
+    state: usize,
+    recording: &SynthState,
+) -> Result<(), RunDirError> {
     let poses = object.world_from_parts(state);
-    let meshes: Vec<TriangleMesh> = poses.iter().enumerate().map(|(k, pose)| object.mesh(k).transformed(pose)).collect();
+    let meshes: Vec<TriangleMesh> =
+        poses.iter().enumerate().map(|(k, pose)| object.mesh(k).transformed(pose)).collect();
     for (k, mesh) in meshes.iter().enumerate() {
         folder.put(&format!("truth/state{state}/part_{k}.ply"), &ply(mesh))?;
     }
@@ -185,7 +188,8 @@ fn put_truth(folder: &RunDir, object: &Object, state: usize, recording: &SynthSt
 /// Binary little-endian PLY.
 fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n\
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float \
+         y\nproperty float z\nelement face {}\n\
          property list uchar int vertex_indices\nend_header\n",
         mesh.vertices.len(),
         mesh.triangles.len()

@@ -9,27 +9,35 @@ use crate::{
     synth::{Object, PartJointKind},
 };
 
-/// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame; URDF has no screw
-/// joint, one is a revolute joint with its pitch in an element `artitwin:thread`.
+/// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame; URDF
+/// has no screw joint, one is a revolute joint with its pitch in an element `artitwin:thread`.
 ///
 /// # Errors
 /// A disk that refuses.
 pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirError> {
-    let mut text =
-        format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n", escape_xml(object.family));
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n",
+        escape_xml(object.family)
+    );
     // Writing to a String cannot fail.
     for (k, part) in object.parts.iter().enumerate() {
         // The frame of a part is that of its joint, so that the joint turns about its origin.
-        let part_from_rest = part.joint.map_or(object.world_from_rest, |j| Pose::from_parts((-j.origin.coords).into(), Default::default()));
+        let part_from_rest = part.joint.map_or(object.world_from_rest, |j| {
+            Pose::from_parts((-j.origin.coords).into(), Default::default())
+        });
         let mesh = object.mesh(k).transformed(&part_from_rest);
         let mut obj = String::new();
         mesh.vertices.iter().for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z).unwrap_or_default());
-        mesh.triangles.iter().for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap_or_default());
+        mesh.triangles
+            .iter()
+            .for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap_or_default());
         folder.put(&format!("truth/meshes/part_{k}.obj"), obj.as_bytes())?;
         writeln!(
             text,
-            "  <link name=\"{}\"><inertial><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><mass value=\"1\"/><inertia ixx=\"0.01\" ixy=\"0\" \
-             ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"/></inertial><visual><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><geometry>\
+            "  <link name=\"{}\"><inertial><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><mass \
+             value=\"1\"/><inertia ixx=\"0.01\" ixy=\"0\" \
+             ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"/></inertial><visual><origin xyz=\"0 0 0\" \
+             rpy=\"0 0 0\"/><geometry>\
              <mesh filename=\"meshes/part_{k}.obj\"/></geometry></visual></link>",
             escape_xml(&part.name)
         )
@@ -37,22 +45,25 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
     }
     for part in &object.parts {
         let Some(joint) = part.joint else { continue };
-        let parent_from_rest = object.parts[joint.parent]
-            .joint
-            .map_or(object.world_from_rest, |j| Pose::from_parts((-j.origin.coords).into(), Default::default()));
+        let parent_from_rest = object.parts[joint.parent].joint.map_or(object.world_from_rest, |j| {
+            Pose::from_parts((-j.origin.coords).into(), Default::default())
+        });
         let origin = parent_from_rest * Pose::translation(joint.origin.x, joint.origin.y, joint.origin.z);
         let (t, [r, p, y]) = (origin.translation.vector, crate::export::roll_pitch_yaw(&origin.rotation));
         let (kind, thread) = match joint.kind {
             PartJointKind::Revolute => ("revolute", String::new()),
             PartJointKind::Prismatic => ("prismatic", String::new()),
-            PartJointKind::Screw { pitch_m_per_rad } => {
-                ("revolute", format!("<artitwin:thread type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>"))
-            }
+            PartJointKind::Screw { pitch_m_per_rad } => (
+                "revolute",
+                format!("<artitwin:thread type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>"),
+            ),
         };
         writeln!(
             text,
-            "  <joint name=\"{}_joint\" type=\"{kind}\"><origin xyz=\"{} {} {}\" rpy=\"{r} {p} {y}\"/><parent link=\"{}\"/><child link=\"{}\"/>\
-             <axis xyz=\"{} {} {}\"/><limit lower=\"{}\" upper=\"{}\" effort=\"100\" velocity=\"1\"/>{thread}</joint>",
+            "  <joint name=\"{}_joint\" type=\"{kind}\"><origin xyz=\"{} {} {}\" rpy=\"{r} {p} \
+             {y}\"/><parent link=\"{}\"/><child link=\"{}\"/>\
+             <axis xyz=\"{} {} {}\"/><limit lower=\"{}\" upper=\"{}\" effort=\"100\" \
+             velocity=\"1\"/>{thread}</joint>",
             escape_xml(&part.name),
             t.x,
             t.y,

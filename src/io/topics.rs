@@ -1,4 +1,5 @@
-//! Which topics are color, depth, camera_info, mask and pose: by type, encoding and name, or as they were asked for.
+//! Which topics are color, depth, camera_info, mask and pose: by type, encoding and name, or as they were
+//! asked for.
 
 use std::path::Path;
 
@@ -66,7 +67,8 @@ impl TopicSummary {
         }
         let (name, encoding) = (self.name.to_ascii_lowercase(), self.encoding.as_str());
         let named_mask = ["mask", "segment", "label"].iter().any(|w| name.contains(w));
-        let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e)) || encoding.contains("compressedDepth");
+        let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e))
+            || encoding.contains("compressedDepth");
         Some(match () {
             () if named_mask => ImageRole::Mask,
             () if depth_encoding || name.contains("depth") => ImageRole::Depth,
@@ -86,7 +88,9 @@ impl TopicSummary {
                     + raw
             }
             ImageRole::Depth => {
-                8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"]) + 2 * has(&["image_raw", "image_rect"]) + raw
+                8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"])
+                    + 2 * has(&["image_raw", "image_rect"])
+                    + raw
             }
             ImageRole::Mask => 4 * has(&["object"]) + 2 * has(&["mask"]) + raw,
         }
@@ -106,9 +110,13 @@ fn parent(topic: &str) -> &str {
 /// Chooses the topics of a recording. A topic that was asked for is taken or refused, never replaced.
 ///
 /// # Errors
-/// [`CaptureError::NotRgbd`] without any image topic, [`CaptureError::NoTopic`] without color, depth or camera_info,
-/// [`CaptureError::BadTopic`] for one that was asked for and cannot be used.
-pub fn choose(topics: &[TopicSummary], wanted: &TopicConfig, path: &Path) -> Result<TopicChoice, CaptureError> {
+/// [`CaptureError::NotRgbd`] without any image topic, [`CaptureError::NoTopic`] without color, depth or
+/// camera_info, [`CaptureError::BadTopic`] for one that was asked for and cannot be used.
+pub fn choose(
+    topics: &[TopicSummary],
+    wanted: &TopicConfig,
+    path: &Path,
+) -> Result<TopicChoice, CaptureError> {
     let chooser = Chooser { topics, path };
     let asked = [&wanted.color, &wanted.depth, &wanted.mask];
     if asked.iter().all(|w| w.is_none()) && !topics.iter().any(|t| t.count > 0 && t.image_role().is_some()) {
@@ -119,7 +127,8 @@ pub fn choose(topics: &[TopicSummary], wanted: &TopicConfig, path: &Path) -> Res
         None => chooser.best(ImageRole::Color).ok_or_else(|| {
             chooser.missing(
                 "color",
-                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them with `--topic color=TOPIC`",
+                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them \
+                 with `--topic color=TOPIC`",
             )
         })?,
     };
@@ -135,10 +144,16 @@ pub fn choose(topics: &[TopicSummary], wanted: &TopicConfig, path: &Path) -> Res
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
-        None => chooser.info_of(&color).or_else(|| chooser.only_info(&color)).ok_or_else(|| chooser.missing_info(&color))?,
+        None => chooser
+            .info_of(&color)
+            .or_else(|| chooser.only_info(&color))
+            .ok_or_else(|| chooser.missing_info(&color))?,
     };
-    let depth_info = chooser.asked("depth camera_info", wanted.depth_info.as_ref(), &[INFO_TYPE])?.or_else(|| chooser.info_of(&depth));
-    let mask = chooser.asked("mask", wanted.mask.as_ref(), &IMAGE_TYPES)?.or_else(|| chooser.best(ImageRole::Mask));
+    let depth_info = chooser
+        .asked("depth camera_info", wanted.depth_info.as_ref(), &[INFO_TYPE])?
+        .or_else(|| chooser.info_of(&depth));
+    let mask =
+        chooser.asked("mask", wanted.mask.as_ref(), &IMAGE_TYPES)?.or_else(|| chooser.best(ImageRole::Mask));
     let pose = chooser.asked("pose", wanted.pose.as_ref(), &POSE_TYPES)?;
     let marker = chooser.asked("marker", wanted.marker.as_ref(), &[])?;
     Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker })
@@ -151,8 +166,12 @@ struct Chooser<'a> {
 
 impl Chooser<'_> {
     fn list(&self, keep: impl Fn(&TopicSummary) -> bool) -> String {
-        let mut names: Vec<_> =
-            self.topics.iter().filter(|t| keep(t)).map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count)).collect();
+        let mut names: Vec<_> = self
+            .topics
+            .iter()
+            .filter(|t| keep(t))
+            .map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count))
+            .collect();
         if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
             names.truncate(NAMED);
             names.push(format!("and {more} more"));
@@ -161,17 +180,34 @@ impl Chooser<'_> {
     }
 
     /// A topic that was asked for, if one was. Without types, any topic of std_msgs is taken.
-    fn asked(&self, role: &'static str, name: Option<&String>, types: &[&str]) -> Result<Option<String>, CaptureError> {
+    fn asked(
+        &self,
+        role: &'static str,
+        name: Option<&String>,
+        types: &[&str],
+    ) -> Result<Option<String>, CaptureError> {
         let Some(name) = name else { return Ok(None) };
         let problem = match self.topics.iter().find(|t| t.name == *name) {
             None => "is not in the recording".to_owned(),
             Some(t) if t.count == 0 => "has no message that could be decoded".to_owned(),
-            Some(t) if types.contains(&t.type_name.as_str()) || (types.is_empty() && t.type_name.starts_with("std_msgs/")) => {
+            Some(t)
+                if types.contains(&t.type_name.as_str())
+                    || (types.is_empty() && t.type_name.starts_with("std_msgs/")) =>
+            {
                 return Ok(Some(name.clone()));
             }
-            Some(t) => format!("is of type {}, not {}", t.type_name, if types.is_empty() { "std_msgs".into() } else { types.join(" or ") }),
+            Some(t) => format!(
+                "is of type {}, not {}",
+                t.type_name,
+                if types.is_empty() { "std_msgs".into() } else { types.join(" or ") }
+            ),
         };
-        Err(CaptureError::BadTopic { role, topic: name.clone(), problem, available: self.list(|t| t.count > 0) })
+        Err(CaptureError::BadTopic {
+            role,
+            topic: name.clone(),
+            problem,
+            available: self.list(|t| t.count > 0),
+        })
     }
 
     /// The best topic of a role: by name, then by count, then the first by name.
@@ -185,14 +221,18 @@ impl Chooser<'_> {
     /// The camera_info beside an image topic.
     fn info_of(&self, image: &str) -> Option<String> {
         let name = format!("{}/camera_info", parent(base(image)));
-        self.topics.iter().find(|t| t.name == name && t.type_name == INFO_TYPE && t.count > 0).map(|t| t.name.clone())
+        self.topics
+            .iter()
+            .find(|t| t.name == name && t.type_name == INFO_TYPE && t.count > 0)
+            .map(|t| t.name.clone())
     }
 
     /// The only camera_info, unless it lies beside the images of another topic.
     fn only_info(&self, color: &str) -> Option<String> {
         let mut infos = self.topics.iter().filter(|t| t.type_name == INFO_TYPE && t.count > 0);
         let first = infos.next().filter(|_| infos.next().is_none())?;
-        let others = self.topics.iter().filter(|t| t.name != color && IMAGE_TYPES.contains(&t.type_name.as_str()));
+        let others =
+            self.topics.iter().filter(|t| t.name != color && IMAGE_TYPES.contains(&t.type_name.as_str()));
         let taken = others.filter_map(|t| self.info_of(&t.name)).any(|info| info == first.name);
         (!taken).then(|| first.name.clone())
     }
@@ -203,7 +243,8 @@ impl Chooser<'_> {
     }
 
     fn missing_info(&self, color: &str) -> CaptureError {
-        let remedy = format!("record {}/camera_info, or name it with `--topic color_info=TOPIC`", parent(base(color)));
+        let remedy =
+            format!("record {}/camera_info, or name it with `--topic color_info=TOPIC`", parent(base(color)));
         CaptureError::NoTopic {
             role: "camera_info",
             path: self.path.to_owned(),
@@ -225,9 +266,17 @@ mod tests {
     fn realsense() -> Vec<TopicSummary> {
         vec![
             topic("/camera/camera/aligned_depth_to_color/camera_info", "CameraInfo", ""),
-            topic("/camera/camera/aligned_depth_to_color/image_raw/compressedDepth", "CompressedImage", "16UC1; compressedDepth png"),
+            topic(
+                "/camera/camera/aligned_depth_to_color/image_raw/compressedDepth",
+                "CompressedImage",
+                "16UC1; compressedDepth png",
+            ),
             topic("/camera/camera/color/camera_info", "CameraInfo", ""),
-            topic("/camera/camera/color/image_raw/compressed", "CompressedImage", "rgb8; jpeg compressed bgr8"),
+            topic(
+                "/camera/camera/color/image_raw/compressed",
+                "CompressedImage",
+                "rgb8; jpeg compressed bgr8",
+            ),
             topic("/camera/camera/depth/camera_info", "CameraInfo", ""),
             topic("/camera/camera/depth/image_rect_raw", "Image", "16UC1"),
             topic("/camera/camera/infra1/image_rect_raw", "Image", "mono8"),
@@ -263,13 +312,18 @@ mod tests {
         let name = "/camera/camera/depth/image_rect_raw";
         assert_eq!(pick(&realsense(), &depth(name)).unwrap().depth, name);
         let text = pick(&realsense(), &depth("/nope")).unwrap_err().to_string();
-        assert!(text.contains("/nope") && text.contains("not in the recording") && text.contains("/object_mask"), "{text}");
+        assert!(
+            text.contains("/nope") && text.contains("not in the recording") && text.contains("/object_mask"),
+            "{text}"
+        );
         assert!(pick(&realsense(), &depth("/tf")).unwrap_err().to_string().contains("TFMessage"));
     }
 
     #[test]
     fn what_is_missing_is_named_with_its_remedy() {
-        let without = |words: &[&str]| realsense().into_iter().filter(|t| !words.iter().any(|w| t.name.contains(w))).collect::<Vec<_>>();
+        let without = |words: &[&str]| {
+            realsense().into_iter().filter(|t| !words.iter().any(|w| t.name.contains(w))).collect::<Vec<_>>()
+        };
         let text = |topics: &[TopicSummary]| pick(topics, &TopicConfig::default()).unwrap_err().to_string();
         assert!(text(&without(&["depth"])).contains("no depth topic"));
         // Infrared is no color.
@@ -282,7 +336,8 @@ mod tests {
 
     #[test]
     fn the_only_camera_info_serves_a_camera_without_one_beside_it() {
-        let topics = [topic("/rgb", "Image", "rgb8"), topic("/d", "Image", "16UC1"), topic("/info", "CameraInfo", "")];
+        let topics =
+            [topic("/rgb", "Image", "rgb8"), topic("/d", "Image", "16UC1"), topic("/info", "CameraInfo", "")];
         let choice = pick(&topics, &TopicConfig::default()).unwrap();
         assert_eq!((choice.color_info.as_str(), choice.depth_info), ("/info", None));
     }

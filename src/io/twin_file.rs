@@ -7,10 +7,7 @@ use std::{
 
 use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::{
-    UrdfError,
-    urdf::{check_numbers, robot_of},
-};
+use super::{UrdfError, urdf::robot_of, urdf_fault::UrdfFault};
 use crate::{
     export::require_sound,
     files,
@@ -25,13 +22,14 @@ use crate::{
 /// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies ([`require_sound`]).
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
-    let format = |problem: String| UrdfError::Format { path: path.to_owned(), problem };
+    let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
     let text = files::read_text(path, URDF).map_err(disk)?;
     let tree = twin_of(&text, gravity).map_err(format)?;
     Ok((tree, text))
 }
 
-/// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and what it names.
+/// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and
+/// what it names.
 #[must_use]
 pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -40,33 +38,35 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
         let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
         rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
     };
-    // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment does no harm.
+    // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment
+    // does no harm.
     let named = text.split("filename").skip(1).filter_map(value).map(|name| match name.split_once("://") {
         Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
         Some((_, rest)) => PathBuf::from(rest),
         None => folder.join(name),
     });
-    [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")].into_iter().chain(named).collect()
+    [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")]
+        .into_iter()
+        .chain(named)
+        .collect()
 }
 
 /// The twin of a URDF's text.
 ///
 /// # Errors
-/// A sentence about what is wrong.
-pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
+/// [`UrdfFault`].
+pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     require_sound(text)?;
     let robot = robot_of(text)?;
-    let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+    let index: BTreeMap<&str, usize> =
+        robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());
     for j in &robot.joints {
         joints.push(joint(j, &index)?);
     }
     let moving = joints.iter().filter(|j| j.motion != Motion::Fixed).count();
     if moving * robot.links.len() > CHAIN_WORK {
-        let links = robot.links.len();
-        return Err(format!(
-            "{moving} joints move {links} links, whose product is beyond the limit of {CHAIN_WORK}: give the part that was recorded"
-        ));
+        return Err(UrdfFault::Chain { moving, links: robot.links.len() });
     }
     let mut is_child = vec![false; robot.links.len()];
     for j in &joints {
@@ -74,7 +74,7 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
     }
     let roots: Vec<usize> = (0..is_child.len()).filter(|&i| !is_child[i]).collect();
     let [root] = roots[..] else {
-        return Err(format!("the links must hang on one root, there are {}", roots.len()));
+        return Err(UrdfFault::Roots(roots.len()));
     };
     let mut sorted: Vec<TwinJoint> = Vec::with_capacity(joints.len());
     let mut reached = vec![false; robot.links.len()];
@@ -88,7 +88,7 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, String> {
             }
         }
         if sorted.len() == before {
-            return Err("some joints make a loop".to_owned());
+            return Err(UrdfFault::Loop);
         }
     }
     Ok(TwinTree {
@@ -114,17 +114,24 @@ fn link(link: &urdf_rs::Link) -> TwinLink {
     }
 }
 
-fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, String> {
+fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, UrdfFault> {
     let name = &joint.name;
-    let of = |link: &str| index.get(link).copied().ok_or_else(|| format!("joint '{name}' names a link '{link}' that is not there"));
+    let of = |link: &str| {
+        index
+            .get(link)
+            .copied()
+            .ok_or_else(|| UrdfFault::NoLink { joint: name.clone(), link: link.to_owned() })
+    };
     let motion = match joint.joint_type {
         urdf_rs::JointType::Fixed => Motion::Fixed,
         urdf_rs::JointType::Revolute | urdf_rs::JointType::Continuous => Motion::Turn,
         urdf_rs::JointType::Prismatic => Motion::Slide,
-        ref other => return Err(format!("joint '{name}' is of type {other:?}; revolute, continuous, prismatic and fixed are supported")),
+        ref other => {
+            return Err(UrdfFault::JointType { joint: name.clone(), kind: format!("{other:?}") });
+        }
     };
-    check_numbers(joint)?;
-    let axis = Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| format!("joint '{name}' has an axis of length 0"));
+    let axis =
+        Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| UrdfFault::NoAxis(name.clone()));
     let dynamics = joint.dynamics.as_ref();
     let limited = joint.joint_type != urdf_rs::JointType::Continuous && joint.limit.upper > joint.limit.lower;
     Ok(TwinJoint {
@@ -143,7 +150,10 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
 
 fn pose(origin: &urdf_rs::Pose) -> Pose {
     let [roll, pitch, yaw] = *origin.rpy;
-    Pose::from_parts(Translation3::from(Vector3::from(*origin.xyz)), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+    Pose::from_parts(
+        Translation3::from(Vector3::from(*origin.xyz)),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    )
 }
 
 #[cfg(test)]
@@ -152,10 +162,11 @@ mod tests {
 
     #[test]
     fn the_files_of_a_twin_are_those_beside_it_and_those_it_names() {
-        let text =
-            "<mesh filename=\"meshes/a.obj\"/><mesh filename = 'package://x/m/b.obj'/><mesh filename=\"file:///c.obj\"/><mesh filename=d";
+        let text = "<mesh filename=\"meshes/a.obj\"/><mesh filename = 'package://x/m/b.obj'/><mesh \
+            filename=\"file:///c.obj\"/><mesh filename=d";
         let files = twin_files(Path::new("runs/box/box.urdf"), text);
-        let expected = ["box.urdf", "model.sdf", "box.usda", "meshes/a.obj", "m/b.obj"].map(|f| Path::new("runs/box").join(f));
+        let expected = ["box.urdf", "model.sdf", "box.usda", "meshes/a.obj", "m/b.obj"]
+            .map(|f| Path::new("runs/box").join(f));
         assert_eq!(files[..5], expected);
         assert_eq!(files[5..], [PathBuf::from("/c.obj")]);
     }
@@ -165,14 +176,18 @@ mod tests {
         let chain = |links: usize, kind: &str| {
             let bodies: String = (0..links)
                 .map(|i| {
-                    format!("<link name='l{i}'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link>")
+                    format!(
+                        "<link name='l{i}'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' \
+                        iyy='1' iyz='0' izz='1'/></inertial></link>"
+                    )
                 })
                 .collect();
             let joints: String = (1..links)
                 .map(|i| {
                     let p = i - 1;
                     format!(
-                        "<joint name='j{i}' type='{kind}'><parent link='l{p}'/><child link='l{i}'/><axis xyz='0 0 1'/>\
+                        "<joint name='j{i}' type='{kind}'><parent link='l{p}'/><child link='l{i}'/><axis \
+                         xyz='0 0 1'/>\
                          <limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"
                     )
                 })
@@ -181,25 +196,38 @@ mod tests {
         };
         assert_eq!(chain(100, "revolute"), Ok(99));
         assert_eq!(chain(400, "fixed"), Ok(399));
-        assert!(chain(400, "revolute").is_err_and(|why| why.contains("399 joints move 400 links")));
+        assert!(
+            chain(400, "revolute").is_err_and(|why| why.to_string().contains("399 joints move 400 links"))
+        );
     }
 
-    const TEXT: &str = "<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' \
-        iyz='0' izz='1'/></inertial></link><joint name='j' type='revolute'><origin xyz='0 0 1'/><parent link='a'/><child link='b'/>\
-        <axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/><dynamics damping='0.1'/></joint></robot>";
+    const TEXT: &str = "<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/><inertia \
+        ixx='1' ixy='0' ixz='0' iyy='1' \
+        iyz='0' izz='1'/></inertial></link><joint name='j' type='revolute'><origin xyz='0 0 1'/><parent \
+        link='a'/><child link='b'/>\
+        <axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/><dynamics \
+        damping='0.1'/></joint></robot>";
 
     #[test]
     fn a_twin_that_describes_no_bodies_is_refused() {
         let refused = |from: &str, to: &str| {
             assert!(TEXT.contains(from), "{from}");
-            twin_of(&TEXT.replace(from, to), [0.0; 3]).expect_err(to)
+            twin_of(&TEXT.replace(from, to), [0.0; 3]).expect_err(to).to_string()
         };
         assert_eq!(twin_of(TEXT, [0.0; 3]).unwrap().joints[0].limit, Some((-1.0, 1.0)));
         for (from, to, words) in [
-            ("mass value='1'", "mass value='nan'", "'b': the value of <mass> is 'nan'; it must be a finite number"),
+            (
+                "mass value='1'",
+                "mass value='nan'",
+                "'b': the value of <mass> is 'nan'; it must be a finite number",
+            ),
             ("mass value='1'", "mass value='1e308'", "overflows"),
             ("xyz='0 0 1'/><parent", "xyz='0 nan 1'/><parent", "the xyz of <origin> is '0 nan 1'"),
-            ("damping='0.1'", "damping='-0.1'", "the damping of <dynamics> is '-0.1'; it must not be negative"),
+            (
+                "damping='0.1'",
+                "damping='-0.1'",
+                "the damping of <dynamics> is '-0.1'; it must not be negative",
+            ),
             ("lower='-1' upper='1'", "lower='nan' upper='inf'", "(and 1 more: see `artitwin check`)"),
             ("lower='-1'", "lower='2'", "lower 2 is above upper 1"),
             ("ixx='1'", "ixx='-1'", "not positive"),

@@ -7,17 +7,15 @@ use std::{
 
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::{MeshFileError, mesh_files::read_mesh_within};
+use super::{MeshFileError, mesh_files::read_mesh_within, urdf_fault::UrdfFault};
 use crate::{
+    export::require_numbers,
     files,
     geometry::Pose,
     limits::{LINKS, MESH, URDF, check_xml},
     model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink},
     surface::{TriangleMesh, merge},
 };
-
-/// Farthest origin, meters, and largest component of an axis: sums and squares of such numbers are still numbers.
-const MAX_NUMBER: f64 = 1e6;
 
 /// Why a URDF could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +34,7 @@ pub enum UrdfError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: String,
+        problem: UrdfFault,
     },
     /// The links are no tree.
     #[error("{path}: {source}")]
@@ -51,43 +49,49 @@ pub enum UrdfError {
     Mesh(#[from] MeshFileError),
 }
 
-/// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the package); scales
-/// and origins of visuals are applied. Visuals that are not meshes are left out.
+/// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the
+/// package); scales and origins of visuals are applied. Visuals that are not meshes are left out.
 ///
 /// # Errors
-/// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous and
-/// prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
+/// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous
+/// and prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
     let text = files::read_text(path, URDF).map_err(disk)?;
+    require_numbers(&text).map_err(|e| format(e.into()))?;
     let robot = robot_of(&text).map_err(format)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(robot.links.len());
     let mut left = MESH.bytes;
     for link in &robot.links {
-        links.push(TreeLink { name: link.name.clone(), visual: visuals(link, folder, &mut left).map_err(|e| e.at(path))? });
+        links.push(TreeLink {
+            name: link.name.clone(),
+            visual: visuals(link, folder, &mut left).map_err(|e| e.at(path))?,
+        });
     }
-    let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+    let index: BTreeMap<&str, usize> =
+        robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let joints: Result<Vec<_>, _> = robot.joints.iter().map(|j| joint(j, &index)).collect();
-    Tree::new(links, joints.map_err(format)?).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
+    Tree::new(links, joints.map_err(format)?)
+        .map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
 }
 
 /// The robot of a URDF's text.
 ///
 /// # Errors
-/// A sentence: no URDF, too deep, or more than [`LINKS`] links or joints.
-pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, String> {
+/// No URDF, too deep, or more than [`LINKS`] links or joints.
+pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, UrdfFault> {
     check_xml(text)?;
-    let robot = urdf_rs::read_from_string(text).map_err(|e| e.to_string())?;
+    let robot = urdf_rs::read_from_string(text).map_err(|e| UrdfFault::Robot(e.to_string()))?;
     let count = robot.links.len().max(robot.joints.len());
-    if count > LINKS { Err(format!("{count} links or joints; {LINKS} are the limit: split the model")) } else { Ok(robot) }
+    if count > LINKS { Err(UrdfFault::Links(count)) } else { Ok(robot) }
 }
 
-/// A mesh's error, or a sentence about its path.
+/// What is wrong with a visual: its mesh, or the path to it.
 enum VisualError {
     Mesh(MeshFileError),
-    Path(String),
+    Path(UrdfFault),
 }
 
 impl VisualError {
@@ -104,9 +108,8 @@ fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<Triang
     let mut all = Vec::new();
     for visual in &link.visual {
         let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
-        let numbers = [visual.origin.xyz.0, visual.origin.rpy.0, scale.as_ref().map_or([1.0; 3], |s| s.0)];
-        check_each("a visual of link", &link.name, &numbers).map_err(VisualError::Path)?;
-        let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left).map_err(VisualError::Mesh)?;
+        let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left)
+            .map_err(VisualError::Mesh)?;
         if let Some(scale) = scale {
             for p in &mut mesh.vertices {
                 p.coords.component_mul_assign(&Vector3::from(scale.0).cast());
@@ -118,45 +121,41 @@ fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<Triang
 }
 
 /// The path of a mesh below the URDF's folder.
-fn relative(filename: &str) -> Result<&Path, String> {
+fn relative(filename: &str) -> Result<&Path, UrdfFault> {
     let path = match filename.strip_prefix("package://") {
         Some(rest) => rest.split_once('/').map_or("", |(_, path)| path),
-        None if filename.contains("://") => return Err(format!("mesh '{filename}' is not a relative path")),
+        None if filename.contains("://") => return Err(UrdfFault::MeshElsewhere(filename.to_owned())),
         None => filename,
     };
     let path = Path::new(path);
     let inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if inside && !path.as_os_str().is_empty() { Ok(path) } else { Err(format!("mesh '{filename}' is not below the URDF's folder")) }
-}
-
-/// Refuses a joint whose origin or axis holds what is no number, or is beyond [`MAX_NUMBER`].
-pub(super) fn check_numbers(joint: &urdf_rs::Joint) -> Result<(), String> {
-    check_each("joint", &joint.name, &[joint.origin.xyz.0, joint.origin.rpy.0, joint.axis.xyz.0])
-}
-
-fn check_each(what: &str, name: &str, numbers: &[[f64; 3]]) -> Result<(), String> {
-    match numbers.as_flattened().iter().find(|x| x.is_nan() || x.abs() > MAX_NUMBER) {
-        Some(x) => Err(format!("{what} '{name}' has {x} in its origin, axis or scale; write a number up to {MAX_NUMBER}")),
-        None => Ok(()),
+    if inside && !path.as_os_str().is_empty() {
+        Ok(path)
+    } else {
+        Err(UrdfFault::MeshOutside(filename.to_owned()))
     }
 }
 
-fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, String> {
+fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, UrdfFault> {
     let kind = match joint.joint_type {
         urdf_rs::JointType::Fixed => JointType::Fixed,
         urdf_rs::JointType::Revolute => JointType::Revolute,
         urdf_rs::JointType::Continuous => JointType::Continuous,
         urdf_rs::JointType::Prismatic => JointType::Prismatic,
         ref other => {
-            return Err(format!("joint '{}' is of type {other:?}; fixed, revolute, continuous and prismatic are read", joint.name));
+            return Err(UrdfFault::JointType { joint: joint.name.clone(), kind: format!("{other:?}") });
         }
     };
-    check_numbers(joint)?;
-    let link = |name: &str| index.get(name).copied().ok_or_else(|| format!("joint '{}' names the unknown link '{name}'", joint.name));
+    let link = |name: &str| {
+        index
+            .get(name)
+            .copied()
+            .ok_or_else(|| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() })
+    };
     let axis = match Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9) {
         Some(axis) => axis,
         None if kind == JointType::Fixed => Vector3::x_axis(),
-        None => return Err(format!("joint '{}' has an axis of no length", joint.name)),
+        None => return Err(UrdfFault::NoAxis(joint.name.clone())),
     };
     let mimic = joint.mimic.as_ref().map(|m| Mimic {
         joint: m.joint.clone(),
@@ -164,7 +163,15 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJo
         offset: m.offset.unwrap_or(0.0),
     });
     let (parent, child) = (link(&joint.parent.link)?, link(&joint.child.link)?);
-    Ok(TreeJoint { name: joint.name.clone(), kind, parent, child, parent_from_joint: pose(&joint.origin), axis, mimic })
+    Ok(TreeJoint {
+        name: joint.name.clone(),
+        kind,
+        parent,
+        child,
+        parent_from_joint: pose(&joint.origin),
+        axis,
+        mimic,
+    })
 }
 
 fn pose(origin: &urdf_rs::Pose) -> Pose {
@@ -181,27 +188,12 @@ mod tests {
         export::urdf_package,
         io::{Place, ResultKind, RunDir},
         model::example::cabinet,
+        temp::Temp,
     };
-
-    struct Temp(PathBuf);
-
-    impl Temp {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("artitwin-urdf-{name}-{}", std::process::id()));
-            fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-    }
-
-    impl Drop for Temp {
-        fn drop(&mut self) {
-            fs::remove_dir_all(&self.0).ok();
-        }
-    }
 
     #[test]
     fn a_written_model_reads_back_in_every_pose() {
-        let (model, temp) = (cabinet(), Temp::new("written"));
+        let (model, temp) = (cabinet(), Temp::new("urdf-written"));
         let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
         for file in urdf_package(&model) {
             run.put(&file.path, &file.bytes).unwrap();
@@ -213,14 +205,16 @@ mod tests {
                 let k = tree.links.iter().position(|l| l.name == link.name).unwrap();
                 let (a, b) = (model.world_from_link(i, state), tree.world_from_link(k, &positions));
                 let worst = link.visual.vertices.iter().zip(&tree.links[k].visual.vertices);
-                let worst = worst.map(|(x, y)| (a * x.cast::<f64>() - b * y.cast::<f64>()).norm()).fold(0.0, f64::max);
+                let worst = worst
+                    .map(|(x, y)| (a * x.cast::<f64>() - b * y.cast::<f64>()).norm())
+                    .fold(0.0, f64::max);
                 assert!(worst < 1e-6, "{}: {worst}", link.name);
             }
         }
     }
 
     fn read(text: &str) -> Result<Tree, UrdfError> {
-        let temp = Temp::new(&format!("{:x}", text.len()));
+        let temp = Temp::new(&format!("urdf-{:x}", text.len()));
         let path = temp.0.join("x.urdf");
         fs::write(&path, format!("<robot name='x'>{text}</robot>")).unwrap();
         fs::write(temp.0.join("m.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
@@ -229,9 +223,13 @@ mod tests {
 
     #[test]
     fn scale_origin_and_defaults_are_applied() {
-        let mesh = "<link name='a'><visual><origin xyz='0 0 5'/><geometry><mesh filename='package://x/m.obj' scale='2 1 1'/></geometry></visual></link>";
-        let tree =
-            read(&format!("{mesh}<link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint>")).unwrap();
+        let mesh = "<link name='a'><visual><origin xyz='0 0 5'/><geometry><mesh \
+            filename='package://x/m.obj' scale='2 1 1'/></geometry></visual></link>";
+        let tree = read(&format!(
+            "{mesh}<link name='b'/><joint name='j' type='continuous'><parent \
+                link='a'/><child link='b'/></joint>"
+        ))
+        .unwrap();
         assert_eq!(tree.links[0].visual.vertices[1], nalgebra::Point3::new(2.0, 0.0, 5.0));
         assert_eq!(tree.joints[0].axis, Vector3::x_axis());
     }
@@ -240,20 +238,23 @@ mod tests {
     fn what_cannot_be_used_is_refused() {
         let joint = |kind: &str, child: &str, axis: &str| {
             format!(
-                "<link name='a'/><link name='b'/><joint name='j' type='{kind}'><parent link='a'/><child link='{child}'/><axis xyz='{axis}'/></joint>"
+                "<link name='a'/><link name='b'/><joint name='j' type='{kind}'><parent link='a'/><child \
+                 link='{child}'/><axis xyz='{axis}'/></joint>"
             )
         };
-        let mesh = |path: &str| format!("<link name='a'><visual><geometry><mesh filename='{path}'/></geometry></visual></link>");
+        let mesh = |path: &str| {
+            format!("<link name='a'><visual><geometry><mesh filename='{path}'/></geometry></visual></link>")
+        };
         for (text, message) in [
             ("<link".to_owned(), "x.urdf"),
             (joint("floating", "b", "1 0 0"), "is of type Floating"),
             (joint("revolute", "c", "1 0 0"), "unknown link 'c'"),
-            (joint("revolute", "b", "0 0 0"), "axis of no length"),
-            (joint("revolute", "b", "inf 0 0"), "joint 'j' has inf"),
-            (joint("fixed", "b", "1 nan 0"), "joint 'j' has NaN"),
-            (joint("revolute", "b", "1e200 0 0"), "write a number up to"),
+            (joint("revolute", "b", "0 0 0"), "it must be a direction"),
+            (joint("revolute", "b", "inf 0 0"), "'j': the xyz of <axis> is 'inf 0 0'"),
+            (joint("fixed", "b", "1 nan 0"), "'j': the xyz of <axis> is '1 nan 0'"),
+            (joint("revolute", "b", "1e200 0 0"), "coordinates beyond 1e6"),
             (joint("revolute", "a", "1 0 0"), "in a loop"),
-            (mesh("m.obj' scale='1 1e39 1"), "a visual of link 'a' has"),
+            (mesh("m.obj' scale='1 1e39 1"), "'a': the scale of <mesh> is '1 1e39 1'"),
             (mesh("/etc/x.obj"), "not below"),
             (mesh("../x.obj"), "not below"),
             (mesh("file:///x.obj"), "not a relative path"),

@@ -1,5 +1,5 @@
-//! From an indexed bag to posed RGB-D views, still without pixels: topics chosen, messages paired, cameras checked, the
-//! camera's pose looked up.
+//! From an indexed bag to posed RGB-D views, still without pixels: topics chosen, messages paired, cameras
+//! checked, the camera's pose looked up.
 
 use super::{
     bag::Bag,
@@ -11,6 +11,7 @@ use super::{
 use crate::{
     capture::{CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
     geometry::{Intrinsics, Pose},
+    note::{Note, NoteCode},
 };
 
 /// Focal lengths of aligned images may differ by this share.
@@ -62,9 +63,15 @@ pub struct Views {
     /// Sorted by stamp.
     pub views: Vec<View>,
     /// What was chosen.
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
     /// What was lost.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Note>,
+}
+
+/// How many views of a state are kept.
+pub(super) fn views_kept(state: usize, kept: usize, all: usize) -> Note {
+    let text = format!("state {state}: {kept} of {all} views kept, by the spread of their poses");
+    Note::new(NoteCode::ViewsKept, text)
 }
 
 impl Views {
@@ -72,10 +79,21 @@ impl Views {
     ///
     /// # Errors
     /// Every [`CaptureError`] about topics, cameras, alignment and poses.
-    pub fn find(bag: &Bag, index: &BagIndex, config: &CaptureConfig, state: usize) -> Result<Self, CaptureError> {
+    pub fn find(
+        bag: &Bag,
+        index: &BagIndex,
+        config: &CaptureConfig,
+        state: usize,
+    ) -> Result<Self, CaptureError> {
         let topics = choose(&index.summaries(), &config.topics, &bag.path)?;
-        let mut found =
-            Self { topics, world_frame: String::new(), cameras: Vec::new(), views: Vec::new(), notes: Vec::new(), warnings: Vec::new() };
+        let mut found = Self {
+            topics,
+            world_frame: String::new(),
+            cameras: Vec::new(),
+            views: Vec::new(),
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        };
         found.warnings.extend(bag.warnings.iter().cloned());
         found.warnings.extend(index.damage());
         let matches = found.synchronize(index, config, state)?;
@@ -83,14 +101,18 @@ impl Views {
         let poses = PoseSource::find(index, &found.topics, config)?;
         found.world_frame = poses.world.clone();
         found.place(index, config, state, &matches, &cameras, &poses)?;
-        found.notes.push(format!("{}: {}", bag.path.display(), found.describe_topics(&poses)));
+        found.notes.push(Note::new(
+            NoteCode::TopicsChosen,
+            format!("{}: {}", bag.path.display(), found.describe_topics(&poses)),
+        ));
         Ok(found)
     }
 
     /// So many frames, with their columns and rows.
     #[must_use]
     pub fn sizes(&self, frames: usize) -> (usize, usize, usize) {
-        let (width, height) = self.cameras.first().map_or((0, 0), |c| (c.intrinsics.width, c.intrinsics.height));
+        let (width, height) =
+            self.cameras.first().map_or((0, 0), |c| (c.intrinsics.width, c.intrinsics.height));
         (frames, width, height)
     }
 
@@ -103,14 +125,24 @@ impl Views {
         )
     }
 
-    /// Color, depth and mask messages that belong together, with the losses told.
-    fn synchronize(&mut self, index: &BagIndex, config: &CaptureConfig, state: usize) -> Result<Vec<Matched>, CaptureError> {
+    /// Color, depth and mask messages that belong together, with the losses reported.
+    fn synchronize(
+        &mut self,
+        index: &BagIndex,
+        config: &CaptureConfig,
+        state: usize,
+    ) -> Result<Vec<Matched>, CaptureError> {
         let entries = |topic: &str| index.images.get(topic).map_or(&[][..], |i| &i.entries[..]);
         let stamps = |topic: &str| entries(topic).iter().map(|e| e.stamp_nanos).collect::<Vec<_>>();
         let slop = (config.sync_slop_secs * 1e9) as i64;
         let color = stamps(&self.topics.color);
         let depth = pair(&color, &stamps(&self.topics.depth), slop);
-        let mask = self.topics.mask.as_ref().filter(|_| config.isolate.use_masks).map(|topic| pair(&color, &stamps(topic), slop));
+        let mask = self
+            .topics
+            .mask
+            .as_ref()
+            .filter(|_| config.isolate.use_masks)
+            .map(|topic| pair(&color, &stamps(topic), slop));
         let mut matched = Vec::new();
         let (mut no_depth, mut no_mask) = (0, 0);
         for (i, entry) in entries(&self.topics.color).iter().enumerate() {
@@ -128,29 +160,39 @@ impl Views {
                 },
                 _ => None,
             };
-            matched.push(Matched { color: entry.clone(), depth: entries(&self.topics.depth)[d].clone(), mask });
+            matched.push(Matched {
+                color: entry.clone(),
+                depth: entries(&self.topics.depth)[d].clone(),
+                mask,
+            });
         }
         let slop_ms = config.sync_slop_secs * 1e3;
         if no_depth > 0 {
-            self.warnings.push(format!(
-                "state {state}: {no_depth} of {} color images have no depth image within {slop_ms} ms and are not used",
+            self.warnings.push(Note::new(NoteCode::DepthUnpaired, format!(
+                "state {state}: {no_depth} of {} color images have no depth image within {slop_ms} ms and \
+                 are not used",
                 color.len()
-            ));
+            )));
         }
         if no_mask > 0 {
-            self.warnings.push(format!(
-                "state {state}: {no_mask} of {} color images have no mask within {slop_ms} ms and are not used",
+            self.warnings.push(Note::new(NoteCode::MasksUnpaired, format!(
+                "state {state}: {no_mask} of {} color images have no mask within {slop_ms} ms and are not \
+                 used",
                 color.len()
-            ));
+            )));
         }
         for topic in [&self.topics.color, &self.topics.depth] {
             if let Some(strays) = index.images.get(topic).map(|i| i.strays).filter(|n| *n > 0) {
-                self.warnings.push(format!("{topic}: {strays} images are in another frame than the first and are not used"));
+                self.warnings.push(Note::new(
+                    NoteCode::ImagesInOtherFrame,
+                    format!("{topic}: {strays} images are in another frame than the first and are not used"),
+                ));
             }
         }
         if matched.is_empty() {
             let reason = format!(
-                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the header stamps or raise the limit with `--set capture.sync_slop_secs=SECONDS`",
+                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the \
+                 header stamps or raise the limit with `--set capture.sync_slop_secs=SECONDS`",
                 color.len(),
                 entries(&self.topics.depth).len(),
                 if no_mask > 0 { " and of a mask" } else { "" }
@@ -171,7 +213,10 @@ impl Views {
         };
         let (infos, lost) = settled(&t.color_info);
         if lost > 0 {
-            self.warnings.push(format!("{}: {lost} messages contradict all others and are not used", t.color_info));
+            self.warnings.push(Note::new(
+                NoteCode::CameraInfoContradicted,
+                format!("{}: {lost} messages contradict all others and are not used", t.color_info),
+            ));
         }
         let aligned = t.depth_info.as_ref().and_then(|name| settled(name).0.distinct.into_iter().next());
         for info in &infos.distinct {
@@ -200,18 +245,30 @@ impl Views {
         }
         match self.cameras.first() {
             Some(camera) if !camera.color.is_pinhole() || !camera.depth.is_pinhole() => {
-                self.notes.push(format!("images are undistorted by {}", self.topics.color_info));
+                self.notes.push(Note::new(
+                    NoteCode::ImagesUndistorted,
+                    format!("images are undistorted by {}", self.topics.color_info),
+                ));
             }
             _ => {}
         }
         Ok(infos)
     }
 
-    fn check_alignment(&self, index: &BagIndex, color: &Intrinsics, depth: &Intrinsics) -> Result<(), CaptureError> {
+    fn check_alignment(
+        &self,
+        index: &BagIndex,
+        color: &Intrinsics,
+        depth: &Intrinsics,
+    ) -> Result<(), CaptureError> {
         let t = &self.topics;
-        let refuse = |reason| Err(CaptureError::NotAligned { depth: t.depth.clone(), color: t.color.clone(), reason });
+        let refuse =
+            |reason| Err(CaptureError::NotAligned { depth: t.depth.clone(), color: t.color.clone(), reason });
         if (color.width, color.height) != (depth.width, depth.height) {
-            return refuse(format!("depth is {}x{}, color {}x{}", depth.width, depth.height, color.width, color.height));
+            return refuse(format!(
+                "depth is {}x{}, color {}x{}",
+                depth.width, depth.height, color.width, color.height
+            ));
         }
         let focal = (color.fx / depth.fx - 1.0).abs().max((color.fy / depth.fy - 1.0).abs());
         let center = (color.cx - depth.cx).abs().max((color.cy - depth.cy).abs());
@@ -227,15 +284,24 @@ impl Views {
             return Ok(());
         }
         match index.tf.lookup(color_frame, depth_frame, 0, 0) {
-            Ok(pose) if pose.translation.vector.norm() <= FRAME_TOLERANCE && pose.rotation.angle() <= FRAME_TOLERANCE => Ok(()),
-            Ok(pose) => refuse(format!("frame `{depth_frame}` lies {:.1} mm from `{color_frame}`", 1e3 * pose.translation.vector.norm())),
-            Err(_) => {
-                refuse(format!("it is in frame `{depth_frame}`, color in `{color_frame}`, and no static transform tells that they are one"))
+            Ok(pose)
+                if pose.translation.vector.norm() <= FRAME_TOLERANCE
+                    && pose.rotation.angle() <= FRAME_TOLERANCE =>
+            {
+                Ok(())
             }
+            Ok(pose) => refuse(format!(
+                "frame `{depth_frame}` lies {:.1} mm from `{color_frame}`",
+                1e3 * pose.translation.vector.norm()
+            )),
+            Err(_) => refuse(format!(
+                "it is in frame `{depth_frame}`, color in `{color_frame}`, and no static transform says \
+                 that they are one"
+            )),
         }
     }
 
-    /// Gives every match its camera and pose; those without a pose are dropped and told.
+    /// Gives every match its camera and pose; those without a pose are dropped and reported.
     fn place(
         &mut self,
         index: &BagIndex,
@@ -279,19 +345,28 @@ impl Views {
             if invalid > 0 {
                 return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
             }
-            return Err(CaptureError::NoPoses { state, frames: matches.len(), first: first.unwrap_or_default() });
+            return Err(CaptureError::NoPoses {
+                state,
+                frames: matches.len(),
+                first: first.unwrap_or_default(),
+            });
         }
         if let Some(first) = first {
-            self.warnings.push(format!(
-                "state {state}: {failures} of {} frames have no camera pose and are not used (first: {first})",
-                matches.len()
+            self.warnings.push(Note::new(
+                NoteCode::PosesMissing,
+                format!(
+                    "state {state}: {failures} of {} frames have no camera pose and are not used (first: \
+                 {first})",
+                    matches.len()
+                ),
             ));
         }
         if invalid > 0 {
-            self.warnings.push(format!(
-                "state {state}: {invalid} transforms from {} are invalid (NaN, or no unit quaternion) and are not used",
+            self.warnings.push(Note::new(NoteCode::TransformsInvalid, format!(
+                "state {state}: {invalid} transforms from {} are invalid (NaN, or no unit quaternion) and \
+                 are not used",
                 poses.origin
-            ));
+            )));
         }
         Ok(())
     }
@@ -313,7 +388,12 @@ impl Views {
 ///
 /// # Errors
 /// [`CaptureError::ImageSize`].
-pub fn check_size(topic: &str, (width, height): (usize, usize), stamp_nanos: i64, camera: &Intrinsics) -> Result<(), CaptureError> {
+pub fn check_size(
+    topic: &str,
+    (width, height): (usize, usize),
+    stamp_nanos: i64,
+    camera: &Intrinsics,
+) -> Result<(), CaptureError> {
     if (width, height) == (camera.width, camera.height) {
         return Ok(());
     }

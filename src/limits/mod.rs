@@ -1,13 +1,14 @@
-//! What an input may cost: one constant a limit with its reason, and the checks of texts whose parsers have none.
+//! What an input may cost: one constant a limit with its reason, and the checks of texts whose parsers have
+//! none.
 //!
-//! A limit is generous: no recording, twin or dataset that is known comes near it. What is beyond is refused with the limit in
-//! the message, before it is held in memory or worked on.
+//! A limit is generous: no recording, twin or dataset that is known comes near it. What is beyond is refused
+//! with the limit in the message, before it is held in memory or worked on.
 
 mod xml;
 mod yaml;
 
-pub use xml::{check_xml, parse_xml};
-pub use yaml::parse_yaml;
+pub use xml::{XmlError, check_xml, parse_xml};
+pub use yaml::{YamlError, parse_yaml};
 
 /// Most bytes of a kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,34 +41,39 @@ pub const MESH: FileLimit = limit("a mesh", 1 << 30);
 pub const MODEL_FOLDER: FileLimit = limit("a model folder", 1 << 30);
 /// An array of numbers.
 pub const NPY: FileLimit = limit("a NumPy array", 1 << 30);
-/// A text, image or archive of a dataset folder; 100,000 frames are listed in 40 MB, an image of 8192 x 8192 has at most 200 MB.
+/// A text, image or archive of a dataset folder; 100,000 frames are listed in 40 MB, an image of 8192 x 8192
+/// has at most 200 MB.
 pub const DATASET: FileLimit = limit("a file of a dataset", 256 << 20);
 /// Truth of a recording.
 pub const TRUTH: FileLimit = limit("a truth.json", 16 << 20);
 /// Report of a run, which holds its series.
 pub const REPORT: FileLimit = limit("a report", 256 << 20);
 
-/// Elements within elements of an XML text. Readers go down by recursion: measured, they end the process at some thousands. URDF and
-/// SDF need about ten.
+/// Elements within elements of an XML text. Readers go down by recursion: measured, they end the process at
+/// some thousands. URDF and SDF need about ten.
 pub const XML_DEPTH: usize = 128;
 /// Elements of an XML text; a URDF of [`LINKS`] links has 200,000.
 pub const XML_ELEMENTS: usize = 1_000_000;
-/// Lists within lists of a YAML text, which is what its reader takes; finding that out costs it the square of the depth.
+/// Lists within lists of a YAML text, which is what its reader takes; finding that out costs it the square of
+/// the depth.
 pub const YAML_DEPTH: usize = 128;
-/// Scalars and groups of a YAML text: 100,000 frames of a dataset have 2.3 million. A reader keeps about 100 bytes of each.
+/// Scalars and groups of a YAML text: 100,000 frames of a dataset have 2.3 million. A reader keeps about 100
+/// bytes of each.
 pub const YAML_EVENTS: usize = 4_000_000;
 /// Links of a twin; the largest robots have some hundreds.
 pub const LINKS: usize = 10_000;
 
-/// Joints that move, times links, of a twin that is diagnosed: every joint asks for the dynamics of the whole chain at every sample.
-/// Measured: 500 x 500 take 25 s for 6 s of log. A humanoid with hands has 100 x 150.
+/// Joints that move, times links, of a twin that is diagnosed: every joint asks for the dynamics of the whole
+/// chain at every sample. Measured: 500 x 500 take 25 s for 6 s of log. A humanoid with hands has 100 x 150.
 pub const CHAIN_WORK: usize = 1 << 16;
 
 /// Decompressed bytes that a bag may have beside [`EXPANSION`] times its own: a small bag of black images.
 pub const EXPANDED_FREE: u64 = 1 << 30;
-/// Decompressed bytes for each byte of a bag. Measured: raw depth and color expand 2 to 8 times, raw masks up to 200 times.
+/// Decompressed bytes for each byte of a bag. Measured: raw depth and color expand 2 to 8 times, raw masks up
+/// to 200 times.
 pub const EXPANSION: u64 = 256;
-/// Decompressed bytes of a chunk beside [`EXPANSION`] times its compressed ones; rosbag2 writes chunks of 768 kB.
+/// Decompressed bytes of a chunk beside [`EXPANSION`] times its compressed ones; rosbag2 writes chunks of 768
+/// kB.
 pub const CHUNK_FREE: u64 = 16 << 20;
 
 /// Bytes of all members of a NumPy archive together; the matches of a frame have some megabytes.
@@ -77,11 +83,12 @@ pub const PICKLE_VALUES: usize = 2_000_000;
 /// Characters of a NumPy type or of a function's name in a pickle.
 pub const PICKLE_NAME: usize = 256;
 
-/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4. Measured: each further frame of 1920x480 adds 17
-/// bytes a pixel to the most that a run holds.
+/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4. Measured: each further
+/// frame of 1920x480 adds 17 bytes a pixel to the most that a run holds.
 pub const BYTES_PER_PIXEL: u64 = 12;
 
-/// Bytes of the meshes that the shapes of a URDF name, each counted as often as it is named. Text is read at some 100 MB/s.
+/// Bytes of the meshes that the shapes of a URDF name, each counted as often as it is named. Text is read at
+/// some 100 MB/s.
 pub const NAMED_MESHES: u64 = 1 << 30;
 /// Collision shapes of a URDF, of each of which the hull is made; a decomposed robot has 2,000.
 pub const SHAPES: usize = 20_000;

@@ -4,21 +4,44 @@ use roxmltree::Document;
 
 use super::{XML_DEPTH, XML_ELEMENTS};
 
+/// Why a text is no XML that is read.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum XmlError {
+    /// It declares entities.
+    #[error("line {line}: it declares entities, which are not read; write out what they stand for")]
+    Entities {
+        /// From 1.
+        line: usize,
+    },
+    /// Elements within elements.
+    #[error("line {line}: elements are nested deeper than {XML_DEPTH}; no model needs that")]
+    Deep {
+        /// From 1.
+        line: usize,
+    },
+    /// Too many elements.
+    #[error("it has more than {XML_ELEMENTS} elements; split the model")]
+    Large,
+    /// It is none.
+    #[error("it is no XML: {0}")]
+    Parse(#[from] roxmltree::Error),
+}
+
 /// The document of a text that [`check_xml`] accepts.
 ///
 /// # Errors
-/// A sentence: too deep, too large, entities, or no XML.
-pub fn parse_xml(text: &str) -> Result<Document<'_>, String> {
+/// [`XmlError`].
+pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
     check_xml(text)?;
-    Document::parse(text).map_err(|e| e.to_string())
+    Ok(Document::parse(text)?)
 }
 
-/// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared entities. What is no XML may
-/// pass: the reader refuses it.
+/// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared
+/// entities. What is no XML may pass: the reader refuses it.
 ///
 /// # Errors
-/// A sentence with the place and the limit.
-pub fn check_xml(text: &str) -> Result<(), String> {
+/// [`XmlError`] but for [`XmlError::Parse`].
+pub fn check_xml(text: &str) -> Result<(), XmlError> {
     let (mut at, mut depth, mut elements) = (0, 0usize, 0);
     while let Some(start) = text[at..].find('<').map(|k| at + k) {
         let rest = &text[start..];
@@ -28,7 +51,7 @@ pub fn check_xml(text: &str) -> Result<(), String> {
         } else if rest.starts_with("<![CDATA[") {
             rest.find("]]>")
         } else if rest.starts_with("<!ENTITY") {
-            return Err(format!("line {}: it declares entities, which are not read; write out what they stand for", line()));
+            return Err(XmlError::Entities { line: line() });
         } else if rest.starts_with("<!") {
             // Declarations may hold others.
             Some(1)
@@ -44,10 +67,10 @@ pub fn check_xml(text: &str) -> Result<(), String> {
             end
         };
         if depth > XML_DEPTH {
-            return Err(format!("line {}: elements are nested deeper than {XML_DEPTH}; no model needs that", line()));
+            return Err(XmlError::Deep { line: line() });
         }
         if elements > XML_ELEMENTS {
-            return Err(format!("it has more than {XML_ELEMENTS} elements; split the model"));
+            return Err(XmlError::Large);
         }
         let Some(length) = length else { break };
         at = start + length + 1;
@@ -75,7 +98,8 @@ mod tests {
 
     #[test]
     fn ordinary_texts_pass() {
-        let text = "<?xml version='1.0'?><!DOCTYPE a><!-- <b><b> --><a x='<' y=\"/>\"><b/><![CDATA[<c>]]><b c='>'></b></a>";
+        let text = "<?xml version='1.0'?><!DOCTYPE a><!-- <b><b> --><a x='<' \
+            y=\"/>\"><b/><![CDATA[<c>]]><b c='>'></b></a>";
         assert_eq!(check_xml(text), Ok(()));
         assert_eq!(parse_xml("<a><b/></a>").unwrap().root_element().children().count(), 1);
         // Siblings are no depth.
@@ -87,19 +111,27 @@ mod tests {
     #[test]
     fn deep_texts_are_refused_however_they_are_dressed() {
         for n in [XML_DEPTH + 1, 20_000, 100_000] {
-            for open in ["<x>", "<x a='/'>", "<x a=\"'/>\">", "<x\n>", "<!-- </x> --><x>", "<x><![CDATA[</x>]]>", "<x a='</x>'>"] {
+            for open in [
+                "<x>",
+                "<x a='/'>",
+                "<x a=\"'/>\">",
+                "<x\n>",
+                "<!-- </x> --><x>",
+                "<x><![CDATA[</x>]]>",
+                "<x a='</x>'>",
+            ] {
                 let error = parse_xml(&format!("{}{}", open.repeat(n), "</x>".repeat(n))).unwrap_err();
-                assert!(error.contains("nested deeper than 128"), "{error}");
+                assert!(matches!(error, XmlError::Deep { .. }), "{error}");
             }
         }
         assert!(check_xml("<x>\n<y>\n").is_ok());
-        assert!(check_xml(&"<x>\n".repeat(200)).unwrap_err().starts_with("line 129:"));
+        assert!(check_xml(&"<x>\n".repeat(200)) == Err(XmlError::Deep { line: 129 }));
     }
 
     #[test]
     fn many_elements_and_entities_are_refused() {
-        assert!(check_xml(&"<x/>".repeat(XML_ELEMENTS + 1)).unwrap_err().contains("1000000 elements"));
+        assert!(check_xml(&"<x/>".repeat(XML_ELEMENTS + 1)) == Err(XmlError::Large));
         let laughs = "<!DOCTYPE r [<!ENTITY a 'aaaa'><!ENTITY b '&a;&a;'>]><r>&b;</r>";
-        assert!(check_xml(laughs).unwrap_err().contains("entities"));
+        assert!(check_xml(laughs) == Err(XmlError::Entities { line: 1 }));
     }
 }

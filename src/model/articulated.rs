@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::{JointFamily, TypeScores};
 use crate::{
     geometry::Pose,
+    note::Note,
     surface::{ConvexSolid, TriangleMesh},
 };
 
@@ -15,17 +17,17 @@ use crate::{
 pub enum JointKind {
     /// Turns about the axis; positions in radians.
     Revolute,
-    /// Slides along the axis; positions in metres.
+    /// Slides along the axis; positions in meters.
     Prismatic,
     /// Turns about the axis and advances along it; positions in radians.
     Screw {
-        /// Advance per turn of one radian, metres; negative for a left-handed thread.
+        /// Advance per turn of one radian, meters; negative for a left-handed thread.
         pitch_m_per_rad: f64,
     },
-    /// No joint of one freedom explains the motion. The model moves the part along the screw of the observed motion,
-    /// which is the shortest of its kind; positions in radians.
+    /// No joint of one freedom explains the motion. The model moves the part along the screw of the observed
+    /// motion, which is the shortest of its kind; positions in radians.
     Free {
-        /// Advance of that screw per radian, metres.
+        /// Advance of that screw per radian, meters.
         pitch_m_per_rad: f64,
     },
 }
@@ -37,7 +39,7 @@ impl JointKind {
         self != Self::Prismatic
     }
 
-    /// Advance per radian, metres, of a joint that turns and advances.
+    /// Advance per radian, meters, of a joint that turns and advances.
     #[must_use]
     pub fn pitch_m_per_rad(self) -> Option<f64> {
         match self {
@@ -57,6 +59,16 @@ impl JointKind {
         }
     }
 
+    /// The family that was fitted: a free motion moves along its screw.
+    #[must_use]
+    pub fn family(self) -> JointFamily {
+        match self {
+            Self::Prismatic => JointFamily::Prismatic,
+            Self::Revolute => JointFamily::Revolute,
+            Self::Screw { .. } | Self::Free { .. } => JointFamily::Screw,
+        }
+    }
+
     /// The nearest type that every format knows: a joint that turns is revolute.
     #[must_use]
     pub fn nearest(self) -> Self {
@@ -73,7 +85,7 @@ pub enum LimitSource {
     Swept,
 }
 
-/// Interval of joint positions, radians or metres.
+/// Interval of joint positions, radians or meters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Lowest position.
@@ -90,7 +102,7 @@ pub struct Limit {
     pub swept: Option<[f64; 2]>,
 }
 
-/// What resists a joint's motion; SI units per radian or metre. Zero where nothing is known.
+/// What resists a joint's motion; SI units per radian or meter. Zero where nothing is known.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointDynamics {
     /// Coulomb friction, N m or N.
@@ -101,7 +113,7 @@ pub struct JointDynamics {
     pub armature: f64,
     /// Stiffness of a spring, N m/rad or N/m.
     pub stiffness: f64,
-    /// Position at which that spring rests, radians or metres.
+    /// Position at which that spring rests, radians or meters.
     pub spring_reference: f64,
     /// What these numbers rest on.
     pub assumption: String,
@@ -112,9 +124,9 @@ pub struct JointDynamics {
 pub struct Inertial {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Centre of mass in the link frame, metres.
+    /// Center of mass in the link frame, meters.
     pub center_of_mass: Point3<f64>,
-    /// Inertia about the centre of mass, axes of the link frame, kg m^2.
+    /// Inertia about the center of mass, axes of the link frame, kg m^2.
     pub inertia: Matrix3<f64>,
     /// How it was computed: model, density, thickness.
     pub assumption: String,
@@ -127,7 +139,7 @@ pub struct Inertial {
 pub struct Link {
     /// Unique name, `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
-    /// Coloured surface in the link frame.
+    /// Colored surface in the link frame.
     pub visual: TriangleMesh,
     /// Convex solids that collide, in the link frame.
     pub collision: Vec<ConvexSolid>,
@@ -138,45 +150,46 @@ pub struct Link {
 /// How well a link would carry a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParentScore {
-    /// Score of the best joint of one freedom against that of the free motion: the lower, the simpler the part moves
-    /// against the link.
+    /// Score of the best joint of one freedom against that of the free motion: the lower, the simpler the
+    /// part moves against the link.
     pub excess: f64,
-    /// Distance of link and part, the larger of both states, metres.
+    /// Distance of link and part, the larger of both states, meters.
     pub gap_m: f64,
 }
 
 /// What a joint's estimate rests on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointEvidence {
-    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and metres. Of several motions it
-    /// is the farthest from state 0's position.
+    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and meters. Of
+    /// several motions it is the farthest from state 0's position.
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Full rigid motion of the child from state 0 to state 1 (of several: the state farthest from state 0) in the world,
-    /// before the joint constraint.
+    /// Full rigid motion of the child from state 0 to state 1 (of several: the state farthest from state 0)
+    /// in the world, before the joint constraint.
     pub state1_from_state0: Pose,
     /// Surface points and lifted matches that support the motion.
     pub inliers: usize,
     /// Those that were tried.
     pub tried: usize,
-    /// Root mean square distance of the inliers after the motion, metres.
+    /// Root mean square distance of the inliers after the motion, meters.
     pub residual_rms_m: f64,
-    /// Standard deviation of the position in every state after state 0, radians or metres; empty for two states, whose motion
-    /// has the covariance's.
+    /// Standard deviation of the position in every state behind state 0, radians or meters; infinite in a
+    /// state that the joint leaves out.
     pub position_std: Vec<f64>,
-    /// Standard deviation of the pitch, metres per radian; 0 for a joint without one.
+    /// Standard deviation of the pitch, meters per radian; 0 for a joint without one.
     pub pitch_std_m_per_rad: f64,
-    /// Squared error of the parameters against what independent observations would give; the covariance holds it.
+    /// Squared error of the parameters against what independent observations would give; the covariance holds
+    /// it.
     pub dispersion: f64,
-    /// Cost of each joint type (Bayesian information criterion; lower is better), by name.
-    pub type_scores: BTreeMap<String, f64>,
+    /// How well every type of joint explains the motions.
+    pub type_scores: TypeScores,
     /// Links that could carry the part, by name.
     pub parents: BTreeMap<String, ParentScore>,
-    /// The axis as the motion alone tells it, where the object's other axes and faces were asked, too.
+    /// The axis by the motion alone, where the object's other axes and faces were asked, too.
     pub axis_alone: Option<AxisAlone>,
-    /// Sentences about low information or disagreement; empty where all is well.
-    pub cautions: Vec<String>,
-    /// Sentences about what the observed states cannot tell.
-    pub not_observable: Vec<String>,
+    /// Low information or disagreement; empty where all is well.
+    pub cautions: Vec<Note>,
+    /// What the observed states leave open.
+    pub not_observable: Vec<Note>,
 }
 
 /// An axis by the motion of its part alone.
@@ -234,13 +247,16 @@ impl Joint {
             None if self.kind.turns() => (position, 0.0),
             None => (0.0, position),
         };
-        let step = Pose::from_parts((axis * advance_m).into(), nalgebra::UnitQuaternion::from_scaled_axis(axis * angle_rad));
+        let step = Pose::from_parts(
+            (axis * advance_m).into(),
+            nalgebra::UnitQuaternion::from_scaled_axis(axis * angle_rad),
+        );
         self.parent_from_joint * step
     }
 }
 
 impl ArticulatedModel {
-    /// Position of a joint farthest from that in state 0, less that, radians or metres; 0 without states.
+    /// Position of a joint farthest from that in state 0, less that, radians or meters; 0 without states.
     #[must_use]
     pub fn motion(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
@@ -253,7 +269,10 @@ impl ArticulatedModel {
     pub fn world_from_link(&self, link: usize, positions: &[f64]) -> Pose {
         match self.joints.iter().position(|j| j.child == link) {
             None => Pose::identity(),
-            Some(j) => self.world_from_link(self.joints[j].parent, positions) * self.joints[j].parent_from_child(positions[j]),
+            Some(j) => {
+                self.world_from_link(self.joints[j].parent, positions)
+                    * self.joints[j].parent_from_child(positions[j])
+            }
         }
     }
 }
@@ -270,7 +289,10 @@ mod tests {
         joint.axis = Vector3::z_axis();
         joint.kind = JointKind::Screw { pitch_m_per_rad: -0.02 };
         let moved = joint.parent_from_child(std::f64::consts::FRAC_PI_2) * Point3::new(1.0, 0.0, 0.0);
-        assert!((moved - Point3::new(0.0, 1.0, -0.02 * std::f64::consts::FRAC_PI_2)).norm() < 1e-12, "{moved}");
+        assert!(
+            (moved - Point3::new(0.0, 1.0, -0.02 * std::f64::consts::FRAC_PI_2)).norm() < 1e-12,
+            "{moved}"
+        );
         assert_eq!((joint.kind.nearest(), joint.kind.name()), (JointKind::Revolute, "screw"));
     }
 }

@@ -4,8 +4,8 @@ use nalgebra::Translation3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, Material, assumed_dynamics,
-    clear_paths, solids_inertial, swept_interval,
+    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
+    Material, assumed_dynamics, clear_paths, solids_inertial, swept_interval,
 };
 use crate::{
     geometry::{Grid3, Pose},
@@ -18,11 +18,12 @@ use crate::{
 pub struct ModelConfig {
     /// What the object is made of; gives the density and its range.
     pub material: Material,
-    /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end: `material`.
+    /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end:
+    /// `material`.
     pub part_materials: Vec<Material>,
     /// Density of the walls, kg/m^3; null: that of the material.
     pub density_kg_m3: Option<f64>,
-    /// Thickness of walls whose other side was not seen, metres.
+    /// Thickness of walls whose other side was not seen, meters.
     pub wall_thickness_m: f64,
     /// Largest joint effort, N m or N.
     pub effort: f64,
@@ -66,7 +67,10 @@ impl ModelConfig {
         let material = self.part_materials.get(part).copied().unwrap_or(self.material);
         match self.density_kg_m3 {
             Some(d) => ([d; 3], format!("{d} kg/m^3 (given)")),
-            None => (material.density_kg_m3(), format!("{} kg/m^3 ({}, assumed)", material.density_kg_m3()[0], material.name())),
+            None => (
+                material.density_kg_m3(),
+                format!("{} kg/m^3 ({}, assumed)", material.density_kg_m3()[0], material.name()),
+            ),
         }
     }
 }
@@ -85,30 +89,41 @@ pub struct MovingPart {
     pub kind: JointKind,
     /// Unit axis, world.
     pub axis: nalgebra::Unit<nalgebra::Vector3<f64>>,
-    /// Point of the axis, world, metres; becomes the link's origin.
+    /// Point of the axis, world, meters; becomes the link's origin.
     pub point: nalgebra::Point3<f64>,
-    /// Position in every state after state 0, where it is 0, radians or metres; the one farthest from there is positive.
+    /// Position in every state after state 0, where it is 0, radians or meters; the one farthest from there
+    /// is positive.
     pub positions: Vec<f64>,
     /// What it rests on.
     pub evidence: JointEvidence,
     /// Surface in the world in state 0.
     pub surface: TriangleMesh,
-    /// Signed distance around it in the world in state 0, NaN where no view saw anything; none where all was seen.
+    /// Signed distance around it in the world in state 0, NaN where no view saw anything; none where all was
+    /// seen.
     pub field: Option<Grid3<f32>>,
 }
 
-/// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids follow the
-/// surfaces and leave the observed paths free; masses come from the solids; the limits are the interval that holds all
-/// observed positions or the one that the solids allow.
+/// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
+/// follow the surfaces and leave the observed paths free; masses come from the solids; the limits are the
+/// interval that holds all observed positions or the one that the solids allow.
 #[must_use]
-pub fn build(name: &str, base: TriangleMesh, mut parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
+pub fn build(
+    name: &str,
+    base: TriangleMesh,
+    mut parts: Vec<MovingPart>,
+    config: &ModelConfig,
+) -> ArticulatedModel {
     // Of moving parts only: what the static one hides, a moving part may need.
-    let fields: Vec<_> = std::iter::once(None).chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords)))).collect();
+    let fields: Vec<_> = std::iter::once(None)
+        .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
+        .collect();
     let mut model = tree(name, base, parts, config);
     for (link, field) in model.links.iter_mut().zip(&fields) {
-        let hidden = field
-            .as_ref()
-            .map(|(field, origin)| move |p: &nalgebra::Point3<f64>| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan()));
+        let hidden = field.as_ref().map(|(field, origin)| {
+            move |p: &nalgebra::Point3<f64>| {
+                field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+            }
+        });
         let hidden = hidden.as_ref().map(|h| h as Hidden<'_>);
         link.collision = convex_shell(&link.visual, config.wall_thickness_m, hidden, &config.collision);
     }
@@ -133,14 +148,18 @@ pub fn build(name: &str, base: TriangleMesh, mut parts: Vec<MovingPart>, config:
 fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
     let mut links = vec![link(link_name(0), base)];
     // In state 0 all frames stand as the world's, each in the point of its joint.
-    let origins: Vec<_> = std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
+    let origins: Vec<_> =
+        std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
     let mut joints = Vec::new();
     // There are two states, even of an object of one part.
     let count = parts.iter().map(|p| p.positions.len()).max().unwrap_or(1);
     let of_state = |k: usize| parts.iter().map(|p| p.positions.get(k).copied().unwrap_or_default()).collect();
-    let states: Vec<Vec<f64>> = std::iter::once(vec![0.0; parts.len()]).chain((0..count).map(of_state)).collect();
+    let states: Vec<Vec<f64>> =
+        std::iter::once(vec![0.0; parts.len()]).chain((0..count).map(of_state)).collect();
     for (i, part) in parts.into_iter().enumerate() {
-        let shift = |v: nalgebra::Vector3<f64>| Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity());
+        let shift = |v: nalgebra::Vector3<f64>| {
+            Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity())
+        };
         let parent_from_joint = shift(part.point.coords - origins[part.parent]);
         links.push(link(link_name(i + 1), part.surface.transformed(&shift(-part.point.coords))));
         joints.push(Joint {
@@ -176,20 +195,24 @@ fn link(name: String, visual: TriangleMesh) -> Link {
     Link { name, visual, collision: Vec::new(), inertial }
 }
 
-/// Mass properties of a link's solids; of its surface as a shell where it has none. Without either the mass stays 0,
-/// which validation refuses.
+/// Mass properties of a link's solids; of its surface as a shell where it has none. Without either the mass
+/// stays 0, which validation refuses.
 fn inertial(link: &Link, part: usize, config: &ModelConfig) -> Inertial {
     let ([usual, lowest, highest], density) = config.density(part);
     let wall_mm = 1e3 * config.wall_thickness_m;
     let solid = format!(
-        "collision solids (walls {wall_mm} mm where the other side was not seen; flat walls of moving parts go on where no view looked), {density}"
+        "collision solids (walls {wall_mm} mm where the other side was not seen; flat walls of moving \
+         parts go on where no view looked), {density}"
     );
     let shell = || {
-        let ShellInertia { mass_kg, center_of_mass, inertia } = shell_inertia(&link.visual, config.wall_thickness_m, usual)?;
+        let ShellInertia { mass_kg, center_of_mass, inertia } =
+            shell_inertia(&link.visual, config.wall_thickness_m, usual)?;
         let assumption = format!("shell of the seen surface, {wall_mm} mm thick, {density}");
         Some(Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg: [mass_kg; 2] })
     };
-    let found = solids_inertial(&link.collision, usual, &solid).or_else(shell).unwrap_or_else(|| link.inertial.clone());
+    let found = solids_inertial(&link.collision, usual, &solid)
+        .or_else(shell)
+        .unwrap_or_else(|| link.inertial.clone());
     // Half to twice the assumed wall, lightest to heaviest kind of the material.
     let mass_range_kg = [0.5 * found.mass_kg * lowest / usual, 2.0 * found.mass_kg * highest / usual];
     Inertial { mass_range_kg, ..found }

@@ -1,40 +1,47 @@
 //! How far a joint may be off by its covariance. What is known no better than by a guess is not determined.
+//! See docs/method.md 8.7.
 
 use nalgebra::{Matrix3, SMatrix, Unit, Vector3};
 
 use super::{ArticulatedModel, AxisAlone};
 
-/// Root mean square angle of a line to one drawn evenly from all directions, radians. Derived: sqrt(pi - 2), from the mean of
-/// the squared angle over a hemisphere.
+/// Root mean square angle of a line to one drawn evenly from all directions, radians. Derived: sqrt(pi - 2),
+/// from the mean of the squared angle over a hemisphere.
 const GUESSED_DIRECTION_RAD: f64 = 1.068_453_1;
-/// Root mean square error of a guessed angle, radians. Derived: pi / sqrt 3, of a uniform distribution over a whole turn.
+/// Root mean square error of a guessed angle, radians. Derived: pi / sqrt 3, of a uniform distribution over a
+/// whole turn.
 const GUESSED_TURN_RAD: f64 = std::f64::consts::PI * INVERSE_SQRT_3;
-/// Root mean square error of a guessed slide, as a share of the object's longest side. Derived: 1 / sqrt 3, of a uniform
-/// distribution over that side in both directions.
+/// Root mean square error of a guessed slide, as a share of the object's longest side. Derived: 1 / sqrt 3,
+/// of a uniform distribution over that side in both directions.
 const GUESSED_SLIDE_SHARE: f64 = INVERSE_SQRT_3;
-/// Root mean square error of a guessed line, as a share of the object's longest side. Derived: 1 / sqrt 6, of a uniform
-/// distribution over a square of that side across the line.
+/// Root mean square error of a guessed line, as a share of the object's longest side. Derived: 1 / sqrt 6, of
+/// a uniform distribution over a square of that side across the line.
 const GUESSED_LINE_SHARE: f64 = INVERSE_SQRT_3 * std::f64::consts::FRAC_1_SQRT_2;
 const INVERSE_SQRT_3: f64 = 0.577_350_269_189_625_8;
 
-/// Root mean square deviations of a joint's parameters; `None` where they are not determined: not finite, or no smaller than
-/// those of a guess.
+/// Root mean square deviations of a joint's parameters; `None` where they are not determined: not finite, or
+/// no smaller than those of a guess.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deviations {
     /// Of the axis direction, radians.
     pub axis_rad: Option<f64>,
-    /// Of the axis from the true line, across it, metres.
+    /// Of the axis from the true line, across it, meters.
     pub origin_m: Option<f64>,
-    /// Of the motion, radians or metres.
+    /// Of the motion, radians or meters.
     pub motion: Option<f64>,
 }
 
 impl Deviations {
-    /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object whose longest side is
-    /// `extent_m`. Of direction and point only what lies across the axis counts: along it a direction has no freedom and a line
-    /// no place.
+    /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object
+    /// whose longest side is `extent_m`. Of direction and point only what lies across the axis counts: along
+    /// it a direction has no freedom and a line no place.
     #[must_use]
-    pub fn of(covariance: &SMatrix<f64, 7, 7>, axis: &Unit<Vector3<f64>>, turns: bool, extent_m: f64) -> Self {
+    pub fn of(
+        covariance: &SMatrix<f64, 7, 7>,
+        axis: &Unit<Vector3<f64>>,
+        turns: bool,
+        extent_m: f64,
+    ) -> Self {
         let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
         let variance = |k: usize| -> f64 {
             let block: Matrix3<f64> = covariance.fixed_view::<3, 3>(k, k).into();
@@ -64,7 +71,7 @@ fn determined(variance: f64, guessed: f64) -> Option<f64> {
 }
 
 impl ArticulatedModel {
-    /// Longest side of the box around all links in state 0, metres; 0 without a surface.
+    /// Longest side of the box around all links in state 0, meters; 0 without a surface.
     #[must_use]
     pub fn extent_m(&self) -> f64 {
         let rest = vec![0.0; self.joints.len()];
@@ -74,7 +81,10 @@ impl ArticulatedModel {
             let world_from_link = self.world_from_link(k, state0);
             for vertex in &link.visual.vertices {
                 let point = world_from_link * vertex.cast::<f64>();
-                sides.iter_mut().zip(point.iter()).for_each(|([low, high], v)| (*low, *high) = (low.min(*v), high.max(*v)));
+                sides
+                    .iter_mut()
+                    .zip(point.iter())
+                    .for_each(|([low, high], v)| (*low, *high) = (low.min(*v), high.max(*v)));
             }
         }
         sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max)

@@ -9,14 +9,16 @@ use crate::geometry::Pose;
 const GRAVITY_M_S2: f64 = 9.80665;
 /// Friction against the load that it must hold in the observed states.
 const HOLD: f64 = 1.25;
-/// Least friction as a share of the child's weight (times its lever for a revolute joint): a drawer on runners, a hinge.
+/// Least friction as a share of the child's weight (times its lever for a revolute joint): a drawer on
+/// runners, a hinge.
 const LEAST_SHARE: f64 = 0.02;
 /// A moving part left alone slows down within this time, seconds.
 const SLOWING_S: f64 = 0.5;
 
-/// Friction and damping of a joint, from what is known: in each observed state the object was at rest, so friction (or
-/// a stop) held the child's weight there; the world's z axis is taken for up. The least friction is 2 % of the weight.
-/// Damping stops the moving mass within half a second. Armature and spring are zero until measured.
+/// Friction and damping of a joint, from what is known: in each observed state the object was at rest, so
+/// friction (or a stop) held the child's weight there; the world's z axis is taken for up. The least friction
+/// is 2 % of the weight. Damping stops the moving mass within half a second. Armature and spring are zero
+/// until measured. See docs/method.md (10.4).
 #[must_use]
 pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     let joint = &model.joints[j];
@@ -28,7 +30,11 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
         let (mut torque, mut moved, mut pull) = (0.0, 0.0, 0.0);
         for link in below {
             let (effort, mass, lever_m) = pull_on(model, link, state, &frame, &axis, joint.kind);
-            (torque, moved, pull) = (torque + effort, moved + mass, pull + model.links[link].inertial.mass_kg * GRAVITY_M_S2 * lever_m);
+            (torque, moved, pull) = (
+                torque + effort,
+                moved + mass,
+                pull + model.links[link].inertial.mass_kg * GRAVITY_M_S2 * lever_m,
+            );
         }
         (load, inertia, weight) = (load.max(torque.abs()), inertia.max(moved), weight.max(pull));
     }
@@ -37,16 +43,24 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
         friction,
         damping: inertia / SLOWING_S,
         assumption: format!(
-            "friction: {HOLD} times the load of gravity (world z is up) in the observed states ({load:.3}), at least {LEAST_SHARE} of the \
+            "friction: {HOLD} times the load of gravity (world z is up) in the observed states \
+             ({load:.3}), at least {LEAST_SHARE} of the \
              weight; damping: slows down within {SLOWING_S} s (assumed, not measured)"
         ),
         ..JointDynamics::default()
     }
 }
 
-/// Effort of a link's weight on a joint, inertia that the joint moves with it, and the lever of its weight (1 for a
-/// prismatic joint).
-fn pull_on(model: &ArticulatedModel, link: usize, state: &[f64], frame: &Pose, axis: &Vector3<f64>, kind: JointKind) -> (f64, f64, f64) {
+/// Effort of a link's weight on a joint, inertia that the joint moves with it, and the lever of its weight (1
+/// for a prismatic joint).
+fn pull_on(
+    model: &ArticulatedModel,
+    link: usize,
+    state: &[f64],
+    frame: &Pose,
+    axis: &Vector3<f64>,
+    kind: JointKind,
+) -> (f64, f64, f64) {
     let inertial = &model.links[link].inertial;
     let world_from_link = model.world_from_link(link, state);
     let arm = (world_from_link * inertial.center_of_mass).coords - frame.translation.vector;
@@ -56,7 +70,11 @@ fn pull_on(model: &ArticulatedModel, link: usize, state: &[f64], frame: &Pose, a
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
             let across = arm.cross(axis).norm();
             let turned = world_from_link.rotation.inverse() * axis;
-            (axis.dot(&arm.cross(&weight)), turned.dot(&(inertial.inertia * turned)) + inertial.mass_kg * across * across, across)
+            (
+                axis.dot(&arm.cross(&weight)),
+                turned.dot(&(inertial.inertia * turned)) + inertial.mass_kg * across * across,
+                across,
+            )
         }
     }
 }

@@ -4,16 +4,20 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
 
-use super::{ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link};
+use super::{
+    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointFamily, JointKind, Limit,
+    LimitSource, Link,
+};
 use crate::{
     geometry::Pose,
     surface::{ConvexSolid, TriangleMesh},
 };
 
-/// Axis-aligned box with outward triangles, metres.
+/// Axis-aligned box with outward triangles, meters.
 #[must_use]
 pub fn box_mesh(lower: [f32; 3], upper: [f32; 3], color: [u8; 3]) -> TriangleMesh {
-    let corner = |i: usize| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] }));
+    let corner =
+        |i: usize| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] }));
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     TriangleMesh {
         vertices: (0..8).map(corner).collect(),
@@ -22,12 +26,18 @@ pub fn box_mesh(lower: [f32; 3], upper: [f32; 3], color: [u8; 3]) -> TriangleMes
     }
 }
 
-/// A cabinet: a body at the world's origin, a door on a tilted hinge and a drawer behind a turned joint frame.
+/// A cabinet: a body at the world's origin, a door on a tilted hinge and a drawer behind a turned joint
+/// frame.
 #[must_use]
 pub fn cabinet() -> ArticulatedModel {
-    let hinge = Pose::from_parts(Vector3::new(0.2, -0.25, 0.3).into(), UnitQuaternion::from_euler_angles(0.1, -0.2, 0.3));
-    let rail =
-        Pose::from_parts(Vector3::new(0.2, 0.1, 0.1).into(), UnitQuaternion::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.4));
+    let hinge = Pose::from_parts(
+        Vector3::new(0.2, -0.25, 0.3).into(),
+        UnitQuaternion::from_euler_angles(0.1, -0.2, 0.3),
+    );
+    let rail = Pose::from_parts(
+        Vector3::new(0.2, 0.1, 0.1).into(),
+        UnitQuaternion::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.4),
+    );
     ArticulatedModel {
         name: "cabinet".into(),
         links: vec![
@@ -45,8 +55,8 @@ pub fn cabinet() -> ArticulatedModel {
 
 fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let (lower, upper) = visual.bounds().unwrap_or((Point3::origin(), Point3::origin()));
-    let micrometres = |x: f32| (f64::from(x) * 1e6).round() * 1e-6;
-    let (lower, upper) = (lower.map(micrometres), upper.map(micrometres));
+    let micrometers = |x: f32| (f64::from(x) * 1e6).round() * 1e-6;
+    let (lower, upper) = (lower.map(micrometers), upper.map(micrometers));
     let side = upper - lower;
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
     let moments = Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y));
@@ -61,8 +71,22 @@ fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     Link { name: name.into(), visual, collision, inertial }
 }
 
-fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axis: Unit<Vector3<f64>>, range: [f64; 2]) -> Joint {
-    let limit = Limit { lower: range[0], upper: range[1], effort: 50.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
+fn joint(
+    name: &str,
+    kind: JointKind,
+    child: usize,
+    parent_from_joint: Pose,
+    axis: Unit<Vector3<f64>>,
+    range: [f64; 2],
+) -> Joint {
+    let limit = Limit {
+        lower: range[0],
+        upper: range[1],
+        effort: 50.0,
+        velocity: 2.0,
+        source: LimitSource::Observed,
+        swept: None,
+    };
     let evidence = JointEvidence {
         covariance: SMatrix::identity() * 1e-8,
         state1_from_state0: Pose::identity(),
@@ -72,11 +96,21 @@ fn joint(name: &str, kind: JointKind, child: usize, parent_from_joint: Pose, axi
         position_std: Vec::new(),
         pitch_std_m_per_rad: 0.0,
         dispersion: 1.0,
-        type_scores: BTreeMap::from([("prismatic".into(), 120.0), ("revolute".into(), 10.0)]),
+        type_scores: [(JointFamily::Prismatic, 120.0), (JointFamily::Revolute, 10.0)].into_iter().collect(),
         parents: BTreeMap::new(),
         axis_alone: None,
         cautions: vec![],
         not_observable: Vec::new(),
     };
-    Joint { name: name.into(), kind, parent: 0, child, parent_from_joint, axis, limit, dynamics: JointDynamics::default(), evidence }
+    Joint {
+        name: name.into(),
+        kind,
+        parent: 0,
+        child,
+        parent_from_joint,
+        axis,
+        limit,
+        dynamics: JointDynamics::default(),
+        evidence,
+    }
 }

@@ -10,18 +10,20 @@ const POINTS: u32 = 1024;
 /// Bases of the low-discrepancy sequence that places them.
 const BASES: [u32; 3] = [2, 3, 5];
 
-/// Mass, center and inertia of the union of solids of one density; where solids overlap, mass counts once. `None`
-/// without volume or with a density that is not positive.
+/// Mass, center and inertia of the union of solids of one density; where solids overlap, mass counts once.
+/// `None` without volume or with a density that is not positive. See docs/method.md (10.2).
 ///
-/// Every solid is filled with points of equal volume (Halton sequence in its tetrahedra); a point that lies in `n` solids
-/// counts `1/n`. As a sum of point masses the inertia is positive and fulfils the triangle inequality.
+/// Every solid is filled with points of equal volume (Halton sequence in its tetrahedra); a point that lies
+/// in `n` solids counts `1/n`. As a sum of point masses the inertia is positive and fulfils the triangle
+/// inequality.
 #[must_use]
 pub fn solids_inertial(solids: &[ConvexSolid], density_kg_m3: f64, assumption: &str) -> Option<Inertial> {
     if !(density_kg_m3 > 0.0 && density_kg_m3.is_finite()) {
         return None;
     }
     let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
-    let holders = |p: &Point3<f64>| planes.iter().filter(|s| s.iter().all(|q| q.distance_m(p) <= 1e-9)).count().max(1);
+    let holders =
+        |p: &Point3<f64>| planes.iter().filter(|s| s.iter().all(|q| q.distance_m(p) <= 1e-9)).count().max(1);
     let mut masses: Vec<(f64, Vector3<f64>)> = Vec::new();
     for solid in solids {
         let each = density_kg_m3 * solid.volume_m3() / f64::from(POINTS);
@@ -59,7 +61,8 @@ fn interior_points(solid: &ConvexSolid) -> Vec<Point3<f64>> {
         let mut cuts = BASES.map(|base| halton(k + 1, base));
         cuts.sort_by(f64::total_cmp);
         let weights = [cuts[0], cuts[1] - cuts[0], cuts[2] - cuts[1], 1.0 - cuts[2]];
-        points.push(Point3::from(corners.iter().zip(weights).map(|(c, w)| c.coords * w).sum::<Vector3<f64>>()));
+        points
+            .push(Point3::from(corners.iter().zip(weights).map(|(c, w)| c.coords * w).sum::<Vector3<f64>>()));
     }
     points
 }
@@ -89,14 +92,22 @@ mod tests {
         assert!((found.mass_kg - 4.0).abs() < 1e-9);
         assert!((found.center_of_mass - Point3::new(1.2, 0.1, 0.05)).norm() < 2e-3);
         for (k, expected) in [(0, 0.05), (1, 0.17), (2, 0.2)] {
-            assert!((found.inertia[(k, k)] / (4.0 / 12.0 * expected) - 1.0).abs() < 0.03, "{k}: {}", found.inertia);
+            assert!(
+                (found.inertia[(k, k)] / (4.0 / 12.0 * expected) - 1.0).abs() < 0.03,
+                "{k}: {}",
+                found.inertia
+            );
         }
     }
 
     #[test]
     fn what_overlaps_counts_once() {
         let whole = solids_inertial(&[cuboid([0.0; 3], [1.0, 1.0, 1.0])], 100.0, "").unwrap();
-        let twice = [cuboid([0.0; 3], [0.7, 1.0, 1.0]), cuboid([0.3, 0.0, 0.0], [1.0, 1.0, 1.0]), cuboid([0.0; 3], [0.7, 1.0, 1.0])];
+        let twice = [
+            cuboid([0.0; 3], [0.7, 1.0, 1.0]),
+            cuboid([0.3, 0.0, 0.0], [1.0, 1.0, 1.0]),
+            cuboid([0.0; 3], [0.7, 1.0, 1.0]),
+        ];
         let found = solids_inertial(&twice, 100.0, "").unwrap();
         assert!((found.mass_kg / whole.mass_kg - 1.0).abs() < 0.01, "{}", found.mass_kg);
         assert!((found.center_of_mass - whole.center_of_mass).norm() < 0.01);

@@ -20,8 +20,8 @@ pub enum Material {
 }
 
 impl Material {
-    /// Density in kg/m^3: usual, lowest and highest (handbook values: pine to oak, PP to POM, soda-lime glass to
-    /// ceramics, alloys).
+    /// Density in kg/m^3: usual, lowest and highest (handbook values: pine to oak, PP to POM, soda-lime glass
+    /// to ceramics, alloys).
     #[must_use]
     pub fn density_kg_m3(self) -> [f64; 3] {
         match self {

@@ -1,4 +1,5 @@
-//! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of it.
+//! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of
+//! it.
 
 mod articulated;
 mod build;
@@ -6,6 +7,7 @@ mod deviation;
 mod dynamics;
 #[cfg(test)]
 pub(crate) mod example;
+mod joint_family;
 mod mass;
 mod material;
 mod names;
@@ -14,14 +16,18 @@ mod tree;
 mod validate;
 
 pub use articulated::{
-    ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ParentScore,
+    ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
+    LimitSource, Link, ParentScore,
 };
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
 pub use dynamics::assumed_dynamics;
+pub use joint_family::{JointFamily, TypeScores};
 pub use mass::solids_inertial;
 pub use material::Material;
-pub use names::{escape_lines, escape_xml, identifier, is_plain_name, is_xml_text, script_json};
+#[cfg(test)]
+pub use names::is_xml_text;
+pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
-pub use validate::{Finding, impossible_inertia, principal_moments, validate};
+pub use validate::{impossible_inertia, principal_moments, validate};

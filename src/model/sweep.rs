@@ -1,4 +1,5 @@
-//! Collision solids along the paths of the joints: what stands in the way is cut, and how far a joint gets is measured.
+//! Collision solids along the paths of the joints: what stands in the way is cut, and how far a joint gets is
+//! measured.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -8,19 +9,20 @@ use crate::{
     surface::{ConvexConfig, ConvexSolid, Plane},
 };
 
-/// Longest way between two positions of a sweep that are looked at, metres.
+/// Longest way between two positions of a sweep that are looked at, meters.
 const STEP_M: f64 = 0.003;
 /// Most positions of a sweep.
 const MAX_STEPS: usize = 600;
-/// Pieces smaller than this are dropped, cubic metres.
+/// Pieces smaller than this are dropped, cubic meters.
 const MIN_VOLUME_M3: f64 = 1e-8;
-/// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped by it.
+/// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
+/// by it.
 const GRAZE_SHARE: f64 = 0.05;
 /// A revolute joint is swept this far at most, radians.
 const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
-/// Makes room: solids of moving links shrink, then what overlaps them anywhere between the observed positions, where
-/// nothing can have been in the way, is cut out of the other links' solids, with a gap.
+/// Makes room: solids of moving links shrink, then what overlaps them anywhere between the observed
+/// positions, where nothing can have been in the way, is cut out of the other links' solids, with a gap.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for joint in &model.joints {
         for solid in &mut model.links[joint.child].collision {
@@ -38,9 +40,10 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             let moving = model.links[joint.child].collision.clone();
             for state in model.states.clone() {
                 let poses = relative_poses(model, j, other, &state, &positions);
-                // The parent is known to be clear; another part may truly stand in the way, unless it is only grazed, but not
-                // where it was seen.
-                let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
+                // The parent is known to be clear; another part may truly stand in the way, unless it is only
+                // grazed, but not where it was seen.
+                let grazed =
+                    if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
                 let seen = relative_poses(model, j, other, &state, &[state[j]]);
                 carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
             }
@@ -48,7 +51,7 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     }
 }
 
-/// Length of the diagonal of the box around some solids, metres.
+/// Length of the diagonal of the box around some solids, meters.
 fn extent_m(solids: &[ConvexSolid]) -> f64 {
     let mut bounds = solids.iter().map(ConvexSolid::bounds);
     let Some(first) = bounds.next() else { return 0.0 };
@@ -56,8 +59,9 @@ fn extent_m(solids: &[ConvexSolid]) -> f64 {
     (hi - lo).norm()
 }
 
-/// The interval around the observed one in which no solid of a joint's child meets one of another link (the other joints
-/// as in any observed state); at most half a turn, or the child's own length, beyond the observed positions.
+/// The interval around the observed one in which no solid of a joint's child meets one of another link (the
+/// other joints as in any observed state); at most half a turn, or the child's own length, beyond the
+/// observed positions.
 #[must_use]
 pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let joint = &model.joints[j];
@@ -69,10 +73,13 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let free = |q: &f64| {
         let blocked = |other: usize| {
             let poses = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &[*q]));
-            let meets = |pose: Pose| overlaps(&model.links[other].collision, &model.links[joint.child].collision, &pose);
+            let meets = |pose: Pose| {
+                overlaps(&model.links[other].collision, &model.links[joint.child].collision, &pose)
+            };
             poses.into_iter().any(meets)
         };
-        !(0..model.links.len()).any(|other| other != joint.child && !model.is_below(other, joint.child) && blocked(other))
+        !(0..model.links.len())
+            .any(|other| other != joint.child && !model.is_below(other, joint.child) && blocked(other))
     };
     let last = |end: f64| {
         let start = if end < lower { lower } else { upper };
@@ -82,7 +89,7 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
 }
 
 impl ArticulatedModel {
-    /// Lowest and highest position of a joint in the observed states, radians or metres.
+    /// Lowest and highest position of a joint in the observed states, radians or meters.
     #[must_use]
     pub fn observed_interval(&self, joint: usize) -> [f64; 2] {
         let all = self.states.iter().filter_map(|s| s.get(joint));
@@ -97,14 +104,19 @@ impl ArticulatedModel {
     }
 }
 
-/// Extent of a joint's child along the axis, metres.
+/// Extent of a joint's child along the axis, meters.
 fn length_along(model: &ArticulatedModel, joint: &Joint) -> f64 {
-    let along = model.links[joint.child].collision.iter().flat_map(|s| &s.vertices).map(|v| v.coords.dot(&joint.axis));
+    let along = model.links[joint.child]
+        .collision
+        .iter()
+        .flat_map(|s| &s.vertices)
+        .map(|v| v.coords.dot(&joint.axis));
     let [lo, hi] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
     (hi - lo).max(0.0)
 }
 
-/// Positions from `start` to `end`, both included, no point of the child moving further than [`STEP_M`] between two.
+/// Positions from `start` to `end`, both included, no point of the child moving further than [`STEP_M`]
+/// between two.
 fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f64> {
     let axis = joint.axis.into_inner();
     let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
@@ -119,7 +131,13 @@ fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f
 }
 
 /// `other_from_child` at positions of a joint, the other joints as in a state.
-fn relative_poses(model: &ArticulatedModel, j: usize, other: usize, state: &[f64], positions: &[f64]) -> Vec<Pose> {
+fn relative_poses(
+    model: &ArticulatedModel,
+    j: usize,
+    other: usize,
+    state: &[f64],
+    positions: &[f64],
+) -> Vec<Pose> {
     let pose = |&q: &f64| {
         let mut all = state.to_vec();
         all[j] = q;
@@ -142,11 +160,19 @@ fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), ga
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
-/// Cuts moving solids out of the fixed ones: along the whole path where they do not reach deeper into one than `grazed_m`,
-/// otherwise at the poses at which they were seen. `fixed_from_moving` is the path, then these.
-fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving: [&[Pose]; 2], grazed_m: f64, config: &ConvexConfig) {
+/// Cuts moving solids out of the fixed ones: along the whole path where they do not reach deeper into one
+/// than `grazed_m`, otherwise at the poses at which they were seen. `fixed_from_moving` is the path, then
+/// these.
+fn carve(
+    fixed: &mut Vec<ConvexSolid>,
+    moving: &[ConvexSolid],
+    fixed_from_moving: [&[Pose]; 2],
+    grazed_m: f64,
+    config: &ConvexConfig,
+) {
     for solid in moving {
-        let [path, seen] = fixed_from_moving.map(|poses| poses.iter().map(|p| solid.transformed(p)).collect::<Vec<_>>());
+        let [path, seen] =
+            fixed_from_moving.map(|poses| poses.iter().map(|p| solid.transformed(p)).collect::<Vec<_>>());
         let met = |piece: &ConvexSolid| {
             let near = path.iter().filter(|p| boxes_meet(&p.bounds(), &piece.bounds(), config.gap_m));
             near.filter_map(|p| p.penetration_m(piece)).fold(0.0, f64::max)
@@ -163,7 +189,8 @@ fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], fixed_from_moving
 
 /// What of a solid lies outside the box (along the solid's own axes) around all that a path comes into it.
 fn cut(piece: ConvexSolid, path: &[ConvexSolid], config: &ConvexConfig) -> Vec<ConvexSolid> {
-    let grown: Vec<Plane> = piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + config.gap_m, ..p }).collect();
+    let grown: Vec<Plane> =
+        piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + config.gap_m, ..p }).collect();
     let bounds = piece.bounds();
     let axes = piece.axes();
     let (mut lo, mut hi) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
@@ -184,19 +211,38 @@ fn cut(piece: ConvexSolid, path: &[ConvexSolid], config: &ConvexConfig) -> Vec<C
     without_box(piece, &axes, &(lo - gap), &(hi + gap), config)
 }
 
-/// A solid without a box along `axes`: the sides of the box cut it one after the other, the one that leaves most first.
-fn without_box(piece: ConvexSolid, axes: &Matrix3<f64>, lo: &Vector3<f64>, hi: &Vector3<f64>, config: &ConvexConfig) -> Vec<ConvexSolid> {
+/// A solid without a box along `axes`: the sides of the box cut it one after the other, the one that leaves
+/// most first.
+fn without_box(
+    piece: ConvexSolid,
+    axes: &Matrix3<f64>,
+    lo: &Vector3<f64>,
+    hi: &Vector3<f64>,
+    config: &ConvexConfig,
+) -> Vec<ConvexSolid> {
     let outside = |k: usize, upper: bool| {
         let axis = axes.column(k).into_owned();
-        if upper { Plane { normal: -axis, offset_m: -hi[k] } } else { Plane { normal: axis, offset_m: lo[k] } }
+        if upper {
+            Plane { normal: -axis, offset_m: -hi[k] }
+        } else {
+            Plane { normal: axis, offset_m: lo[k] }
+        }
     };
     let mut sides: Vec<Plane> = (0..6).map(|i| outside(i / 2, i % 2 == 1)).collect();
     let (mut rest, mut kept) = (Some(piece), Vec::new());
     while let Some(solid) = rest.take() {
         let left = |p: &Plane| solid.clipped(p).map_or(0.0, |s| s.volume_m3());
-        let Some(best) = (0..sides.len()).max_by(|a, b| left(&sides[*a]).total_cmp(&left(&sides[*b])).then(b.cmp(a))) else { break };
+        let Some(best) =
+            (0..sides.len()).max_by(|a, b| left(&sides[*a]).total_cmp(&left(&sides[*b])).then(b.cmp(a)))
+        else {
+            break;
+        };
         let plane = sides.remove(best);
-        kept.extend(solid.clipped(&plane).filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m));
+        kept.extend(
+            solid
+                .clipped(&plane)
+                .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
+        );
         rest = solid.clipped(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept
@@ -217,7 +263,8 @@ mod tests {
         model.links.iter_mut().for_each(|l| l.collision.clear());
         model.links[0].collision = vec![cuboid([-0.2, -0.25, 0.0], [0.2, 0.25, 0.6])];
         model.links[2].collision = vec![cuboid([-0.05, -0.1, 0.0], [0.05, 0.1, 0.3])];
-        model.joints[1].parent_from_joint = Pose::new(Vector3::new(0.2, 0.0, 0.3), Vector3::y() * std::f64::consts::FRAC_PI_2);
+        model.joints[1].parent_from_joint =
+            Pose::new(Vector3::new(0.2, 0.0, 0.3), Vector3::y() * std::f64::consts::FRAC_PI_2);
         model.links[2].collision[0].vertices.iter_mut().for_each(|v| v.z -= 0.3);
         model
     }
@@ -246,7 +293,11 @@ mod tests {
         model.states = vec![vec![0.0, 0.0], vec![0.0, 0.5]];
         clear_paths(&mut model, &config);
         let meets = |model: &ArticulatedModel, q: f64| {
-            overlaps(&model.links[0].collision, &model.links[2].collision, &relative_poses(model, 1, 0, &model.states[0], &[q])[0])
+            overlaps(
+                &model.links[0].collision,
+                &model.links[2].collision,
+                &relative_poses(model, 1, 0, &model.states[0], &[q])[0],
+            )
         };
         assert!(!meets(&model, 0.0) && !meets(&model, 0.5), "they overlap where they were seen");
         model.links[0].collision.push(cuboid([0.3, -0.1, 0.2], [0.32, 0.1, 0.4]));
@@ -271,6 +322,8 @@ mod tests {
     fn links_below_are_known() {
         let mut model = cabinet();
         model.joints[1].parent = 1;
-        assert!(model.is_below(2, 1) && model.is_below(2, 0) && !model.is_below(1, 2) && !model.is_below(0, 0));
+        assert!(
+            model.is_below(2, 1) && model.is_below(2, 0) && !model.is_below(1, 2) && !model.is_below(0, 0)
+        );
     }
 }

@@ -26,7 +26,7 @@ pub struct Mimic {
     pub joint: String,
     /// Factor.
     pub multiplier: f64,
-    /// Radians or metres.
+    /// Radians or meters.
     pub offset: f64,
 }
 
@@ -106,7 +106,11 @@ impl Tree {
         let root = match roots.as_slice() {
             [] => return Err(TreeError::NoRoot),
             [root] => *root,
-            several => return Err(TreeError::Roots(several.iter().map(|&i| links[i].name.as_str()).collect::<Vec<_>>().join(", "))),
+            several => {
+                return Err(TreeError::Roots(
+                    several.iter().map(|&i| links[i].name.as_str()).collect::<Vec<_>>().join(", "),
+                ));
+            }
         };
         let mut depth = vec![0; links.len()];
         for i in 0..links.len() {
@@ -128,16 +132,20 @@ impl Tree {
         self.joint_of[link].map(|j| &self.joints[j])
     }
 
-    /// Pose of a link in the root's frame; a joint that `positions` (radians, metres, by name) leaves out is at 0.
+    /// Pose of a link in the root's frame; a joint that `positions` (radians, meters, by name) leaves out is
+    /// at 0.
     #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &BTreeMap<String, f64>) -> Pose {
         let Some(joint) = self.joint_of(link) else { return Pose::identity() };
         let of = |name: &str| positions.get(name).copied().unwrap_or(0.0);
-        let position = joint.mimic.as_ref().map_or_else(|| of(&joint.name), |m| m.multiplier * of(&m.joint) + m.offset);
+        let position =
+            joint.mimic.as_ref().map_or_else(|| of(&joint.name), |m| m.multiplier * of(&m.joint) + m.offset);
         let step = match joint.kind {
             JointType::Fixed => Pose::identity(),
             JointType::Revolute | JointType::Continuous => Pose::rotation(joint.axis.into_inner() * position),
-            JointType::Prismatic => Pose::from_parts((joint.axis.into_inner() * position).into(), UnitQuaternion::identity()),
+            JointType::Prismatic => {
+                Pose::from_parts((joint.axis.into_inner() * position).into(), UnitQuaternion::identity())
+            }
         };
         self.world_from_joint(joint, positions) * step
     }
@@ -148,8 +156,8 @@ impl Tree {
         self.world_from_link(joint.parent, positions) * joint.parent_from_joint
     }
 
-    /// Links tied by fixed joints, as one rigid part each: the link nearest the root first. The part of the root comes
-    /// first; parts without any mesh are left out behind it.
+    /// Links tied by fixed joints, as one rigid part each: the link nearest the root first. The part of the
+    /// root comes first; parts without any mesh are left out behind it.
     #[must_use]
     pub fn rigid_parts(&self) -> Vec<Vec<usize>> {
         let mut order: Vec<usize> = (0..self.links.len()).collect();
@@ -168,7 +176,12 @@ impl Tree {
             }
         }
         let has_mesh = |part: &Vec<usize>| part.iter().any(|&l| !self.links[l].visual.is_empty());
-        parts.into_iter().enumerate().filter(|(i, part)| *i == 0 || has_mesh(part)).map(|(_, part)| part).collect()
+        parts
+            .into_iter()
+            .enumerate()
+            .filter(|(i, part)| *i == 0 || has_mesh(part))
+            .map(|(_, part)| part)
+            .collect()
     }
 }
 
@@ -177,8 +190,10 @@ mod tests {
     use super::*;
 
     fn tree(links: &[&str], joints: &[(usize, usize, JointType)]) -> Result<Tree, TreeError> {
-        let links =
-            links.iter().map(|n| TreeLink { name: (*n).into(), visual: super::super::example::box_mesh([0.0; 3], [1.0; 3], [0; 3]) });
+        let links = links.iter().map(|n| TreeLink {
+            name: (*n).into(),
+            visual: super::super::example::box_mesh([0.0; 3], [1.0; 3], [0; 3]),
+        });
         let joints = joints.iter().enumerate().map(|(i, &(parent, child, kind))| TreeJoint {
             name: format!("j{i}"),
             kind,
@@ -196,13 +211,17 @@ mod tests {
         use JointType::Fixed as F;
         assert_eq!(tree(&["a", "b"], &[]).unwrap_err(), TreeError::Roots("a, b".into()));
         assert_eq!(tree(&["a"], &[(0, 0, F)]).unwrap_err(), TreeError::NoRoot);
-        assert_eq!(tree(&["a", "b"], &[(0, 1, F), (0, 1, F)]).unwrap_err(), TreeError::TwoParents("b".into()));
+        assert_eq!(
+            tree(&["a", "b"], &[(0, 1, F), (0, 1, F)]).unwrap_err(),
+            TreeError::TwoParents("b".into())
+        );
         assert_eq!(tree(&["a", "b", "c"], &[(1, 2, F), (2, 1, F)]).unwrap_err(), TreeError::Loop("b".into()));
     }
 
     #[test]
     fn poses_chain_and_mimics_follow() {
-        let mut t = tree(&["a", "b", "c"], &[(0, 1, JointType::Revolute), (1, 2, JointType::Prismatic)]).unwrap();
+        let mut t =
+            tree(&["a", "b", "c"], &[(0, 1, JointType::Revolute), (1, 2, JointType::Prismatic)]).unwrap();
         t.joints[1].mimic = Some(Mimic { joint: "j0".into(), multiplier: 2.0, offset: 0.5 });
         let q = BTreeMap::from([("j0".to_owned(), std::f64::consts::FRAC_PI_2)]);
         let p = t.world_from_link(2, &q).translation.vector;
@@ -211,7 +230,12 @@ mod tests {
 
     #[test]
     fn fixed_links_are_one_part_and_bare_links_none() {
-        let kinds = [(0, 3, JointType::Fixed), (3, 1, JointType::Continuous), (1, 2, JointType::Fixed), (0, 4, JointType::Revolute)];
+        let kinds = [
+            (0, 3, JointType::Fixed),
+            (3, 1, JointType::Continuous),
+            (1, 2, JointType::Fixed),
+            (0, 4, JointType::Revolute),
+        ];
         let mut t = tree(&["a", "b", "c", "d", "e"], &kinds).unwrap();
         assert_eq!(t.rigid_parts(), [vec![0, 3], vec![4], vec![1, 2]]);
         t.links[4].visual = TriangleMesh::default();

@@ -9,7 +9,7 @@ use crate::surface::TriangleMesh;
 
 /// Relative slack of the inertia checks: URDF text keeps nine digits.
 const INERTIA_SLACK: f64 = 1e-6;
-/// Slack of a limit against an observed position, radians or metres.
+/// Slack of a limit against an observed position, radians or meters.
 const LIMIT_SLACK: f64 = 1e-9;
 
 /// A defect of a model. One is enough not to export it.
@@ -29,9 +29,10 @@ impl std::fmt::Display for Finding {
 
 /// Everything wrong with a model, in the order of its links and joints; empty for one that can be exported.
 ///
-/// Checks names (`[A-Za-z][A-Za-z0-9_]*`, unique over links and joints together), meshes (not empty, finite, indices
-/// inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit), limits (finite, lower
-/// below upper, around the observed positions), the tree (every link reached from link 0 by one chain) and the states.
+/// Checks names (`[A-Za-z][A-Za-z0-9_]*`, unique over links and joints together), meshes (not empty, finite,
+/// indices inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit),
+/// limits (finite, lower below upper, around the observed positions), the tree (every link reached from link
+/// 0 by one chain) and the states.
 #[must_use]
 pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
     let mut found = Findings::default();
@@ -62,7 +63,10 @@ fn names(model: &ArticulatedModel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for name in std::iter::once(&model.name).chain(all.clone()) {
         if !is_plain_name(name) {
-            found.add(name, "the name must be letters, digits and _, begin with a letter and have 64 characters at most");
+            found.add(
+                name,
+                "the name must be letters, digits and _, begin with a letter and have 64 characters at most",
+            );
         }
     }
     for name in all {
@@ -112,8 +116,8 @@ fn inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
     }
 }
 
-/// Why no body has a finite inertia: a principal moment is negative, or larger than the other two together. A moment of 0 is that
-/// of a point or a rod.
+/// Why no body has a finite inertia: a principal moment is negative, or larger than the other two together. A
+/// moment of 0 is that of a point or a rod.
 #[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     let [a, b, c] = principal_moments(inertia);
@@ -167,7 +171,10 @@ fn tree(model: &ArticulatedModel, found: &mut Findings) {
             return;
         }
         if parent[joint.child].replace(joint.parent).is_some() {
-            found.add(&joint.name, format!("link {} is already the child of another joint", model.links[joint.child].name));
+            found.add(
+                &joint.name,
+                format!("link {} is already the child of another joint", model.links[joint.child].name),
+            );
         }
     }
     if parent[0].is_some() {
@@ -187,13 +194,19 @@ fn states(model: &ArticulatedModel, found: &mut Findings) {
     }
     for (k, positions) in model.states.iter().enumerate() {
         if positions.len() != model.joints.len() {
-            found.add(&model.name, format!("state {k} has {} positions for {} joints", positions.len(), model.joints.len()));
+            found.add(
+                &model.name,
+                format!("state {k} has {} positions for {} joints", positions.len(), model.joints.len()),
+            );
             continue;
         }
         for (q, joint) in positions.iter().zip(&model.joints) {
             let l = &joint.limit;
             if !(*q >= l.lower - LIMIT_SLACK && *q <= l.upper + LIMIT_SLACK) {
-                found.add(&joint.name, format!("position {q} in state {k} is outside the limits [{}, {}]", l.lower, l.upper));
+                found.add(
+                    &joint.name,
+                    format!("position {q} in state {k} is outside the limits [{}, {}]", l.lower, l.upper),
+                );
             }
         }
     }
@@ -222,8 +235,12 @@ mod tests {
         let cases: [(&str, fn(&mut ArticulatedModel)); 21] = [
             ("door: the mass is 0 kg", |m| m.links[1].inertial.mass_kg = 0.0),
             ("door: the mass is NaN kg", |m| m.links[1].inertial.mass_kg = f64::NAN),
-            ("break A + B >= C", |m| m.links[0].inertial.inertia = Matrix3::from_diagonal(&[1.0, 1.0, 2.5].into())),
-            ("principal moment -1.000e0", |m| m.links[0].inertial.inertia = Matrix3::from_diagonal(&[-1.0, 1.0, 1.0].into())),
+            ("break A + B >= C", |m| {
+                m.links[0].inertial.inertia = Matrix3::from_diagonal(&[1.0, 1.0, 2.5].into())
+            }),
+            ("principal moment -1.000e0", |m| {
+                m.links[0].inertial.inertia = Matrix3::from_diagonal(&[-1.0, 1.0, 1.0].into())
+            }),
             ("not symmetric", |m| m.links[0].inertial.inertia[(0, 1)] = 0.5),
             ("inertia is not finite", |m| m.links[0].inertial.inertia[(2, 2)] = f64::INFINITY),
             ("has length 2", |m| m.joints[0].axis = Unit::new_unchecked([0.0, 0.0, 2.0].into())),

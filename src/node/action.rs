@@ -25,7 +25,11 @@ type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 ///
 /// # Errors
 /// If the name cannot be used or the network refuses.
-pub fn offer<J: Job>(participant: &mut Participant, mapping: ServiceMapping, job: Arc<J>) -> Result<(), NodeError> {
+pub fn offer<J: Job>(
+    participant: &mut Participant,
+    mapping: ServiceMapping,
+    job: Arc<J>,
+) -> Result<(), NodeError> {
     let name = participant.name(J::NAME)?;
     let qos = ActionServerQosPolicies {
         goal_service: reliable(DEPTH),
@@ -64,7 +68,8 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
                     match accept::<J>(&server, new).await {
                         Ok(goal) => {
                             let (status, result) = execute(&server, &job, &goal, request).await;
-                            ended = Some(Ended { goal, status, result, until: tokio::time::Instant::now() + RESULT_WAIT });
+                            let until = tokio::time::Instant::now() + RESULT_WAIT;
+                            ended = Some(Ended { goal, status, result, until });
                         }
                         Err(error) => log::warn!("{}: the goal was not accepted: {error}", J::NAME),
                     }
@@ -82,15 +87,22 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
     }
 }
 
-async fn accept<J: Job>(server: &Server<J>, new: NewGoalHandle<J::Goal>) -> Result<Goal<J>, String> {
-    let accepted = server.accept_goal(new).await.map_err(|e| format!("{e:?}"))?;
-    server.start_executing_goal(accepted).await.map_err(|e| format!("{e:?}"))
+/// What the middleware says of a goal that it does not accept.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct NotAccepted(String);
+
+async fn accept<J: Job>(server: &Server<J>, new: NewGoalHandle<J::Goal>) -> Result<Goal<J>, NotAccepted> {
+    let accepted = server.accept_goal(new).await.map_err(|e| NotAccepted(format!("{e:?}")))?;
+    server.start_executing_goal(accepted).await.map_err(|e| NotAccepted(format!("{e:?}")))
 }
 
 /// Waits for the client to ask for its result, and sends it.
 async fn deliver<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
     let Some(Ended { goal, status, result, until }) = ended else { return };
-    match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone())).await {
+    match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone()))
+        .await
+    {
         Ok(Ok(())) => {}
         Ok(Err(error)) => log::warn!("{}: the result was not sent: {error:?}", J::NAME),
         Err(_) => {
@@ -101,10 +113,15 @@ async fn deliver<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
 }
 
 /// Runs a goal to its end; meanwhile other goals are rejected and cancels are heard.
-async fn execute<J: Job>(server: &Server<J>, job: &Arc<J>, goal: &Goal<J>, request: J::Goal) -> (GoalEndStatus, J::Result) {
+async fn execute<J: Job>(
+    server: &Server<J>,
+    job: &Arc<J>,
+    goal: &Goal<J>,
+    request: J::Goal,
+) -> (GoalEndStatus, J::Result) {
     let mut work = match job.begin(&request) {
         Ok(work) => work,
-        Err(message) => return outcome::<J>(Finished::Failed(message)),
+        Err(error) => return outcome::<J>(Finished::Failed(error.to_string())),
     };
     loop {
         tokio::select! {

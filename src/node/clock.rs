@@ -33,7 +33,9 @@ impl NodeClock {
                 UNKNOWN => 0,
                 nanos => nanos,
             },
-            None => SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0)),
+            None => SystemTime::now()
+                .duration_since(UNIX_EPOCH)
+                .map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0)),
         }
     }
 

@@ -1,5 +1,5 @@
-//! The one place that owns the collector: messages and commands go in, answers and events come out. It runs on a thread of
-//! its own, as decoding and writing take time.
+//! The one place that owns the collector: messages and commands go in, answers and events come out. It runs
+//! on a thread of its own, as decoding and writing take time.
 
 use std::{
     path::{Path, PathBuf},
@@ -11,6 +11,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::{
     clock::NodeClock,
+    collect_error::CollectError,
     collector::{Collector, Phase, Seen},
     counts::Counts,
     motion_watch::{MotionWatch, Turn},
@@ -18,7 +19,6 @@ use super::{
     sample::Sample,
     session_lock::SessionLock,
 };
-use crate::run::chain;
 
 /// Images that wait for the core.
 pub const IMAGE_QUEUE: usize = 16;
@@ -30,13 +30,13 @@ const FLUSH_EVERY: Duration = Duration::from_secs(1);
 /// What is asked of the core.
 pub enum Command {
     /// Begins a state.
-    Start(usize, oneshot::Sender<Result<(), String>>),
+    Start(usize, oneshot::Sender<Result<(), CollectError>>),
     /// Ends a state; the number of views kept.
-    Finish(usize, oneshot::Sender<Result<usize, String>>),
+    Finish(usize, oneshot::Sender<Result<usize, CollectError>>),
     /// Forgets everything and goes on in another folder.
-    Reset(PathBuf, oneshot::Sender<Result<(), String>>),
+    Reset(PathBuf, oneshot::Sender<Result<(), CollectError>>),
     /// Puts everything on the disk.
-    Flush(oneshot::Sender<Result<(), String>>),
+    Flush(oneshot::Sender<Result<(), CollectError>>),
     /// The time went back.
     TimeJump,
     /// Ends the core: what is open is closed.
@@ -80,15 +80,15 @@ impl Snapshot {
     /// The recordings of both states.
     ///
     /// # Errors
-    /// A sentence about the states that lack views.
-    pub fn both(&self) -> Result<[PathBuf; 2], String> {
+    /// States that lack views.
+    pub fn both(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
-            return Err(format!("state {state} is being collected; finish it first"));
+            return Err(CollectError::Collecting(state));
         }
         match &self.recordings {
             [Some(state0), Some(state1)] => Ok([state0.clone(), state1.clone()]),
-            [None, None] => Err("states 0 and 1 have no views; collect them with start_state and finish_state".into()),
-            [state0, _] => Err(format!("state {} has no views; collect it with start_state and finish_state", u8::from(state0.is_some()))),
+            [None, None] => Err(CollectError::NoStates),
+            [state0, _] => Err(CollectError::Missing(u8::from(state0.is_some()))),
         }
     }
 }
@@ -109,7 +109,8 @@ impl Shared {
         guard(&self.snapshot).clone()
     }
 
-    /// Says that a run reads the session, until what is given is dropped; until then no state begins and none is left.
+    /// Says that a run reads the session, until what is given is dropped; until then no state begins and none
+    /// is left.
     pub fn read_session(self: &Arc<Self>) -> ReadSession {
         *guard(&self.read) = true;
         ReadSession(Arc::clone(self))
@@ -167,7 +168,8 @@ pub struct Inbox {
 }
 
 impl Core {
-    /// A core about a collector and the right to its session; with a watch the states begin and end by themselves.
+    /// A core about a collector and the right to its session; with a watch the states begin and end by
+    /// themselves.
     #[must_use]
     pub fn new(
         (collector, lock): (Collector, SessionLock),
@@ -177,7 +179,18 @@ impl Core {
         shared: Arc<Shared>,
     ) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
-        Self { collector, lock, watch, cloud, cloud_points, cloud_version: 0, clock, shared, last_state: 0, flushed: Instant::now() }
+        Self {
+            collector,
+            lock,
+            watch,
+            cloud,
+            cloud_points,
+            cloud_version: 0,
+            clock,
+            shared,
+            last_state: 0,
+            flushed: Instant::now(),
+        }
     }
 
     /// Works until it is stopped or everybody is gone.
@@ -224,7 +237,7 @@ impl Core {
                 let reset = self.unless_read(|core| core.reset(&session));
                 answer.send(reset).ok();
             }
-            Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(|e| e.to_string())),
+            Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(CollectError::from)),
             Command::TimeJump => {
                 log::warn!("time went back: what waited was dropped");
                 self.collector.jump_back(self.clock.now_nanos());
@@ -235,27 +248,30 @@ impl Core {
     }
 
     /// Changes the session, unless a run reads it.
-    fn unless_read(&mut self, change: impl FnOnce(&mut Self) -> Result<(), String>) -> Result<(), String> {
+    fn unless_read(
+        &mut self,
+        change: impl FnOnce(&mut Self) -> Result<(), CollectError>,
+    ) -> Result<(), CollectError> {
         let shared = Arc::clone(&self.shared);
         let read = guard(&shared.read);
         if *read {
-            return Err("a reconstruction reads the session; wait for its end, or cancel it".into());
+            return Err(CollectError::Read);
         }
         let changed = change(self);
         self.publish();
         changed
     }
 
-    fn reset(&mut self, session: &Path) -> Result<(), String> {
-        let lock = SessionLock::take(session).map_err(|e| chain(&e))?;
+    fn reset(&mut self, session: &Path) -> Result<(), CollectError> {
+        let lock = SessionLock::take(session)?;
         self.watch = self.watch.take().map(MotionWatch::renewed);
         self.cloud = PreviewCloud::new(self.cloud_points);
-        let reset = self.collector.reset(session).map_err(|e| e.to_string());
+        let reset = self.collector.reset(session);
         self.lock = lock;
-        reset
+        Ok(reset?)
     }
 
-    fn start(&mut self, state: usize) -> Result<(), String> {
+    fn start(&mut self, state: usize) -> Result<(), CollectError> {
         self.collector.start(state)?;
         self.last_state = state;
         self.cloud = PreviewCloud::new(self.cloud_points);

@@ -1,5 +1,5 @@
-//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps the views that are new and
-//! writes them to a bag as they come. It knows no middleware and no clock.
+//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps the views that
+//! are new and writes them to a bag as they come. It knows no middleware and no clock.
 
 use std::{
     collections::VecDeque,
@@ -7,6 +7,7 @@ use std::{
 };
 
 use super::{
+    collect_error::CollectError,
     counts::Counts,
     keyframes::{KeyframeRule, Keyframes, Verdict},
     live_tf::LiveTf,
@@ -170,15 +171,15 @@ impl Collector {
     /// Begins to collect a state. What was collected of it before is kept under another name.
     ///
     /// # Errors
-    /// A sentence: another state is being collected, or the disk refuses.
-    pub fn start(&mut self, state: usize) -> Result<(), String> {
+    /// Another state is being collected, or the disk refuses.
+    pub fn start(&mut self, state: usize) -> Result<(), CollectError> {
         if state > 1 {
-            return Err(format!("there is no state {state}; give 0 or 1"));
+            return Err(CollectError::NoState(state));
         }
         if let Phase::Collecting(other) = self.phase {
-            return Err(format!("state {other} is being collected; finish it first"));
+            return Err(CollectError::Collecting(other));
         }
-        let bag = StateBag::create(&self.session, state, self.settings.topics.clone()).map_err(|e| e.to_string())?;
+        let bag = StateBag::create(&self.session, state, self.settings.topics.clone())?;
         self.before = (self.finished[state].take(), std::mem::take(&mut self.keyframes[state]));
         self.waiting.clear();
         self.held.clear();
@@ -187,36 +188,37 @@ impl Collector {
         Ok(())
     }
 
-    /// Ends the state being collected; the number of views kept. Without views it is as if the state had not begun.
+    /// Ends the state being collected; the number of views kept. Without views it is as if the state had not
+    /// begun.
     ///
     /// # Errors
-    /// A sentence: that state is not being collected, nothing was kept, or the disk refuses.
-    pub fn finish(&mut self, state: usize) -> Result<usize, String> {
+    /// That state is not being collected, nothing was kept, or the disk refuses.
+    pub fn finish(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
-                Phase::Idle => format!("state {state} is not being collected; start it first"),
-                Phase::Collecting(other) => format!("state {other} is being collected, not {state}"),
+                Phase::Idle => CollectError::NotCollecting(state),
+                Phase::Collecting(collecting) => CollectError::Other { collecting, asked: state },
             });
         }
         let kept = self.keyframes[state].len();
         if kept == 0 {
             let why = self.why_nothing();
             self.abandon(state)?;
-            return Err(format!("no view of state {state} was kept, so it does not count; {why}"));
+            return Err(CollectError::NoView { state, why });
         }
-        self.write_held(0).map_err(|e| e.to_string())?;
-        let Some(bag) = self.bag.take() else { return Err("no recording is open".into()) };
+        self.write_held(0)?;
+        let Some(bag) = self.bag.take() else { return Err(CollectError::NoRecording) };
         self.phase = Phase::Idle;
-        self.finished[state] = Some(bag.finish().map_err(|e| e.to_string())?);
+        self.finished[state] = Some(bag.finish()?);
         Ok(kept)
     }
 
     /// Takes back that a state was begun.
-    fn abandon(&mut self, state: usize) -> Result<(), String> {
+    fn abandon(&mut self, state: usize) -> Result<(), BagWriteError> {
         self.phase = Phase::Idle;
         let (finished, keyframes) = std::mem::take(&mut self.before);
         if let Some(bag) = self.bag.take() {
-            bag.abandon().map_err(|e| e.to_string())?;
+            bag.abandon()?;
         }
         (self.finished[state], self.keyframes[state]) = (finished, keyframes);
         Ok(())
@@ -235,7 +237,14 @@ impl Collector {
         while self.held.len() > left {
             let (Some(held), Some(bag)) = (self.held.pop_front(), &mut self.bag) else { break };
             let infos = self.infos.each_ref().map(Option::as_ref);
-            bag.write(&held.view, infos, self.tf.fixed(), held.around, self.tf.overridden.as_deref(), held.now_nanos)?;
+            bag.write(
+                &held.view,
+                infos,
+                self.tf.fixed(),
+                held.around,
+                self.tf.overridden.as_deref(),
+                held.now_nanos,
+            )?;
         }
         Ok(())
     }
@@ -245,8 +254,13 @@ impl Collector {
         let t = &self.settings.topics;
         let (matched, unmatched) = self.matches();
         match () {
-            () if unmatched == [0; 3] && matched == 0 => format!("no images came on {} and {}", t.color, t.depth),
-            () if matched == 0 => format!("images on {} and {} do not belong together: {unmatched:?} without partner", t.color, t.depth),
+            () if unmatched == [0; 3] && matched == 0 => {
+                format!("no images came on {} and {}", t.color, t.depth)
+            }
+            () if matched == 0 => format!(
+                "images on {} and {} do not belong together: {unmatched:?} without partner",
+                t.color, t.depth
+            ),
             () if self.infos[0].is_none() => format!("no camera_info came on {}", t.color_info),
             () => self.problem.clone().unwrap_or_else(|| "no camera pose was found".into()),
         }
@@ -257,7 +271,8 @@ impl Collector {
     /// # Errors
     /// If the recording that is open cannot be closed.
     pub fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
-        let kept_something = matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
+        let kept_something =
+            matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
         let tf = std::mem::take(&mut self.tf);
         let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
@@ -277,12 +292,17 @@ impl Collector {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
-    /// Takes a message that was received at a time (nanoseconds); the views that it completed. With `pixels`, every view is
-    /// decoded, else only those that are kept.
+    /// Takes a message that was received at a time (nanoseconds); the views that it completed. With `pixels`,
+    /// every view is decoded, else only those that are kept.
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
-    pub fn accept(&mut self, sample: Sample, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
+    pub fn accept(
+        &mut self,
+        sample: Sample,
+        now_nanos: i64,
+        pixels: bool,
+    ) -> Result<Vec<Seen>, BagWriteError> {
         if let Err(refusal) = sample.check() {
             self.counts.refuse(refusal);
             // A message with one broken transform holds others.
@@ -318,7 +338,9 @@ impl Collector {
         if role == 0 {
             if stamp < self.newest_nanos.saturating_sub(JUMP_NANOS) {
                 let back = stamp_secs(self.newest_nanos - stamp);
-                self.problem = Some(format!("the stamps of the images went back by {back:.3} s; what waited was dropped"));
+                self.problem = Some(format!(
+                    "the stamps of the images went back by {back:.3} s; what waited was dropped"
+                ));
                 self.jump_back(stamp);
             }
             self.newest_nanos = self.newest_nanos.max(stamp);
@@ -332,7 +354,8 @@ impl Collector {
         }
     }
 
-    /// The time went back to this: forgets the images that wait and the transforms that change, where they are later.
+    /// The time went back to this: forgets the images that wait and the transforms that change, where they
+    /// are later.
     pub fn jump_back(&mut self, now_nanos: i64) {
         let latest = now_nanos.saturating_add(self.settings.slop_nanos);
         self.counts.jumps += 1;
@@ -366,9 +389,15 @@ impl Collector {
         let mut seen = Vec::new();
         let mut still = VecDeque::new();
         while let Some(set) = self.waiting.pop_front() {
-            let optical = set.images[0].as_ref().and_then(|p| p.header().checked()).map(|(_, frame)| frame).unwrap_or_default();
+            let optical = set.images[0]
+                .as_ref()
+                .and_then(|p| p.header().checked())
+                .map(|(_, frame)| frame)
+                .unwrap_or_default();
             let world = self.settings.world_frame.clone().or_else(|| self.tf.moving_root(&optical));
-            let pose = world.as_ref().map(|w| self.tf.lookup(w, &optical, set.stamp_nanos, self.settings.max_gap_nanos));
+            let pose = world
+                .as_ref()
+                .map(|w| self.tf.lookup(w, &optical, set.stamp_nanos, self.settings.max_gap_nanos));
             match pose {
                 Some(Ok(world_from_camera)) if self.infos[0].is_some() => {
                     self.world_frame = world;
@@ -380,7 +409,10 @@ impl Collector {
                     if let Some(Err(error)) = other {
                         self.problem = Some(error.to_string());
                     } else if world.is_none() {
-                        self.problem = Some(format!("frame `{optical}` has no moving parent on /tf; name a pose_topic or a world_frame"));
+                        self.problem = Some(format!(
+                            "frame `{optical}` has no moving parent on /tf; name a pose_topic or a \
+                             world_frame"
+                        ));
                     }
                     still.push_back(set);
                 }
@@ -391,20 +423,32 @@ impl Collector {
     }
 
     /// Keeps a view that is new.
-    fn judge(&mut self, view: View, optical: &str, now_nanos: i64, pixels: bool) -> Result<Option<Seen>, BagWriteError> {
+    fn judge(
+        &mut self,
+        view: View,
+        optical: &str,
+        now_nanos: i64,
+        pixels: bool,
+    ) -> Result<Option<Seen>, BagWriteError> {
         let Some(info) = self.infos[0].clone() else { return Ok(None) };
         let verdict = match self.phase {
-            Phase::Collecting(state) => self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule),
+            Phase::Collecting(state) => {
+                self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule)
+            }
             Phase::Idle => Verdict::Known,
         };
         let keep = verdict == Verdict::Keep;
         let decoded = if keep || pixels {
             let t = &self.settings.topics;
-            match view.decode(&info, &t.color_info, [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()]) {
+            match view.decode(
+                &info,
+                &t.color_info,
+                [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()],
+            ) {
                 Ok(pixels) => Some(pixels),
                 Err(why) => {
                     self.counts.broken += 1;
-                    self.problem = Some(why);
+                    self.problem = Some(why.to_string());
                     return Ok(None);
                 }
             }
@@ -412,7 +456,12 @@ impl Collector {
             None
         };
         self.counts.judged(verdict, self.phase != Phase::Idle);
-        let seen = Seen { stamp_nanos: view.stamp_nanos, world_from_camera: view.world_from_camera, pixels: decoded, kept: keep };
+        let seen = Seen {
+            stamp_nanos: view.stamp_nanos,
+            world_from_camera: view.world_from_camera,
+            pixels: decoded,
+            kept: keep,
+        };
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {
             self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
             let around = self.tf.around(optical, view.stamp_nanos);

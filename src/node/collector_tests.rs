@@ -1,7 +1,5 @@
 //! The collector fed with the messages of a shipped recording, without a network.
 
-use std::path::Path;
-
 use super::*;
 use crate::{
     capture::CaptureConfig,
@@ -9,6 +7,7 @@ use crate::{
         self,
         ros2msg::{CompressedImage, Image, TfMessage, decode},
     },
+    temp::Temp,
 };
 
 const COLOR: &str = "/camera/camera/color/image_raw/compressed";
@@ -16,23 +15,6 @@ const DEPTH: &str = "/camera/camera/aligned_depth_to_color/image_raw/compressedD
 const COLOR_INFO: &str = "/camera/camera/color/camera_info";
 const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
 const MASK: &str = "/object_mask";
-
-/// Removes its folder.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("artitwin-{name}-{}", std::process::id()));
-        std::fs::remove_dir_all(&path).ok();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).ok();
-    }
-}
 
 fn shipped(state: usize) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("bags/drawer/state{state}"))
@@ -87,14 +69,14 @@ fn feed(collector: &mut Collector, state: usize) -> usize {
 
 #[test]
 fn what_is_collected_has_the_frames_of_the_recording() {
-    let folder = Folder::new("collector");
+    let folder = Temp::new("collector");
     let mut collector = Collector::new(settings(), &folder.0);
-    assert!(collector.finish(0).unwrap_err().contains("not being collected"));
+    assert!(collector.finish(0).unwrap_err().to_string().contains("not being collected"));
     for state in 0..2 {
         collector.start(state).unwrap();
-        assert!(collector.start(state).unwrap_err().contains("finish it first"));
+        assert!(collector.start(state).unwrap_err().to_string().contains("finish it first"));
         feed(&mut collector, state);
-        assert_eq!(collector.finish(state), Ok(16));
+        assert_eq!(collector.finish(state).unwrap(), 16);
     }
     assert_eq!((collector.kept(), collector.matches()), ([16, 16], (32, [0; 3])));
     assert_eq!(collector.world_frame.as_deref(), Some("world"));
@@ -113,18 +95,21 @@ fn what_is_collected_has_the_frames_of_the_recording() {
 
 #[test]
 fn a_state_that_ends_without_views_does_not_count() {
-    let folder = Folder::new("collector-empty");
+    let folder = Temp::new("collector-empty");
     let names = || {
-        let mut names: Vec<_> = std::fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        let mut names: Vec<_> = std::fs::read_dir(&folder.0)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
         names.sort();
         names
     };
     let mut collector = Collector::new(settings(), &folder.0);
     // As if never started.
     collector.start(0).unwrap();
-    assert!(collector.finish(0).unwrap_err().contains("no view of state 0 was kept"));
+    assert!(collector.finish(0).unwrap_err().to_string().contains("no view of state 0 was kept"));
     assert_eq!((collector.phase(), collector.recordings(), names()), (Phase::Idle, [None, None], vec![]));
-    assert!(collector.finish(0).unwrap_err().contains("not being collected"));
+    assert!(collector.finish(0).unwrap_err().to_string().contains("not being collected"));
     // What was there before counts again.
     collector.start(0).unwrap();
     feed(&mut collector, 0);
@@ -147,7 +132,7 @@ fn a_state_that_ends_without_views_does_not_count() {
 
 #[test]
 fn known_views_and_a_second_replay_add_nothing() {
-    let folder = Folder::new("collector-again");
+    let folder = Temp::new("collector-again");
     let mut collector = Collector::new(settings(), &folder.0);
     collector.start(0).unwrap();
     feed(&mut collector, 0);
@@ -155,25 +140,30 @@ fn known_views_and_a_second_replay_add_nothing() {
     feed(&mut collector, 0);
     assert_eq!(collector.kept()[0], 16);
     assert!(collector.counts.jumps >= 1 && collector.counts.late > 0, "{:?}", collector.counts);
-    assert_eq!(collector.finish(0), Ok(16));
+    assert_eq!(collector.finish(0).unwrap(), 16);
     let recordings = std::fs::read_dir(&folder.0).unwrap().count();
     collector.start(0).unwrap();
-    assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), recordings + 1, "what was collected before is kept");
+    assert_eq!(
+        std::fs::read_dir(&folder.0).unwrap().count(),
+        recordings + 1,
+        "what was collected before is kept"
+    );
     feed(&mut collector, 0);
     assert_eq!(collector.kept()[0], 16, "the transforms before the first image after a jump are there");
 }
 
 #[test]
 fn without_poses_or_partners_the_answer_says_what_is_missing() {
-    let folder = Folder::new("collector-missing");
+    let folder = Temp::new("collector-missing");
     let mut collector = Collector::new(settings(), &folder.0);
     collector.start(0).unwrap();
-    assert!(collector.finish(0).unwrap_err().contains(COLOR));
+    assert!(collector.finish(0).unwrap_err().to_string().contains(COLOR));
     collector.start(0).unwrap();
     let samples = samples(0);
-    let without_tf = samples.iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_) | Sample::StaticTransforms(_)));
+    let without_tf =
+        samples.iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_) | Sample::StaticTransforms(_)));
     without_tf.for_each(|(time, s)| assert!(collector.accept(s.clone(), *time, false).unwrap().is_empty()));
-    let why = collector.finish(0).unwrap_err();
+    let why = collector.finish(0).unwrap_err().to_string();
     assert!(why.contains("/tf"), "{why}");
     assert_eq!(collector.waiting(), (0, 16));
     collector.reset(&folder.0.join("next")).unwrap();
@@ -182,7 +172,7 @@ fn without_poses_or_partners_the_answer_says_what_is_missing() {
 
 #[test]
 fn broken_images_are_counted_and_not_kept() {
-    let folder = Folder::new("collector-broken");
+    let folder = Temp::new("collector-broken");
     let mut collector = Collector::new(settings(), &folder.0);
     collector.start(0).unwrap();
     let mut count = 0;
@@ -197,7 +187,7 @@ fn broken_images_are_counted_and_not_kept() {
         }
         collector.accept(sample, time, false).unwrap();
     }
-    assert_eq!(collector.finish(0), Ok(14));
+    assert_eq!(collector.finish(0).unwrap(), 14);
     assert_eq!((collector.counts.broken, collector.counts.bad_header), (1, 1));
     assert_eq!(collector.matches().1[0], 1, "its color image has no partner");
 }

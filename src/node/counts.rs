@@ -48,9 +48,15 @@ impl Counts {
         }
     }
 
-    /// What stays after a reset: refusals and jumps, which tell of the neighbours.
+    /// What stays after a reset: refusals and jumps, which concern the neighbors.
     #[must_use]
     pub fn after_reset(self) -> Self {
-        Self { bad_header: self.bad_header, bad_size: self.bad_size, bad_value: self.bad_value, jumps: self.jumps, ..Self::default() }
+        Self {
+            bad_header: self.bad_header,
+            bad_size: self.bad_size,
+            bad_value: self.bad_value,
+            jumps: self.jumps,
+            ..Self::default()
+        }
     }
 }

@@ -11,15 +11,19 @@ use tokio::sync::watch;
 
 use super::{
     collection::Shared,
+    goal_error::{GoalError, MAX_RUNS},
     job::{Finished, Job, Work},
     last_results::note_report,
-    reconstruction::Twin,
-    session::free_folder,
+    session_folder::free_folder,
+    twin::Twin,
 };
 use crate::{
-    gap::{drive::Hold, tracks::Streams, twin_tree::Motion},
+    gap::{
+        record::{drive::Hold, tracks::Streams},
+        twin_tree::Motion,
+    },
     io::{
-        read_gap_report, read_twin,
+        GapReportError, read_gap_report, read_twin,
         ros2msg::gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapReport},
     },
     run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError},
@@ -29,14 +33,12 @@ impl Message for DiagnoseGoal {}
 impl Message for DiagnoseResult {}
 impl Message for DiagnoseFeedback {}
 
-/// Most bags of one goal.
-const MAX_RUNS: usize = 1000;
 /// Gravity where a goal gives none, m/s^2.
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Diagnoses twins.
 pub struct Diagnoser {
-    /// What the core tells.
+    /// What the core shares.
     pub shared: Arc<Shared>,
     /// The twin that the node made last.
     pub twins: watch::Receiver<Option<Arc<Twin>>>,
@@ -51,9 +53,12 @@ impl Job for Diagnoser {
     const NAME: &'static str = "~/diagnose";
     const TYPE: &'static str = "Diagnose";
 
-    fn begin(self: &Arc<Self>, goal: &DiagnoseGoal) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, String> {
+    fn begin(
+        self: &Arc<Self>,
+        goal: &DiagnoseGoal,
+    ) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, GoalError> {
         let request = self.request(goal)?;
-        let (tree, _) = read_twin(&request.twin, request.gravity).map_err(|e| e.to_string())?;
+        let (tree, _) = read_twin(&request.twin, request.gravity)?;
         let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
         let mut progress = JointProgress::new(joints);
         let this = Arc::clone(self);
@@ -69,16 +74,18 @@ impl Job for Diagnoser {
 }
 
 impl Diagnoser {
-    fn request(&self, goal: &DiagnoseGoal) -> Result<DiagnoseRequest, String> {
+    fn request(&self, goal: &DiagnoseGoal) -> Result<DiagnoseRequest, GoalError> {
         if goal.runs.is_empty() || goal.runs.len() + goal.held_out.len() > MAX_RUNS {
-            return Err(format!("{} runs; give 1 to {MAX_RUNS} bags", goal.runs.len() + goal.held_out.len()));
+            return Err(GoalError::Runs(goal.runs.len() + goal.held_out.len()));
         }
         if goal.gravity.iter().any(|g| !g.is_finite()) {
-            return Err("gravity is not a number".into());
+            return Err(GoalError::Gravity);
         }
-        let made = || self.twins.borrow().as_ref().map(|t| t.summary.folder.join(format!("{}.urdf", t.summary.name)));
+        let made = || {
+            self.twins.borrow().as_ref().map(|t| t.summary.folder.join(format!("{}.urdf", t.summary.name)))
+        };
         let twin = match goal.twin.as_str() {
-            "" => made().ok_or("no twin was made yet; name a URDF")?,
+            "" => made().ok_or(GoalError::NoTwin)?,
             path => PathBuf::from(path),
         };
         let paths = |list: &[String]| list.iter().map(PathBuf::from).collect();
@@ -97,7 +104,11 @@ impl Diagnoser {
         })
     }
 
-    fn finish(&self, request: &DiagnoseRequest, result: Result<DiagnoseOutcome, RunError>) -> Finished<DiagnoseResult> {
+    fn finish(
+        &self,
+        request: &DiagnoseRequest,
+        result: Result<DiagnoseOutcome, RunError>,
+    ) -> Finished<DiagnoseResult> {
         let outcome = match result {
             Ok(outcome) => outcome,
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
@@ -106,17 +117,18 @@ impl Diagnoser {
         match report(&outcome, &request.twin) {
             Ok(report) => {
                 log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
-                let (message, folder, verdict) = (report.summary.clone(), report.folder.clone(), report.verdict.clone());
+                let (message, folder, verdict) =
+                    (report.summary.clone(), report.folder.clone(), report.verdict.clone());
                 note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));
                 Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
             }
-            Err(why) => Finished::Failed(why),
+            Err(error) => Finished::Failed(error.to_string()),
         }
     }
 }
 
-fn report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, String> {
+fn report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, GapReportError> {
     let report = read_gap_report(&outcome.folder)?;
     Ok(GapReport { twin: twin.display().to_string(), summary: outcome.summary.clone(), ..report })
 }

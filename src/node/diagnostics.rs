@@ -85,14 +85,23 @@ impl Diagnostics {
             ("device", format!("cpu engine ({})", InstructionSet::detect().name())),
             ("threads", std::thread::available_parallelism().map_or(0, usize::from).to_string()),
         ];
-        let message = memory.map_or_else(|| "memory unknown".into(), |b| format!("{:.0} MB resident", b as f64 / 1e6));
+        let message =
+            memory.map_or_else(|| "memory unknown".into(), |b| format!("{:.0} MB resident", b as f64 / 1e6));
         status(&self.node, "machine", OK, message, &values)
     }
 }
 
-fn input_status(node: &str, input: &Input, now: InputSnapshot, last: InputSnapshot, seconds: f64) -> DiagnosticStatus {
+fn input_status(
+    node: &str,
+    input: &Input,
+    now: InputSnapshot,
+    last: InputSnapshot,
+    seconds: f64,
+) -> DiagnosticStatus {
     let rate_hz = (now.received - last.received) as f64 / seconds;
-    let bad = (now.lost - last.lost.min(now.lost)) + (now.malformed - last.malformed) + (now.overrun - last.overrun);
+    let bad = (now.lost - last.lost.min(now.lost))
+        + (now.malformed - last.malformed)
+        + (now.overrun - last.overrun);
     let (level, message) = match () {
         () if bad > 0 => (WARN, format!("{bad} messages lost, malformed or dropped since the last report")),
         () if now.received == 0 => (STALE, "nothing came yet".into()),
@@ -140,7 +149,12 @@ mod tests {
         let count = Arc::new(InputCount::default());
         let input = Input { role: "color", topic: "/c".into(), count: Arc::clone(&count) };
         let mut diagnostics = Diagnostics::new("/artitwin", vec![input]);
-        let mut report = |secs| diagnostics.array(Time::default(), Duration::from_secs(secs), &Snapshot::default()).status.swap_remove(0);
+        let mut report = |secs| {
+            diagnostics
+                .array(Time::default(), Duration::from_secs(secs), &Snapshot::default())
+                .status
+                .swap_remove(0)
+        };
         assert_eq!(report(1).level, STALE);
         (1..=60).for_each(|s| count.receive([0; 16], s));
         let status = report(2);
@@ -154,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_told_on_linux() {
+    fn memory_is_known_on_linux() {
         if cfg!(target_os = "linux") {
             assert!(resident_bytes().unwrap() > 1 << 20);
         }

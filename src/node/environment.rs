@@ -11,7 +11,7 @@ pub struct Environment {
     pub domain: u16,
     /// Whether only this machine is talked to.
     pub localhost: bool,
-    /// The middleware that the neighbours use, where it is told.
+    /// The middleware that the neighbors use, where it is known.
     pub middleware: Option<String>,
     /// What is odd.
     pub warnings: Vec<String>,
@@ -25,7 +25,8 @@ pub enum EnvironmentError {
     Domain(String),
     /// Security is enforced but not there.
     #[error(
-        "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but this build has no DDS security; \
+        "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but this build has no DDS \
+         security; \
          run it in a domain without security, or unset these variables"
     )]
     Security,
@@ -41,26 +42,37 @@ impl Environment {
         let mut warnings = Vec::new();
         let domain = match get("ROS_DOMAIN_ID") {
             None => 0,
-            Some(text) => text.trim().parse().ok().filter(|d| *d <= 232).ok_or(EnvironmentError::Domain(text))?,
+            Some(text) => {
+                text.trim().parse().ok().filter(|d| *d <= 232).ok_or(EnvironmentError::Domain(text))?
+            }
         };
         if get("ROS_SECURITY_ENABLE").is_some_and(|v| v.eq_ignore_ascii_case("true")) {
             if get("ROS_SECURITY_STRATEGY").is_some_and(|v| v.eq_ignore_ascii_case("enforce")) {
                 return Err(EnvironmentError::Security);
             }
-            warnings.push("ROS_SECURITY_ENABLE is true, but this build has no DDS security: it talks in the clear".into());
+            warnings.push(
+                "ROS_SECURITY_ENABLE is true, but this build has no DDS security: it talks in the clear"
+                    .into(),
+            );
         }
-        let localhost = match (get("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref(), get("ROS_LOCALHOST_ONLY").as_deref()) {
-            (_, Some("1")) | (Some("LOCALHOST"), _) => true,
-            (Some("SUBNET" | "SYSTEM_DEFAULT"), _) | (None, Some("0")) => false,
-            (None, _) => true,
-            (Some(other), _) => {
-                warnings.push(format!("ROS_AUTOMATIC_DISCOVERY_RANGE={other} is not supported: only this machine is talked to"));
-                true
-            }
-        };
+        let localhost =
+            match (get("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref(), get("ROS_LOCALHOST_ONLY").as_deref()) {
+                (_, Some("1")) | (Some("LOCALHOST"), _) => true,
+                (Some("SUBNET" | "SYSTEM_DEFAULT"), _) | (None, Some("0")) => false,
+                (None, _) => true,
+                (Some(other), _) => {
+                    warnings.push(format!(
+                    "ROS_AUTOMATIC_DISCOVERY_RANGE={other} is not supported: only this machine is talked to"
+                ));
+                    true
+                }
+            };
         let middleware = get("RMW_IMPLEMENTATION");
         if middleware.as_deref().is_some_and(|m| m.contains("zenoh")) {
-            warnings.push("RMW_IMPLEMENTATION names zenoh, but this node speaks DDS: its neighbours will not see it".into());
+            warnings.push(
+                "RMW_IMPLEMENTATION names zenoh, but this node speaks DDS: its neighbors will not see it"
+                    .into(),
+            );
         }
         Ok(Self { domain, localhost, middleware, warnings })
     }
@@ -71,7 +83,7 @@ impl Environment {
         self.localhost.then_some([IpAddr::V4(Ipv4Addr::LOCALHOST)])
     }
 
-    /// How service requests are told apart on the wire, which differs between middlewares.
+    /// How service requests are distinguished on the wire, which differs between middlewares.
     #[must_use]
     pub fn service_mapping(&self, parameter: &str) -> ServiceMapping {
         let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));
@@ -96,7 +108,11 @@ mod tests {
         assert!(read(&[]).unwrap().localhost);
         assert!(!read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")]).unwrap().localhost);
         assert!(!read(&[("ROS_LOCALHOST_ONLY", "0")]).unwrap().localhost);
-        assert!(read(&[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")]).unwrap().localhost);
+        assert!(
+            read(&[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")])
+                .unwrap()
+                .localhost
+        );
         let off = read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]).unwrap();
         assert!(off.localhost && off.warnings[0].contains("OFF"));
     }

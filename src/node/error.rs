@@ -1,6 +1,9 @@
 //! Why the node does not start, or ends.
 
-use super::{environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError, session_lock::SessionLockError};
+use super::{
+    environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError, ros_names::NameError,
+    session_lock::SessionLockError,
+};
 use crate::{config::ConfigError, io::BagWriteError};
 
 /// Why the node does not start, or ends.
@@ -10,7 +13,9 @@ pub enum NodeError {
     #[error(transparent)]
     Arguments(#[from] RosArgsError),
     /// An argument means nothing.
-    #[error("`{0}` is no argument of the node; parameters stand behind --ros-args, e.g. `--ros-args -p parts:=2`")]
+    #[error(
+        "`{0}` is no argument of the node; parameters stand behind --ros-args, e.g. `--ros-args -p parts:=2`"
+    )]
     Stray(String),
     /// A parameter cannot be used.
     #[error(transparent)]
@@ -27,7 +32,7 @@ pub enum NodeError {
         /// The name.
         name: String,
         /// Why.
-        reason: String,
+        reason: NameError,
     },
     /// The network refuses.
     #[error("{what}: {reason}")]
@@ -45,7 +50,9 @@ pub enum NodeError {
     Session(#[from] SessionLockError),
     /// The middleware listens to more than this machine.
     #[error(
-        "only this machine is to be talked to, but {0} listens to all networks: this program was built without its own RustDDS;          build it from its repository, or open the node with ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"
+        "only this machine is to be talked to, but {0} listens to all networks: this program was built \
+         without its own RustDDS; build it from its repository, or open the node with \
+         ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"
     )]
     Open(std::net::SocketAddr),
     /// The system refuses.
@@ -62,7 +69,10 @@ impl NodeError {
     /// Whether arguments, parameters or the environment are wrong.
     #[must_use]
     pub fn is_usage(&self) -> bool {
-        !matches!(self, Self::Network { .. } | Self::Bag(_) | Self::Session(_) | Self::Open(_) | Self::System { .. })
+        !matches!(
+            self,
+            Self::Network { .. } | Self::Bag(_) | Self::Session(_) | Self::Open(_) | Self::System { .. }
+        )
     }
 
     /// The middleware refused something.

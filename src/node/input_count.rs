@@ -48,7 +48,9 @@ impl InputCount {
         let malformed = std::mem::take(&mut inner.malformed_since);
         let last = inner.last.get(&publisher).copied();
         match last {
-            Some(last) if sequence > last => inner.snapshot.lost += ((sequence - last - 1) as u64).saturating_sub(malformed),
+            Some(last) if sequence > last => {
+                inner.snapshot.lost += ((sequence - last - 1) as u64).saturating_sub(malformed)
+            }
             // It came late: it had been counted as lost.
             Some(_) => {
                 inner.snapshot.lost = inner.snapshot.lost.saturating_sub(1);

@@ -16,7 +16,10 @@ use super::{
     sample::{Picture, Sample},
     state_bag::Topics,
 };
-use crate::io::ros2msg::{CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry, text::Clock};
+use crate::io::ros2msg::{
+    CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry,
+    text::Clock,
+};
 
 /// Transforms that may wait: a robot's tree comes in many small messages.
 const TF_DEPTH: usize = 100;
@@ -133,8 +136,12 @@ pub fn subscribe(
         s.add("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
     }
     match &topics.pose {
-        Some((topic, true)) => s.add("pose", topic, &sensor_data(TF_DEPTH), |m: FullOdometry| Sample::Odometry(Box::new(m)))?,
-        Some((topic, false)) => s.add("pose", topic, &sensor_data(TF_DEPTH), |m: PoseStamped| Sample::Pose(m))?,
+        Some((topic, true)) => {
+            s.add("pose", topic, &sensor_data(TF_DEPTH), |m: FullOdometry| Sample::Odometry(Box::new(m)))?
+        }
+        Some((topic, false)) => {
+            s.add("pose", topic, &sensor_data(TF_DEPTH), |m: PoseStamped| Sample::Pose(m))?
+        }
         None => {}
     }
     let mut inputs = s.inputs;

@@ -1,4 +1,4 @@
-//! Work that an action asks for. It runs on a thread of its own, tells how far it is and can be stopped.
+//! Work that an action asks for. It runs on a thread of its own, reports how far it is and can be stopped.
 
 use std::{
     sync::{
@@ -11,6 +11,7 @@ use std::{
 use ros2_client::Message;
 use tokio::sync::mpsc;
 
+use super::goal_error::GoalError;
 use crate::run::{Event, Monitor};
 
 /// News that wait for the action.
@@ -34,8 +35,8 @@ pub trait Job: Send + Sync + 'static {
     /// Starts the work.
     ///
     /// # Errors
-    /// A sentence: it cannot be done.
-    fn begin(self: &Arc<Self>, goal: &Self::Goal) -> Result<Work<Self::Result, Self::Feedback>, String>;
+    /// It cannot be done.
+    fn begin(self: &Arc<Self>, goal: &Self::Goal) -> Result<Work<Self::Result, Self::Feedback>, GoalError>;
 
     /// The result of work that came to none, and why.
     fn nothing(message: String) -> Self::Result;
@@ -52,7 +53,7 @@ pub enum Finished<R> {
     Failed(String),
 }
 
-/// What work tells.
+/// What work reports.
 #[derive(Debug)]
 pub enum News<R, F> {
     /// How far it is.
@@ -69,8 +70,8 @@ pub struct Work<R, F> {
 }
 
 impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
-    /// Starts work. `feedback` makes what is told from an event and the time since the start, where there is something to
-    /// tell: at once for a new stage, else not too often.
+    /// Starts work. `feedback` makes what is reported of an event and the time since the start, where there
+    /// is something to report: at once for a new stage, else not too often.
     pub fn start(
         mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
         work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
@@ -82,11 +83,13 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
         std::thread::spawn(move || {
             let (start, mut last) = (Instant::now(), None::<Instant>);
             for event in listener {
-                if let Event::Warning { message } = &event {
+                if let Event::Warning { message, .. } = &event {
                     log::warn!("{message}");
                 }
                 let Some(feedback) = feedback(&event, start.elapsed()) else { continue };
-                if matches!(event, Event::StageStarted { .. }) || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY) {
+                if matches!(event, Event::StageStarted { .. })
+                    || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY)
+                {
                     last = Some(Instant::now());
                     // A client that is slow misses some; the end is sent apart.
                     to_client.try_send(News::Feedback(feedback)).ok();
@@ -127,7 +130,7 @@ mod tests {
 
     fn wait(monitor: &Monitor) -> Finished<u8> {
         for k in 0.. {
-            monitor.tell(Event::StageStarted { stage: format!("stage{k}"), steps: None });
+            monitor.report(Event::StageStarted { stage: format!("stage{k}"), steps: None });
             if monitor.check().is_err() {
                 return Finished::Canceled;
             }
@@ -144,7 +147,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn work_tells_its_stages_and_stops_when_asked() {
+    async fn work_reports_its_stages_and_stops_when_asked() {
         let mut work = Work::start(stage, wait);
         for expected in ["stage0", "stage1"] {
             assert!(matches!(work.next().await, News::Feedback(told) if told == expected));

@@ -1,4 +1,5 @@
-//! What the node made last in a session, noted in its folder, so that a node that takes the session up publishes it again.
+//! What the node made last in a session, noted in its folder, so that a node that takes the session up
+//! publishes it again.
 
 use std::{
     fs, io,
@@ -7,13 +8,17 @@ use std::{
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use super::reconstruction::Twin;
-use crate::io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport};
+use super::twin::Twin;
+use crate::{
+    files,
+    io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport},
+    limits::FileLimit,
+};
 
 const TWIN_FILE: &str = "last_twin.json";
 const REPORT_FILE: &str = "last_report.json";
-/// Largest note that is read, bytes. Tuned: a note holds a few names and a sentence.
-const MAX_BYTES: u64 = 64 << 10;
+/// A note holds a few names and a sentence.
+const NOTE: FileLimit = FileLimit { what: "a note of the node", bytes: 64 << 10 };
 
 /// Note of a twin; the rest is in its folder.
 #[derive(Serialize, Deserialize)]
@@ -31,19 +36,26 @@ struct ReportNote {
     summary: String,
 }
 
-/// Notes a twin that was made. A disk that refuses is told; the twin is published all the same.
+/// Notes a twin that was made. A disk that refuses is logged; the twin is published all the same.
 pub fn note_twin(session: &Path, twin: &Twin) {
-    let note = TwinNote { folder: inside(session, &twin.summary.folder), state: twin.state, world_frame: twin.world_frame.clone() };
+    let note = TwinNote {
+        folder: inside(session, &twin.summary.folder),
+        state: twin.state,
+        world_frame: twin.world_frame.clone(),
+    };
     write(&session.join(TWIN_FILE), &note);
 }
 
 /// Notes a diagnosis that was made.
 pub fn note_report(session: &Path, report: &GapReport) {
     let folder = inside(session, Path::new(&report.folder));
-    write(&session.join(REPORT_FILE), &ReportNote { folder, twin: report.twin.clone(), summary: report.summary.clone() });
+    write(
+        &session.join(REPORT_FILE),
+        &ReportNote { folder, twin: report.twin.clone(), summary: report.summary.clone() },
+    );
 }
 
-/// The last twin of a session. One that cannot be read is told and left out.
+/// The last twin of a session. One that cannot be read is logged and left out.
 #[must_use]
 pub fn last_twin(session: &Path) -> Option<Twin> {
     let note: TwinNote = read(&session.join(TWIN_FILE))?;
@@ -52,12 +64,14 @@ pub fn last_twin(session: &Path) -> Option<Twin> {
     Some(Twin { summary, state: note.state, world_frame: note.world_frame })
 }
 
-/// The last diagnosis of a session. One that cannot be read is told and left out.
+/// The last diagnosis of a session. One that cannot be read is logged and left out.
 #[must_use]
 pub fn last_report(session: &Path) -> Option<GapReport> {
     let note: ReportNote = read(&session.join(REPORT_FILE))?;
     let report = read_gap_report(&session.join(&note.folder));
-    let report = report.inspect_err(|e| log::warn!("the last report is not published again: {e}; diagnose again")).ok()?;
+    let report = report
+        .inspect_err(|e| log::warn!("the last report is not published again: {e}; diagnose again"))
+        .ok()?;
     Some(GapReport { twin: note.twin, summary: note.summary, ..report })
 }
 
@@ -68,19 +82,23 @@ fn inside(session: &Path, folder: &Path) -> PathBuf {
 
 fn write(path: &Path, note: &impl Serialize) {
     let temporary = path.with_extension("json.part");
-    let written = serde_json::to_string_pretty(note).map_err(io::Error::from).and_then(|text| fs::write(&temporary, text));
+    let written = serde_json::to_string_pretty(note)
+        .map_err(io::Error::from)
+        .and_then(|text| fs::write(&temporary, text));
     if let Err(error) = written.and_then(|()| fs::rename(&temporary, path)) {
-        log::warn!("`{}` was not written: {error}; after a restart the node will not publish this again", path.display());
+        log::warn!(
+            "`{}` was not written: {error}; after a restart the node will not publish this again",
+            path.display()
+        );
     }
 }
 
 fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    let text = match fs::metadata(path) {
+    let text = match files::read_text(path, NOTE) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
-        Ok(found) if found.len() > MAX_BYTES || !found.is_file() => Err("it is no note of the node".to_owned()),
-        _ => fs::read_to_string(path).map_err(|e| e.to_string()),
+        text => text,
     };
-    let note = text.and_then(|text| serde_json::from_str(&text).map_err(|e| e.to_string()));
+    let note = text.and_then(|text| Ok(serde_json::from_str(&text)?));
     note.inspect_err(|e| log::warn!("`{}` is damaged and left out: {e}", path.display())).ok()
 }
 
@@ -90,7 +108,8 @@ mod tests {
 
     #[test]
     fn what_is_noted_is_found_and_damage_is_left_out() {
-        let session = std::env::temp_dir().join(format!("artitwin-last-{}", std::process::id()));
+        let folder = crate::temp::Temp::new("last");
+        let session = folder.0.clone();
         fs::create_dir_all(session.join("gap_1")).unwrap();
         assert!(last_twin(&session).is_none() && last_report(&session).is_none());
         let folder = session.join("gap_1").display().to_string();
@@ -100,12 +119,14 @@ mod tests {
         let report = r#"{"verdict": "none", "findings": [], "gap": {"before": 1.0, "after": 1.0, "noise_floor": 1.0, "unit": "rad"}}"#;
         fs::write(session.join("gap_1/report.json"), report).unwrap();
         let found = last_report(&session).unwrap();
-        assert_eq!((found.verdict.as_str(), found.twin.as_str(), found.summary.as_str()), ("none", "t.urdf", "s"));
+        assert_eq!(
+            (found.verdict.as_str(), found.twin.as_str(), found.summary.as_str()),
+            ("none", "t.urdf", "s")
+        );
         for damage in ["", "{", r#"{"folder": 1}"#] {
             fs::write(session.join(REPORT_FILE), damage).unwrap();
             fs::write(session.join(TWIN_FILE), damage).unwrap();
             assert!(last_report(&session).is_none() && last_twin(&session).is_none(), "{damage}");
         }
-        fs::remove_dir_all(&session).unwrap();
     }
 }

@@ -1,5 +1,5 @@
-//! Transforms as they come: looked up like those of a recording, forgotten after a while, and kept in their own words for
-//! the recording.
+//! Transforms as they come: looked up like those of a recording, forgotten after a while, and kept in their
+//! own words for the recording.
 
 use std::collections::BTreeMap;
 
@@ -86,13 +86,15 @@ impl LiveTf {
     }
 
     fn has_room(&mut self, child: &str) -> bool {
-        let room = self.moving.contains_key(child) || self.fixed.contains_key(child) || self.moving.len() + self.fixed.len() < MAX_FRAMES;
+        let room = self.moving.contains_key(child)
+            || self.fixed.contains_key(child)
+            || self.moving.len() + self.fixed.len() < MAX_FRAMES;
         self.refused += u64::from(!room);
         room
     }
 
-    /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not be
-    /// interpolated towards them.
+    /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not
+    /// be interpolated towards them.
     pub fn forget_after(&mut self, stamp_nanos: i64) {
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
@@ -124,12 +126,18 @@ impl LiveTf {
     ///
     /// # Errors
     /// Those of [`TfBuffer::lookup`].
-    pub fn lookup(&self, target: &str, source: &str, stamp_nanos: i64, max_gap_nanos: i64) -> Result<Pose, CaptureError> {
+    pub fn lookup(
+        &self,
+        target: &str,
+        source: &str,
+        stamp_nanos: i64,
+        max_gap_nanos: i64,
+    ) -> Result<Pose, CaptureError> {
         self.buffer.lookup(target, source, stamp_nanos, max_gap_nanos)
     }
 
-    /// The samples on either side of a stamp, of every frame above the given one: what a recording must hold so that the
-    /// lookup gives the same.
+    /// The samples on either side of a stamp, of every frame above the given one: what a recording must hold
+    /// so that the lookup gives the same.
     #[must_use]
     pub fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
         let mut found = Vec::new();
@@ -170,7 +178,11 @@ mod tests {
 
     fn sample(parent: &str, child: &str, stamp_nanos: i64, x: f64) -> TransformStamped {
         let header = Header { stamp: Time::from_nanos(stamp_nanos), frame_id: parent.into() };
-        TransformStamped { header, child_frame_id: child.into(), transform: Transform::from_pose(&Pose::translation(x, 0.0, 0.0)) }
+        TransformStamped {
+            header,
+            child_frame_id: child.into(),
+            transform: Transform::from_pose(&Pose::translation(x, 0.0, 0.0)),
+        }
     }
 
     fn live() -> LiveTf {
@@ -211,7 +223,10 @@ mod tests {
         tf.add_one(&sample("world", "link", 50 * S, 0.0));
         tf.add_one(&sample("world", "link", 51 * S, 1.0));
         assert_eq!(tf.jumps, 1);
-        assert!((tf.lookup("world", "optical", 50 * S + S / 2, 2 * S).unwrap().translation.vector.x - 1.5).abs() < 1e-12);
+        assert!(
+            (tf.lookup("world", "optical", 50 * S + S / 2, 2 * S).unwrap().translation.vector.x - 1.5).abs()
+                < 1e-12
+        );
         assert!(tf.lookup("world", "optical", 122 * S + S / 2, 2 * S).is_err());
     }
 
@@ -220,10 +235,18 @@ mod tests {
         let mut tf = live();
         tf.forget_after(120 * S);
         assert!(tf.lookup("world", "optical", 120 * S + S / 2, 2 * S).is_err());
-        assert!((tf.lookup("world", "optical", 119 * S + S / 2, 2 * S).unwrap().translation.vector.x - 20.5).abs() < 1e-12);
+        assert!(
+            (tf.lookup("world", "optical", 119 * S + S / 2, 2 * S).unwrap().translation.vector.x - 20.5)
+                .abs()
+                < 1e-12
+        );
         // Another path from here on.
         tf.add_one(&sample("world", "link", 121 * S, 0.0));
-        assert!((tf.lookup("world", "optical", 120 * S + S / 2, 2 * S).unwrap().translation.vector.x - 11.0).abs() < 1e-12);
+        assert!(
+            (tf.lookup("world", "optical", 120 * S + S / 2, 2 * S).unwrap().translation.vector.x - 11.0)
+                .abs()
+                < 1e-12
+        );
     }
 
     #[test]

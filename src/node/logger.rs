@@ -19,7 +19,12 @@ impl Log for Logger {
     fn enabled(&self, metadata: &Metadata) -> bool {
         // The middleware warns of itself where there is only one network; its errors are kept.
         let own = metadata.target().split("::").next() == Some(OWN);
-        metadata.level() <= if own || self.level >= LevelFilter::Trace { self.level } else { self.level.min(LevelFilter::Error) }
+        metadata.level()
+            <= if own || self.level >= LevelFilter::Trace {
+                self.level
+            } else {
+                self.level.min(LevelFilter::Error)
+            }
     }
 
     fn log(&self, record: &Record) {
@@ -34,14 +39,16 @@ impl Log for Logger {
             Level::Info => "INFO",
             Level::Debug | Level::Trace => "DEBUG",
         };
-        let text: String = record.args().to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let text: String =
+            record.args().to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         writeln!(std::io::stderr(), "[{level}] [{seconds:.6}] [{name}]: {text}").ok();
     }
 
     fn flush(&self) {}
 }
 
-/// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows errors only.
+/// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows
+/// errors only.
 pub fn start(name: &str, level: Option<&str>, silent: bool) {
     let level = match level {
         _ if silent => LevelFilter::Error,

@@ -1,5 +1,5 @@
-//! `artitwin node`: a ROS 2 node that collects the two states of an object, makes its twin with the pipeline of the command
-//! line, and publishes it. A DDS participant in pure Rust; no ROS installation is needed.
+//! `artitwin node`: a ROS 2 node that collects the two states of an object, makes its twin with the pipeline
+//! of the command line, and publishes it. A DDS participant in pure Rust; no ROS installation is needed.
 //!
 //! ```text
 //! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)
@@ -9,6 +9,7 @@
 
 mod action;
 mod clock;
+mod collect_error;
 mod collection;
 mod collector;
 mod counts;
@@ -16,6 +17,7 @@ mod diagnosis;
 mod diagnostics;
 mod environment;
 mod error;
+mod goal_error;
 mod input_count;
 mod inputs;
 mod job;
@@ -39,13 +41,15 @@ mod ros_names;
 mod sample;
 mod services;
 mod session;
+mod session_folder;
 mod session_lock;
 mod settings;
 mod state_bag;
 mod synchronizer;
+mod twin;
 mod twin_messages;
 mod view;
 
 pub use error::NodeError;
-pub use recorder::{Recorded, record};
+pub use recorder::record;
 pub use session::{check_arguments, run};

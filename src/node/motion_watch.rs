@@ -1,7 +1,8 @@
 //! States that begin and end by themselves: the object is watched for motion while the camera goes about it.
 //!
-//! Two views of a scene that stands still never contradict each other: where one measured a surface, the other sees it,
-//! something in front of it, or nothing. A surface that another view looked through has moved since.
+//! Two views of a scene that stands still never contradict each other: where one measured a surface, the
+//! other sees it, something in front of it, or nothing. A surface that another view looked through has moved
+//! since.
 
 use std::collections::VecDeque;
 
@@ -18,7 +19,7 @@ const THROUGH_M: f64 = 0.02;
 const THROUGH_SHARE: f64 = 0.02;
 /// Share of the compared points that must contradict for motion.
 const MOVED_SHARE: f64 = 0.012;
-/// Fewest compared points that tell something.
+/// Fewest compared points that count.
 const MIN_POINTS: usize = 150;
 /// Views in a row that must show motion.
 const CONFIRM: usize = 2;
@@ -86,7 +87,14 @@ impl MotionWatch {
     /// A watch that has seen nothing.
     #[must_use]
     pub fn new(rule: WatchRule) -> Self {
-        Self { rule, stage: Stage::Fresh, references: VecDeque::new(), seen: 0, moved_in_a_row: 0, last_motion_nanos: i64::MIN }
+        Self {
+            rule,
+            stage: Stage::Fresh,
+            references: VecDeque::new(),
+            seen: 0,
+            moved_in_a_row: 0,
+            last_motion_nanos: i64::MIN,
+        }
     }
 
     /// The same watch from the beginning.
@@ -102,7 +110,13 @@ impl MotionWatch {
     }
 
     /// Takes a view; `kept` are the views kept of each state.
-    pub fn see(&mut self, stamp_nanos: i64, pixels: &Pixels, world_from_camera: &Pose, kept: [usize; 2]) -> Turn {
+    pub fn see(
+        &mut self,
+        stamp_nanos: i64,
+        pixels: &Pixels,
+        world_from_camera: &Pose,
+        kept: [usize; 2],
+    ) -> Turn {
         let view = Small::new(stamp_nanos, pixels, world_from_camera);
         let moved = self.moved(&view);
         self.moved_in_a_row = if moved { self.moved_in_a_row + 1 } else { 0 };
@@ -122,7 +136,11 @@ impl MotionWatch {
                     self.references.clear();
                 }
                 self.remember(view);
-                let still_since = self.references.front().map_or(stamp_nanos, |r| r.stamp_nanos).max(self.last_motion_nanos);
+                let still_since = self
+                    .references
+                    .front()
+                    .map_or(stamp_nanos, |r| r.stamp_nanos)
+                    .max(self.last_motion_nanos);
                 if stamp_nanos - still_since < self.rule.still_nanos {
                     return Turn::None;
                 }
@@ -187,8 +205,9 @@ impl Small {
         let scale = [WIDTH as f64 / full.width as f64, HEIGHT as f64 / full.height as f64];
         // Sample k stands for the pixel in the middle of its cell.
         let place = |k: usize, scale: f64, size: usize| (((k as f64 + 0.5) / scale) as usize).min(size - 1);
-        let cells =
-            (0..WIDTH * HEIGHT).map(|k| place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width));
+        let cells = (0..WIDTH * HEIGHT).map(|k| {
+            place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width)
+        });
         let at: Vec<usize> = cells.collect();
         let camera = Intrinsics {
             width: WIDTH,
@@ -207,7 +226,8 @@ impl Small {
         }
     }
 
-    /// Of this view's object points, how many the other view measured near or behind, and how many it looked through.
+    /// Of this view's object points, how many the other view measured near or behind, and how many it looked
+    /// through.
     fn looked_through_by(&self, other: &Self) -> (usize, usize) {
         let other_from_self = other.world_from_camera.inverse() * self.world_from_camera;
         let (mut compared, mut through) = (0, 0);
@@ -232,7 +252,8 @@ impl Small {
         (compared, through)
     }
 
-    /// The least depth of the four samples about a place, so that no edge is taken for a hole; `None` where one is unknown.
+    /// The least depth of the four samples about a place, so that no edge is taken for a hole; `None` where
+    /// one is unknown.
     fn nearest(&self, u: f64, v: f64) -> Option<f32> {
         if !(u >= 1.0 && v >= 1.0 && u < WIDTH as f64 - 2.0 && v < HEIGHT as f64 - 2.0) {
             return None;
@@ -257,7 +278,8 @@ mod tests {
         let (width, height) = (320, 240);
         let camera = Intrinsics { width, height, fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0 };
         let depth = |i: usize| {
-            let ray = [((i % width) as f64 - camera.cx) / camera.fx, ((i / width) as f64 - camera.cy) / camera.fy];
+            let ray =
+                [((i % width) as f64 - camera.cx) / camera.fx, ((i / width) as f64 - camera.cy) / camera.fy];
             let hits = (ray[0] * face_m + x).abs() < 0.15 && (ray[1] * face_m).abs() < 0.1;
             if hits { face_m as f32 } else { 1.5 }
         };

@@ -1,4 +1,5 @@
-//! What the node publishes: the twin, its state, the collection, diagnostics. Large things are small or best effort.
+//! What the node publishes: the twin, its state, the collection, diagnostics. Large things are small or best
+//! effort.
 
 use std::{
     sync::Arc,
@@ -15,12 +16,12 @@ use super::{
     error::NodeError,
     parameters::Parameters,
     participant::{Participant, latched, reliable, sensor_data},
-    reconstruction::Twin,
+    twin::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
 use crate::io::ros2msg::{
-    Header, JointState, TfMessage, diagnostic::DiagnosticArray, gap::GapReport, markers::MarkerArray, point_cloud::PointCloud2,
-    status::CollectionStatus, text::Text,
+    Header, JointState, TfMessage, diagnostic::DiagnosticArray, gap::GapReport, markers::MarkerArray,
+    point_cloud::PointCloud2, status::CollectionStatus, text::Text,
 };
 
 /// Values of `CollectionStatus.phase`.
@@ -68,7 +69,11 @@ impl Outputs {
     ///
     /// # Errors
     /// If a name cannot be used or the network refuses.
-    pub fn new(participant: &mut Participant, p: &Parameters, clock: Arc<NodeClock>) -> Result<Self, NodeError> {
+    pub fn new(
+        participant: &mut Participant,
+        p: &Parameters,
+        clock: Arc<NodeClock>,
+    ) -> Result<Self, NodeError> {
         Ok(Self {
             description: participant.publisher("~/robot_description", &latched(1))?,
             joint_states: participant.publisher("joint_states", &reliable(10))?,
@@ -90,7 +95,12 @@ impl Outputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(self, News { twin: mut twins, mut report }: News, shared: Arc<Shared>, mut diagnostics: Diagnostics) {
+    pub async fn run(
+        self,
+        News { twin: mut twins, mut report }: News,
+        shared: Arc<Shared>,
+        mut diagnostics: Diagnostics,
+    ) {
         let mut fast = tokio::time::interval(Duration::from_secs_f64(1.0 / self.settings.rate_hz));
         let mut slow = tokio::time::interval(Duration::from_secs(1));
         let mut last_report = Instant::now();
@@ -113,7 +123,8 @@ impl Outputs {
                     let found = report.borrow_and_update().clone();
                     if let Some(found) = found {
                         let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
-                        tell(self.gap_report.async_publish(GapReport { header, ..GapReport::clone(&found) }).await, "gap_report");
+                        let report = GapReport { header, ..GapReport::clone(&found) };
+                        tell(self.gap_report.async_publish(report).await, "gap_report");
                     }
                 }
                 _ = fast.tick() => {
@@ -128,11 +139,14 @@ impl Outputs {
                     last_report = Instant::now();
                     tell(self.diagnostics.async_publish(report).await, "/diagnostics");
                     let done = twins.borrow().is_some();
-                    tell(self.status.async_publish(self.status_of(&snapshot, shared.is_read(), done)).await, "status");
+                    let status = self.status_of(&snapshot, shared.is_read(), done);
+                    tell(self.status.async_publish(status).await, "status");
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
-                        let header = Header { stamp: self.clock.stamp(), frame_id: snapshot.world_frame.unwrap_or_default() };
-                        tell(self.cloud.async_publish(PointCloud2::colored(header, &shared.cloud())).await, "points");
+                        let frame_id = snapshot.world_frame.unwrap_or_default();
+                        let header = Header { stamp: self.clock.stamp(), frame_id };
+                        let cloud = PointCloud2::colored(header, &shared.cloud());
+                        tell(self.cloud.async_publish(cloud).await, "points");
                     }
                 }
             }
@@ -145,9 +159,14 @@ impl Outputs {
         let data = twin.summary.urdf_with_uris(self.settings.package_uris);
         log::info!("robot_description: {} bytes, {} joints", data.len(), twin.summary.joints.len());
         tell(self.description.async_publish(Text { data }).await, "robot_description");
-        tell(self.markers.async_publish(joint_markers(&twin.summary, twin.state, &twin.world_frame, stamp)).await, "joint_markers");
-        if let Some(root) =
-            root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix).filter(|_| self.settings.publish_tf)
+        tell(
+            self.markers
+                .async_publish(joint_markers(&twin.summary, twin.state, &twin.world_frame, stamp))
+                .await,
+            "joint_markers",
+        );
+        if let Some(root) = root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix)
+            .filter(|_| self.settings.publish_tf)
         {
             tell(self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await, "/tf_static");
         }
@@ -155,9 +174,17 @@ impl Outputs {
 
     async fn move_links(&self, twin: &Twin) {
         let stamp = self.clock.stamp();
-        tell(self.joint_states.async_publish(joint_state(&twin.summary, twin.state, stamp)).await, "joint_states");
+        tell(
+            self.joint_states.async_publish(joint_state(&twin.summary, twin.state, stamp)).await,
+            "joint_states",
+        );
         if self.settings.publish_tf {
-            tell(self.tf.async_publish(link_transforms(&twin.summary, twin.state, stamp, &self.settings.prefix)).await, "/tf");
+            tell(
+                self.tf
+                    .async_publish(link_transforms(&twin.summary, twin.state, stamp, &self.settings.prefix))
+                    .await,
+                "/tf",
+            );
         }
     }
 

@@ -1,26 +1,58 @@
 //! Parameter files of ROS 2: node names, wildcards, `ros__parameters`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_norway::{Mapping, Value};
 
-use super::{parameters::ParameterError, ros_names::NodeIdentity};
+use super::ros_names::NodeIdentity;
 use crate::{
     files,
-    limits::{PARAMETERS, parse_yaml},
+    limits::{PARAMETERS, YamlError, parse_yaml},
 };
 
-/// The parameters of a file that are meant for a node, in the order of the file; nested names are joined by dots.
-///
-/// # Errors
-/// [`ParameterError::File`] if it cannot be read or is no parameter file.
-pub fn parameters_of_file(path: &Path, node: &NodeIdentity) -> Result<Vec<(String, Value)>, ParameterError> {
-    let fail = |reason: String| ParameterError::File { path: path.to_owned(), reason };
-    let text = files::read_text(path, PARAMETERS).map_err(|e| fail(e.to_string()))?;
-    parameters_of_text(&text, node).map_err(fail)
+/// Why a parameter file cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("parameter file `{}`: {fault}", path.display())]
+pub struct ParameterFileError {
+    /// The file.
+    path: PathBuf,
+    /// What is wrong.
+    fault: ParameterFileFault,
 }
 
-fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Value)>, String> {
+/// What is wrong with a parameter file.
+#[derive(Debug, thiserror::Error)]
+pub enum ParameterFileFault {
+    /// It could not be read.
+    #[error(transparent)]
+    Read(#[from] std::io::Error),
+    /// It is no YAML.
+    #[error(transparent)]
+    Yaml(#[from] YamlError),
+    /// Its top is no map.
+    #[error("it is no map of node names")]
+    NoMap,
+    /// A node name, or a part of one, stands for a value.
+    #[error("`{0}` holds something that is no map; parameters stand below `ros__parameters`")]
+    NoParameters(String),
+}
+
+/// The parameters of a file that are meant for a node, in the order of the file; nested names are joined by
+/// dots.
+///
+/// # Errors
+/// If it cannot be read or is no parameter file.
+pub fn parameters_of_file(
+    path: &Path,
+    node: &NodeIdentity,
+) -> Result<Vec<(String, Value)>, ParameterFileError> {
+    files::read_text(path, PARAMETERS)
+        .map_err(ParameterFileFault::Read)
+        .and_then(|text| parameters_of_text(&text, node))
+        .map_err(|fault| ParameterFileError { path: path.to_owned(), fault })
+}
+
+fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Value)>, ParameterFileFault> {
     match parse_yaml(text)? {
         Value::Mapping(map) => {
             let mut found = Vec::new();
@@ -28,14 +60,19 @@ fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Va
             Ok(found)
         }
         Value::Null => Ok(Vec::new()),
-        _ => Err("it is no map of node names".into()),
+        _ => Err(ParameterFileFault::NoMap),
     }
 }
 
-fn nodes(map: &Mapping, path: &str, node: &NodeIdentity, found: &mut Vec<(String, Value)>) -> Result<(), String> {
+fn nodes(
+    map: &Mapping,
+    path: &str,
+    node: &NodeIdentity,
+    found: &mut Vec<(String, Value)>,
+) -> Result<(), ParameterFileFault> {
     for (key, value) in map {
         let (Some(key), Value::Mapping(inner)) = (key.as_str(), value) else {
-            return Err(format!("`{path}` holds something that is no map; parameters stand below `ros__parameters`"));
+            return Err(ParameterFileFault::NoParameters(path.to_owned()));
         };
         if key == "ros__parameters" {
             if is_for(path, node) {
@@ -60,7 +97,8 @@ fn flatten(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
 
 /// Whether a path of names and wildcards stands for the node: `*` for one name, `**` for any number.
 fn is_for(path: &str, node: &NodeIdentity) -> bool {
-    let tokens = |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
+    let tokens =
+        |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
     let (pattern, name) = (tokens(path), tokens(&node.full()));
     // A name without namespace stands for the node in the root namespace, or wherever it was put by `__ns`.
     fits(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
@@ -87,11 +125,19 @@ mod tests {
     #[test]
     fn nodes_are_named_in_every_way_of_the_format() {
         for key in ["/**", "/lab/arm/artitwin", "artitwin", "/*/arm/artitwin", "/**/artitwin", "/lab/**"] {
-            assert_eq!(names(&format!("{key}:\n  ros__parameters:\n    a: 1\n    b:\n      c: x\n")), ["a", "b.c"], "{key}");
+            assert_eq!(
+                names(&format!("{key}:\n  ros__parameters:\n    a: 1\n    b:\n      c: x\n")),
+                ["a", "b.c"],
+                "{key}"
+            );
         }
         assert_eq!(names("lab:\n  arm:\n    artitwin:\n      ros__parameters: {a: 1}\n"), ["a"]);
         for key in ["/lab/artitwin", "/*/artitwin", "other", "/lab/arm/artitwin/x"] {
-            assert_eq!(names(&format!("{key}:\n  ros__parameters: {{a: 1}}\n")), Vec::<String>::new(), "{key}");
+            assert_eq!(
+                names(&format!("{key}:\n  ros__parameters: {{a: 1}}\n")),
+                Vec::<String>::new(),
+                "{key}"
+            );
         }
     }
 
@@ -101,6 +147,6 @@ mod tests {
         for text in ["[1]", "a: 1", "a: {b: 1}", "{"] {
             assert!(parameters_of_text(text, &node).is_err(), "{text}");
         }
-        assert_eq!(parameters_of_text("", &node), Ok(Vec::new()));
+        assert_eq!(parameters_of_text("", &node).unwrap(), Vec::new());
     }
 }

@@ -21,16 +21,22 @@ fn ros_value(value: &Value) -> ParameterValue {
             None => ParameterValue::Double(n.as_f64().unwrap_or(f64::NAN)),
         },
         Value::String(s) => ParameterValue::String(s.clone()),
-        Value::Sequence(list) => ParameterValue::StringArray(list.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect()),
+        Value::Sequence(list) => {
+            ParameterValue::StringArray(list.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+        }
         _ => ParameterValue::NotSet,
     }
 }
 
 /// Accepts a value that is the present one, and refuses any other with the remedy.
-pub fn refuse_changes(parameters: &Parameters) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {
+pub fn refuse_changes(
+    parameters: &Parameters,
+) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {
     let present = declared(parameters);
     move |name, value| match present.iter().find(|(n, _)| n == name) {
-        Some((_, v)) if v != value => Err(format!("`{name}` is read at the start only; start the node with `-p {name}:=VALUE`")),
+        Some((_, v)) if v != value => {
+            Err(format!("`{name}` is read at the start only; start the node with `-p {name}:=VALUE`"))
+        }
         _ => Ok(()),
     }
 }

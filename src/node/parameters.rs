@@ -1,12 +1,10 @@
 //! Parameters of the node: defaults, files, command line; later wins. They are read once, at the start.
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 use serde_norway::{Mapping, Value};
 
 use super::{
-    parameter_file::parameters_of_file,
+    parameter_file::{ParameterFileError, parameters_of_file},
     ros_args::{ParameterSource, RosArgs},
     ros_names::NodeIdentity,
 };
@@ -55,7 +53,8 @@ pub struct Parameters {
     pub twin_name: String,
     /// Folder that gets a folder a session.
     pub out_folder: String,
-    /// Name of the session's folder; empty: made from the time. With a name, a restart goes on in the same folder.
+    /// Name of the session's folder; empty: made from the time. With a name, a restart goes on in the same
+    /// folder.
     pub session: String,
     /// Preset of settings.
     pub preset: String,
@@ -139,7 +138,7 @@ impl Default for Parameters {
 }
 
 /// Why the parameters cannot be used.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Debug, thiserror::Error)]
 pub enum ParameterError {
     /// A value cannot be used.
     #[error("parameter `{name}`: {reason}")]
@@ -150,13 +149,16 @@ pub enum ParameterError {
         reason: String,
     },
     /// A file cannot be used.
-    #[error("parameter file `{}`: {reason}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
+    #[error(transparent)]
+    File(#[from] ParameterFileError),
+}
+
+/// A value of another type than its parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("it must be {wanted}, not {given}")]
+struct WrongType {
+    wanted: &'static str,
+    given: &'static str,
 }
 
 /// Parameters, and the names that nothing reads.
@@ -179,16 +181,24 @@ impl Parameters {
         for source in &arguments.parameters {
             let found = match source {
                 ParameterSource::File(path) => parameters_of_file(path, node)?,
-                ParameterSource::Value { node: Some(n), .. } if n.trim_start_matches('/') != node.name && *n != node.full() => continue,
+                ParameterSource::Value { node: Some(n), .. }
+                    if n.trim_start_matches('/') != node.name && *n != node.full() =>
+                {
+                    continue;
+                }
                 ParameterSource::Value { name, value, .. } => vec![(name.clone(), value.clone())],
             };
             for (name, value) in found {
                 match merged.get(name.as_str()) {
                     Some(default) => {
-                        let value = coerce(default, value).map_err(|reason| ParameterError::Value { name: name.clone(), reason })?;
+                        let value = coerce(default, value).map_err(|e| ParameterError::Value {
+                            name: name.clone(),
+                            reason: e.to_string(),
+                        })?;
                         merged.insert(name.into(), value);
                     }
-                    // Parameters of the middleware, e.g. qos_overrides, and of other programs in the same file.
+                    // Parameters of the middleware, e.g. qos_overrides, and of other programs in the same
+                    // file.
                     None => unknown.push(name),
                 }
             }
@@ -209,7 +219,8 @@ impl Parameters {
     }
 
     fn check(&self) -> Result<(), ParameterError> {
-        let refuse = |name: &str, reason: String| Err(ParameterError::Value { name: name.to_owned(), reason });
+        let refuse =
+            |name: &str, reason: String| Err(ParameterError::Value { name: name.to_owned(), reason });
         let choices: [(&str, &String, &[&str]); 8] = [
             ("color_transport", &self.color_transport, &["raw", "compressed"]),
             ("depth_transport", &self.depth_transport, &["raw", "compressedDepth"]),
@@ -252,7 +263,13 @@ impl Parameters {
             }
         }
         if !crate::model::is_plain_name(&self.twin_name) {
-            return refuse("twin_name", format!("`{}` is not a letter followed by letters, digits and _", self.twin_name.escape_debug()));
+            return refuse(
+                "twin_name",
+                format!(
+                    "`{}` is not a letter followed by letters, digits and _",
+                    self.twin_name.escape_debug()
+                ),
+            );
         }
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         if !self.session.chars().all(plain) || self.session.starts_with('.') {
@@ -263,7 +280,7 @@ impl Parameters {
 }
 
 /// A value of the default's type; whole numbers do for real ones.
-fn coerce(default: &Value, value: Value) -> Result<Value, String> {
+fn coerce(default: &Value, value: Value) -> Result<Value, WrongType> {
     let kind = |v: &Value| match v {
         Value::Bool(_) => "a truth value",
         Value::Number(n) if n.is_f64() => "a number",
@@ -276,8 +293,10 @@ fn coerce(default: &Value, value: Value) -> Result<Value, String> {
         (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
         (Value::Number(_), Value::Number(v)) if !v.is_f64() => Ok(value),
         (Value::String(_), Value::String(_)) | (Value::Bool(_), Value::Bool(_)) => Ok(value),
-        (Value::Sequence(_), Value::Sequence(list)) if list.iter().all(|v| matches!(v, Value::String(_))) => Ok(value),
-        _ => Err(format!("it must be {}, not {}", kind(default), kind(&value))),
+        (Value::Sequence(_), Value::Sequence(list)) if list.iter().all(|v| matches!(v, Value::String(_))) => {
+            Ok(value)
+        }
+        _ => Err(WrongType { wanted: kind(default), given: kind(&value) }),
     }
 }
 
@@ -293,7 +312,11 @@ mod tests {
 
     #[test]
     fn later_wins_and_whole_numbers_do_for_real_ones() {
-        let found = load("--ros-args -p parts:=3 -p parts:=2 -p still_secs:=3 -p settings:=[a=1] -p other:parts:=9 -p strange:=1").unwrap();
+        let found = load(
+            "--ros-args -p parts:=3 -p parts:=2 -p still_secs:=3 -p settings:=[a=1] -p \
+            other:parts:=9 -p strange:=1",
+        )
+        .unwrap();
         assert_eq!((found.parameters.parts, found.parameters.still_secs), (2, 3.0));
         assert_eq!(found.parameters.settings, ["a=1"]);
         assert_eq!(found.unknown, ["strange"]);

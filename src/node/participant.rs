@@ -14,7 +14,7 @@ use super::{
     input_count::InputCount,
     parameters::Parameters,
     ros_args::RosArgs,
-    ros_names::{NodeIdentity, check_full_name},
+    ros_names::{NameError, NodeIdentity, check_full_name},
 };
 use crate::io::ros2msg::definitions::RosMessage;
 
@@ -76,13 +76,16 @@ impl Participant {
             builder = builder.with_only_networks(networks);
         }
         let participant = builder.build().map_err(|e| NodeError::network("joining the domain", e))?;
-        let context = Context::from_domain_participant(participant).map_err(|e| NodeError::network("joining the domain", e))?;
-        let name = NodeName::new(&identity.namespace, &identity.name).map_err(|e| NodeError::network("naming the node", e))?;
+        let context = Context::from_domain_participant(participant)
+            .map_err(|e| NodeError::network("joining the domain", e))?;
+        let name = NodeName::new(&identity.namespace, &identity.name)
+            .map_err(|e| NodeError::network("naming the node", e))?;
         let mut options = NodeOptions::new().enable_rosout(!arguments.no_rosout);
         for (name, value) in super::parameter_values::declared(parameters) {
             options = options.declare_parameter(&name, value);
         }
-        let options = options.parameter_validator(Box::new(super::parameter_values::refuse_changes(parameters)));
+        let options =
+            options.parameter_validator(Box::new(super::parameter_values::refuse_changes(parameters)));
         let node = context.new_node(name, options).map_err(|e| NodeError::network("making the node", e))?;
         Ok(Self { node, arguments: arguments.clone(), identity: identity.clone() })
     }
@@ -133,12 +136,19 @@ impl Participant {
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
-    pub fn publisher<M: RosMessage>(&mut self, name: &str, qos: &QosProfile) -> Result<Publisher<M>, NodeError> {
+    pub fn publisher<M: RosMessage>(
+        &mut self,
+        name: &str,
+        qos: &QosProfile,
+    ) -> Result<Publisher<M>, NodeError> {
         let topic = self.topic::<M>(&self.resolve(name), qos)?;
-        self.node.create_publisher(&topic, None).map_err(|e| NodeError::network(&format!("publishing {name}"), e))
+        self.node
+            .create_publisher(&topic, None)
+            .map_err(|e| NodeError::network(&format!("publishing {name}"), e))
     }
 
-    /// Hands every message of a topic, by its full name, on as long as the node lives. What cannot be decoded is counted.
+    /// Hands every message of a topic, by its full name, on as long as the node lives. What cannot be decoded
+    /// is counted.
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
@@ -150,8 +160,10 @@ impl Participant {
         mut take: impl FnMut(M) + Send + 'static,
     ) -> Result<(), NodeError> {
         let topic = self.topic::<M>(name, qos)?;
-        let subscription =
-            self.node.create_subscription::<M>(&topic, None).map_err(|e| NodeError::network(&format!("subscribing to {name}"), e))?;
+        let subscription = self
+            .node
+            .create_subscription::<M>(&topic, None)
+            .map_err(|e| NodeError::network(&format!("subscribing to {name}"), e))?;
         let name = name.to_owned();
         tokio::spawn(async move {
             let stream = subscription.async_stream();
@@ -175,7 +187,8 @@ impl Participant {
 
 fn library_name(full: &str) -> Result<Name, NodeError> {
     check_full_name(full).map_err(|reason| NodeError::Name { name: full.to_owned(), reason })?;
-    Name::parse(full).map_err(|e| NodeError::Name { name: full.to_owned(), reason: e.to_string() })
+    Name::parse(full)
+        .map_err(|e| NodeError::Name { name: full.to_owned(), reason: NameError::Middleware(e.to_string()) })
 }
 
 /// The publisher's identity.

@@ -87,7 +87,11 @@ mod tests {
             intrinsics,
             color: Raster { width: 320, height: 240, pixels: vec![[9, 8, 7]; size] },
             depth: raster(1.0),
-            mask: Some(Raster { width: 320, height: 240, pixels: (0..size).map(|i| i % 320 < 160).collect() }),
+            mask: Some(Raster {
+                width: 320,
+                height: 240,
+                pixels: (0..size).map(|i| i % 320 < 160).collect(),
+            }),
         };
         let mut cloud = PreviewCloud::new(100);
         cloud.add(&pixels, &Pose::translation(0.0, 0.0, 2.0));

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use crate::{io::ros2msg::status::ReconstructFeedback, run::Event};
 
-/// Shares of a run without fields, by stage, as measured (README); a stage that is not listed counts 1.
+/// Shares of a run without fields, by stage, as measured (docs/figures.md); a stage that is not listed
+/// counts 1.
 const WEIGHTS: [(&str, f64); 9] = [
     ("capture", 8.0),
     ("match", 9.0),
@@ -60,7 +61,7 @@ impl RunProgress {
         Self { total: plain + fields, done: 0.0, stage: String::new(), part: 0.0, loss: f64::NAN }
     }
 
-    /// Takes an event; whether there is something to tell.
+    /// Takes an event; whether there is something to report.
     pub fn take(&mut self, event: &Event) -> bool {
         match event {
             Event::StageStarted { stage, .. } => {
@@ -83,18 +84,28 @@ impl RunProgress {
         true
     }
 
-    /// What a goal's feedback tells after a time.
+    /// What a goal's feedback says after a time.
     #[must_use]
     pub fn feedback(&self, elapsed: Duration) -> ReconstructFeedback {
         let fraction = ((self.done + self.part * weight(&self.stage)) / self.total).clamp(0.0, 1.0);
-        let left = if fraction < MIN_FRACTION { f64::NAN } else { elapsed.as_secs_f64() * (1.0 - fraction) / fraction };
-        ReconstructFeedback { stage: self.stage.clone(), fraction: fraction as f32, loss: self.loss, seconds_left: left }
+        let left = if fraction < MIN_FRACTION {
+            f64::NAN
+        } else {
+            elapsed.as_secs_f64() * (1.0 - fraction) / fraction
+        };
+        ReconstructFeedback {
+            stage: self.stage.clone(),
+            fraction: fraction as f32,
+            loss: self.loss,
+            seconds_left: left,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::note::NoteCode;
 
     #[test]
     fn the_fraction_rises_to_one() {
@@ -116,6 +127,8 @@ mod tests {
 
     #[test]
     fn notes_tell_nothing_of_the_way() {
-        assert!(!RunProgress::new(true).take(&Event::Note { message: String::new() }));
+        assert!(
+            !RunProgress::new(true).take(&Event::Note { code: NoteCode::Stopping, message: String::new() })
+        );
     }
 }

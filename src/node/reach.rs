@@ -1,4 +1,4 @@
-//! From where the node can be reached, as the system tells it.
+//! From where the node can be reached, as the system says.
 
 use std::{
     collections::BTreeSet,
@@ -28,8 +28,10 @@ pub fn check(environment: &Environment) -> Result<(), NodeError> {
 fn warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
     let list = |items: BTreeSet<String>| items.into_iter().collect::<Vec<_>>().join(", ");
     format!(
-        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches them can call the services of \
-         this node and feed it images; unset ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_LOCALHOST_ONLY to talk to this machine only",
+        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches them \
+         can call the services of \
+         this node and feed it images; unset ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_LOCALHOST_ONLY to talk \
+         to this machine only",
         list(addresses.iter().map(ToString::to_string).collect()),
         list(sockets.iter().map(|s| s.port().to_string()).collect()),
     )
@@ -48,15 +50,28 @@ fn addresses() -> Vec<Ipv4Addr> {
     Vec::new()
 }
 
-/// The UDP sockets of this process; none where the system does not tell.
+/// The UDP sockets of this process; none where the system does not say.
 fn own_sockets() -> Vec<SocketAddrV4> {
     let Ok(descriptors) = std::fs::read_dir("/proc/self/fd") else { return Vec::new() };
     let inodes: BTreeSet<String> = descriptors
         .flatten()
-        .filter_map(|d| std::fs::read_link(d.path()).ok()?.to_str()?.strip_prefix("socket:[")?.strip_suffix(']').map(str::to_owned))
+        .filter_map(|d| {
+            std::fs::read_link(d.path())
+                .ok()?
+                .to_str()?
+                .strip_prefix("socket:[")?
+                .strip_suffix(']')
+                .map(str::to_owned)
+        })
         .collect();
     let table = std::fs::read_to_string("/proc/self/net/udp").unwrap_or_default();
-    table.lines().skip(1).filter_map(socket).filter(|(inode, _)| inodes.contains(*inode)).map(|(_, address)| address).collect()
+    table
+        .lines()
+        .skip(1)
+        .filter_map(socket)
+        .filter(|(inode, _)| inodes.contains(*inode))
+        .map(|(_, address)| address)
+        .collect()
 }
 
 /// Inode and address of a line of `/proc/net/udp`.
@@ -83,7 +98,13 @@ mod tests {
 
     #[test]
     fn what_is_open_is_said() {
-        let said = warning(&[Ipv4Addr::new(10, 9, 9, 1)], &["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()]);
-        assert!(said.contains("10.9.9.1") && said.contains("7400, 7410") && said.contains("no authentication"), "{said}");
+        let said = warning(
+            &[Ipv4Addr::new(10, 9, 9, 1)],
+            &["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()],
+        );
+        assert!(
+            said.contains("10.9.9.1") && said.contains("7400, 7410") && said.contains("no authentication"),
+            "{said}"
+        );
     }
 }

@@ -7,14 +7,16 @@ use tokio::sync::watch;
 
 use super::{
     collection::Shared,
+    goal_error::GoalError,
     job::{Finished, Job, Work},
     last_results::note_twin,
     progress::RunProgress,
+    twin::Twin,
 };
 use crate::{
     config::{Config, Origins},
     io::{
-        RunSummary, SummaryJoint, read_run_summary,
+        SummaryJoint, read_run_summary,
         ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
     },
     run::{self, Outcome, ReconstructRequest, RunError},
@@ -24,17 +26,6 @@ impl Message for ReconstructGoal {}
 impl Message for ReconstructResult {}
 impl Message for ReconstructFeedback {}
 
-/// A finished twin, as it is published.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Twin {
-    /// What its run folder tells.
-    pub summary: RunSummary,
-    /// The observed state that is shown.
-    pub state: usize,
-    /// Frame in which it stands.
-    pub world_frame: String,
-}
-
 /// Makes twins.
 pub struct Reconstructor {
     /// Settings but for what a goal gives.
@@ -43,7 +34,7 @@ pub struct Reconstructor {
     pub origins: Origins,
     /// Name of a twin that a goal does not name.
     pub name: String,
-    /// What the core tells.
+    /// What the core shares.
     pub shared: Arc<Shared>,
     /// Gets the twin of every run that succeeds.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
@@ -56,7 +47,10 @@ impl Job for Reconstructor {
     const NAME: &'static str = "~/reconstruct";
     const TYPE: &'static str = "Reconstruct";
 
-    fn begin(self: &Arc<Self>, goal: &ReconstructGoal) -> Result<Work<ReconstructResult, ReconstructFeedback>, String> {
+    fn begin(
+        self: &Arc<Self>,
+        goal: &ReconstructGoal,
+    ) -> Result<Work<ReconstructResult, ReconstructFeedback>, GoalError> {
         let read = self.shared.read_session();
         let request = self.request(goal)?;
         let this = Arc::clone(self);
@@ -77,7 +71,7 @@ impl Job for Reconstructor {
 }
 
 impl Reconstructor {
-    fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, String> {
+    fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, GoalError> {
         let snapshot = self.shared.snapshot();
         let recordings = snapshot.both()?;
         let mut config = self.config.clone();
@@ -112,10 +106,16 @@ impl Reconstructor {
         };
         let message = match outcome.warnings.first() {
             None => format!("{} joints", summary.joints.len()),
-            Some(first) => format!("{} joints; {} warnings, the first: {first}", summary.joints.len(), outcome.warnings.len()),
+            Some(first) => format!(
+                "{} joints; {} warnings, the first: {first}",
+                summary.joints.len(),
+                outcome.warnings.len()
+            ),
         };
         log::info!("{}: {message}", Self::NAME);
-        let motion = |j: &SummaryJoint| j.states.last().copied().unwrap_or_default() - j.states.first().copied().unwrap_or_default();
+        let motion = |j: &SummaryJoint| {
+            j.states.last().copied().unwrap_or_default() - j.states.first().copied().unwrap_or_default()
+        };
         let done = ReconstructResult {
             success: true,
             message,
@@ -131,10 +131,10 @@ impl Reconstructor {
     }
 }
 
-/// Keeps the settings beside the recordings, so that `artitwin reconstruct --config` repeats the run. Others that are there
-/// stay, as `settings_replaced<K>.yaml`.
-fn write_settings(session: &Path, config: &Config) -> Result<(), String> {
-    let text = serde_norway::to_string(config).map_err(|e| e.to_string())?;
+/// Keeps the settings beside the recordings, so that `artitwin reconstruct --config` repeats the run. Others
+/// that are there stay, as `settings_replaced<K>.yaml`.
+fn write_settings(session: &Path, config: &Config) -> Result<(), GoalError> {
+    let text = serde_norway::to_string(config)?;
     let path = session.join("settings.yaml");
     if fs::read_to_string(&path).is_ok_and(|old| old == text) {
         return Ok(());
@@ -143,7 +143,7 @@ fn write_settings(session: &Path, config: &Config) -> Result<(), String> {
     let spare = (1..).map(|k| session.join(format!("settings_replaced{k}.yaml"))).find(|p| !is_there(p));
     let moved = spare.filter(|_| is_there(&path)).map_or(Ok(()), |spare| fs::rename(&path, spare));
     let written = moved.and_then(|()| fs::File::create_new(&path)?.write_all(text.as_bytes()));
-    written.map_err(|e| format!("cannot write `{}`: {e}", path.display()))
+    written.map_err(|source| GoalError::Settings { path, source })
 }
 
 #[cfg(test)]
@@ -152,9 +152,8 @@ mod tests {
 
     #[test]
     fn settings_that_are_there_stay() {
-        let session = std::env::temp_dir().join(format!("artitwin-settings-{}", std::process::id()));
-        fs::remove_dir_all(&session).ok();
-        fs::create_dir_all(&session).unwrap();
+        let folder = crate::temp::Temp::new("settings");
+        let session = folder.0.clone();
         let read = |name: &str| fs::read_to_string(session.join(name)).unwrap();
         fs::write(session.join("settings.yaml"), "# mine").unwrap();
         let config = Config::default();
@@ -167,6 +166,5 @@ mod tests {
         other.run.parts = Some(3);
         write_settings(&session, &other).unwrap();
         assert!(read("settings_replaced2.yaml") == own && read("settings.yaml") != own);
-        fs::remove_dir_all(&session).unwrap();
     }
 }

@@ -15,7 +15,10 @@ use super::{
 };
 use crate::io::{
     BagWriteError, BagWriter, OfferedQos,
-    ros2msg::{CameraInfo, DecodeError, PoseStamped, TfMessage, definitions::RosMessage, encode, odometry::FullOdometry},
+    ros2msg::{
+        CameraInfo, DecodeError, PoseStamped, TfMessage, definitions::RosMessage, encode,
+        odometry::FullOdometry,
+    },
 };
 
 /// Name of the node where none is given.
@@ -83,24 +86,25 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     Ok(Recorded { messages, dropped: inputs.iter().map(lost).sum() })
 }
 
-/// Writes a message under its topic, whether it makes sense or not: that is for the reader to tell.
+/// Writes a message under its topic, whether it makes sense or not: that is for the reader to judge.
 fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) -> Result<(), BagWriteError> {
     const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
     const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
     const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
     let named = |name: &Option<String>| name.clone().unwrap_or_default();
     let pose = topics.pose.as_ref().map(|(name, _)| name.clone()).unwrap_or_default();
-    let (topic, type_name, qos, payload): (String, &str, OfferedQos, Result<Vec<u8>, DecodeError>) = match sample {
-        Sample::Color(m) => (topics.color.clone(), m.type_name(), SENSOR, m.payload()),
-        Sample::Depth(m) => (topics.depth.clone(), m.type_name(), SENSOR, m.payload()),
-        Sample::Mask(m) => (named(&topics.mask), m.type_name(), SENSOR, m.payload()),
-        Sample::ColorInfo(m) => (topics.color_info.clone(), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
-        Sample::DepthInfo(m) => (named(&topics.depth_info), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
-        Sample::Transforms(m) => ("/tf".to_owned(), TfMessage::TYPE, RELIABLE, encode(m)),
-        Sample::StaticTransforms(m) => ("/tf_static".to_owned(), TfMessage::TYPE, LATCHED, encode(m)),
-        Sample::Pose(m) => (pose, PoseStamped::TYPE, SENSOR, encode(m)),
-        Sample::Odometry(m) => (pose, FullOdometry::TYPE, SENSOR, encode(m.as_ref())),
-    };
+    let (topic, type_name, qos, payload): (String, &str, OfferedQos, Result<Vec<u8>, DecodeError>) =
+        match sample {
+            Sample::Color(m) => (topics.color.clone(), m.type_name(), SENSOR, m.payload()),
+            Sample::Depth(m) => (topics.depth.clone(), m.type_name(), SENSOR, m.payload()),
+            Sample::Mask(m) => (named(&topics.mask), m.type_name(), SENSOR, m.payload()),
+            Sample::ColorInfo(m) => (topics.color_info.clone(), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
+            Sample::DepthInfo(m) => (named(&topics.depth_info), CameraInfo::TYPE, SENSOR, encode(m.as_ref())),
+            Sample::Transforms(m) => ("/tf".to_owned(), TfMessage::TYPE, RELIABLE, encode(m)),
+            Sample::StaticTransforms(m) => ("/tf_static".to_owned(), TfMessage::TYPE, LATCHED, encode(m)),
+            Sample::Pose(m) => (pose, PoseStamped::TYPE, SENSOR, encode(m)),
+            Sample::Odometry(m) => (pose, FullOdometry::TYPE, SENSOR, encode(m.as_ref())),
+        };
     match payload {
         Ok(payload) => bag.write(&topic, type_name, qos, now_nanos, &payload),
         Err(error) => {

@@ -63,8 +63,8 @@ pub struct RosArgsError {
 }
 
 impl RosArgs {
-    /// Reads the arguments of a program, its own name left out. What is not known between `--ros-args` and `--` is kept in
-    /// `unknown`, as a newer launch may pass more than this program knows.
+    /// Reads the arguments of a program, its own name left out. What is not known between `--ros-args` and
+    /// `--` is kept in `unknown`, as a newer launch may pass more than this program knows.
     ///
     /// # Errors
     /// If an option lacks its value or the value cannot be read.
@@ -83,9 +83,15 @@ impl RosArgs {
         Ok(parsed)
     }
 
-    fn option<'a>(&mut self, option: &str, rest: &mut impl Iterator<Item = &'a String>) -> Result<(), RosArgsError> {
+    fn option<'a>(
+        &mut self,
+        option: &str,
+        rest: &mut impl Iterator<Item = &'a String>,
+    ) -> Result<(), RosArgsError> {
         let fail = |reason: &str| RosArgsError { argument: option.to_owned(), reason: reason.to_owned() };
-        let mut value = |what: &str| rest.next().cloned().ok_or_else(|| fail(&format!("is the last argument; give {what} after it")));
+        let mut value = |what: &str| {
+            rest.next().cloned().ok_or_else(|| fail(&format!("is the last argument; give {what} after it")))
+        };
         match option {
             "-r" | "--remap" => {
                 let text = value("FROM:=TO")?;
@@ -98,7 +104,9 @@ impl RosArgs {
             "--params-file" => self.parameters.push(ParameterSource::File(value("FILE")?.into())),
             "--log-level" => self.log_level = Some(log_level(&value("LEVEL")?)?),
             "-e" | "--enclave" => self.enclave = Some(value("ENCLAVE")?),
-            "--log-config-file" | "--log-file-name" => self.unknown.push(format!("{option} {}", value("FILE")?)),
+            "--log-config-file" | "--log-file-name" => {
+                self.unknown.push(format!("{option} {}", value("FILE")?))
+            }
             "--disable-rosout-logs" => self.no_rosout = true,
             "--disable-stdout-logs" => self.no_stdout = true,
             "--enable-rosout-logs" => self.no_rosout = false,
@@ -116,7 +124,9 @@ impl RosArgs {
     /// # Errors
     /// If they are no names.
     pub fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
-        let find = |keys: [&str; 2]| self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name));
+        let find = |keys: [&str; 2]| {
+            self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name))
+        };
         let name = find(["__node", "__name"]).map_or(default_name, |r| r.to.as_str());
         let namespace = find(["__ns", "__ns"]).map_or("/", |r| r.to.as_str());
         NodeIdentity::new(namespace, name).map_err(|reason| RosArgsError {
@@ -134,7 +144,8 @@ impl RosArgs {
     pub fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
         let full = expand(strip_transport(name), node);
         let fits = |r: &&Remap| {
-            let own = r.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full());
+            let own =
+                r.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full());
             own && !r.from.starts_with("__") && expand(strip_transport(&r.from), node) == full
         };
         self.remaps.iter().find(fits).map_or(full.clone(), |r| expand(strip_transport(&r.to), node))
@@ -157,8 +168,10 @@ fn remap(text: &str) -> Result<Remap, RosArgsError> {
 
 fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     let fail = |reason: String| RosArgsError { argument: text.to_owned(), reason };
-    let (left, value) = text.split_once(":=").ok_or_else(|| fail("is no parameter; give NAME:=VALUE".into()))?;
-    let (node, name) = left.split_once(':').map_or((None, left), |(node, name)| (Some(node.to_owned()), name));
+    let (left, value) =
+        text.split_once(":=").ok_or_else(|| fail("is no parameter; give NAME:=VALUE".into()))?;
+    let (node, name) =
+        left.split_once(':').map_or((None, left), |(node, name)| (Some(node.to_owned()), name));
     if name.is_empty() {
         return Err(fail("the parameter has no name".into()));
     }
@@ -172,7 +185,10 @@ fn log_level(text: &str) -> Result<String, RosArgsError> {
     if ["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {
         return Ok(level);
     }
-    Err(RosArgsError { argument: text.to_owned(), reason: "is no log level; give debug, info, warn, error or fatal".into() })
+    Err(RosArgsError {
+        argument: text.to_owned(),
+        reason: "is no log level; give debug, info, warn, error or fatal".into(),
+    })
 }
 
 #[cfg(test)]
@@ -186,7 +202,8 @@ mod tests {
     #[test]
     fn what_a_launch_file_passes_is_understood() {
         let args = parse(
-            "a --ros-args -r __node:=twin -r __ns:=/lab -r color:=/rgb --params-file p.yaml -p parts:=3 -p n:q:=[1,2] --log-level x:=WARN -- b",
+            "a --ros-args -r __node:=twin -r __ns:=/lab -r color:=/rgb --params-file p.yaml -p parts:=3 -p \
+             n:q:=[1,2] --log-level x:=WARN -- b",
         );
         assert_eq!(args.rest, ["a", "b"]);
         let node = args.identity("artitwin").unwrap();
@@ -203,7 +220,9 @@ mod tests {
 
     #[test]
     fn names_are_expanded_before_they_are_compared() {
-        let args = parse("--ros-args -r image:=/cam/image -r ~/save:=store -r other:image:=/x -r rostopic:///a/b:=c");
+        let args = parse(
+            "--ros-args -r image:=/cam/image -r ~/save:=store -r other:image:=/x -r rostopic:///a/b:=c",
+        );
         let node = NodeIdentity::new("/ns", "twin").unwrap();
         assert_eq!(args.resolve("image", &node), "/cam/image");
         assert_eq!(args.resolve("/ns/image", &node), "/cam/image");
@@ -216,7 +235,9 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused_and_the_unknown_is_kept() {
-        let error = |line: &str| RosArgs::parse(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).unwrap_err().to_string();
+        let error = |line: &str| {
+            RosArgs::parse(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).unwrap_err().to_string()
+        };
         assert!(error("--ros-args -r a=b").contains("FROM:=TO"));
         assert!(error("--ros-args -p").contains("last argument"));
         assert!(error("--ros-args -p a:=[1").contains("no YAML"));

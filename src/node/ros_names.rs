@@ -3,6 +3,23 @@
 /// Longest name that is taken, bytes.
 const MAX_NAME: usize = 255;
 
+/// Why a name is none.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// A part of it, between slashes.
+    #[error("`{0}` is not made of letters, digits and single underscores")]
+    Token(String),
+    /// A full name begins at the root.
+    #[error("`{0}` does not begin with a slash")]
+    NoSlash(String),
+    /// Longer than DDS carries.
+    #[error("it has {0} bytes, more than {MAX_NAME}")]
+    Long(usize),
+    /// What the middleware says.
+    #[error("{0}")]
+    Middleware(String),
+}
+
 /// A node's name and where it lives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeIdentity {
@@ -16,11 +33,15 @@ impl NodeIdentity {
     /// Checks name and namespace; a namespace without leading slash gets one.
     ///
     /// # Errors
-    /// A sentence.
-    pub fn new(namespace: &str, name: &str) -> Result<Self, String> {
+    /// [`NameError`].
+    pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
         let namespace = format!("/{}", namespace.trim_matches('/'));
         check_token(name)?;
-        namespace.split('/').skip(1).filter(|t| !t.is_empty() || namespace != "/").try_for_each(check_token)?;
+        namespace
+            .split('/')
+            .skip(1)
+            .filter(|t| !t.is_empty() || namespace != "/")
+            .try_for_each(check_token)?;
         Ok(Self { namespace, name: name.to_owned() })
     }
 
@@ -31,22 +52,23 @@ impl NodeIdentity {
     }
 }
 
-fn check_token(token: &str) -> Result<(), String> {
-    let valid = token.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') && !token.starts_with(|c: char| c.is_ascii_digit());
+fn check_token(token: &str) -> Result<(), NameError> {
+    let valid = token.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        && !token.starts_with(|c: char| c.is_ascii_digit());
     match valid && !token.is_empty() && !token.contains("__") && token.len() <= MAX_NAME {
         true => Ok(()),
-        false => Err(format!("`{}` is not made of letters, digits and single underscores", token.escape_debug())),
+        false => Err(NameError::Token(token.escape_debug().to_string())),
     }
 }
 
 /// Refuses a full name that DDS would not carry.
 ///
 /// # Errors
-/// A sentence.
-pub fn check_full_name(name: &str) -> Result<(), String> {
-    let tokens = name.strip_prefix('/').ok_or_else(|| format!("`{name}` does not begin with a slash"))?;
+/// [`NameError`].
+pub fn check_full_name(name: &str) -> Result<(), NameError> {
+    let tokens = name.strip_prefix('/').ok_or_else(|| NameError::NoSlash(name.to_owned()))?;
     if name.len() > MAX_NAME {
-        return Err(format!("it has {} bytes, more than {MAX_NAME}", name.len()));
+        return Err(NameError::Long(name.len()));
     }
     tokens.split('/').try_for_each(check_token)
 }
@@ -55,7 +77,9 @@ pub fn check_full_name(name: &str) -> Result<(), String> {
 #[must_use]
 pub fn expand(name: &str, node: &NodeIdentity) -> String {
     match name.strip_prefix('~') {
-        Some(rest) => format!("{}/{}", node.full(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned(),
+        Some(rest) => {
+            format!("{}/{}", node.full(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned()
+        }
         None if name.starts_with('/') => name.to_owned(),
         None => format!("{}/{name}", node.namespace.trim_end_matches('/')),
     }
@@ -80,6 +104,10 @@ mod tests {
             assert!(NodeIdentity::new(namespace, name).is_err(), "{namespace} {name}");
         }
         assert!(check_full_name("/a/b_1").is_ok());
-        assert!(check_full_name("/a b").is_err() && check_full_name("a").is_err() && check_full_name("/").is_err());
+        assert!(
+            check_full_name("/a b").is_err()
+                && check_full_name("a").is_err()
+                && check_full_name("/").is_err()
+        );
     }
 }

@@ -3,8 +3,8 @@
 use crate::io::{
     image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
     ros2msg::{
-        CameraInfo, CompressedImage, DecodeError, Header, Image, MAX_NAME, PoseStamped, TfMessage, definitions::RosMessage, encode,
-        odometry::FullOdometry,
+        CameraInfo, CompressedImage, DecodeError, Header, Image, MAX_NAME, PoseStamped, TfMessage,
+        definitions::RosMessage, encode, odometry::FullOdometry,
     },
 };
 
@@ -140,7 +140,9 @@ impl Picture {
             }
             Self::Compressed(m) => (&m.format, !m.data.is_empty()),
         };
-        (sized && self.bytes() <= MAX_IMAGE_BYTES && name.len() <= MAX_NAME).then_some(()).ok_or(Refusal::Size)
+        (sized && self.bytes() <= MAX_IMAGE_BYTES && name.len() <= MAX_NAME)
+            .then_some(())
+            .ok_or(Refusal::Size)
     }
 }
 
@@ -164,7 +166,13 @@ impl Sample {
             Self::Transforms(m) | Self::StaticTransforms(m) => match m.transforms.len() {
                 n if n > MAX_TRANSFORMS => Err(Refusal::Size),
                 // One broken transform does not make the others wrong; the buffer leaves it out.
-                _ if m.transforms.iter().all(|t| t.header.checked().is_some() && t.transform.checked().is_some()) => Ok(()),
+                _ if m
+                    .transforms
+                    .iter()
+                    .all(|t| t.header.checked().is_some() && t.transform.checked().is_some()) =>
+                {
+                    Ok(())
+                }
                 _ => Err(Refusal::Value),
             },
             Self::Pose(m) => stamped(&m.header).and(m.pose.checked().map(|_| ()).ok_or(Refusal::Value)),
@@ -196,7 +204,15 @@ mod tests {
     }
 
     fn image() -> Image {
-        Image { header: header(), height: 2, width: 1, encoding: "rgb8".into(), is_bigendian: 0, step: 3, data: vec![0; 6] }
+        Image {
+            header: header(),
+            height: 2,
+            width: 1,
+            encoding: "rgb8".into(),
+            is_bigendian: 0,
+            step: 3,
+            data: vec![0; 6],
+        }
     }
 
     #[test]
@@ -221,12 +237,19 @@ mod tests {
     #[test]
     fn transforms_and_cameras_must_be_finite() {
         let tf = |w: f64| {
-            let mut t = TransformStamped { header: header(), child_frame_id: "a".into(), transform: Transform::default() };
+            let mut t = TransformStamped {
+                header: header(),
+                child_frame_id: "a".into(),
+                transform: Transform::default(),
+            };
             t.transform.rotation.w = w;
             Sample::Transforms(TfMessage { transforms: vec![t] }).check()
         };
         assert_eq!((tf(1.0), tf(0.5), tf(f64::NAN)), (Ok(()), Err(Refusal::Value), Err(Refusal::Value)));
-        let info = |k: f64| Sample::ColorInfo(Box::new(CameraInfo { header: header(), k: [k; 9], ..CameraInfo::default() })).check();
+        let info = |k: f64| {
+            Sample::ColorInfo(Box::new(CameraInfo { header: header(), k: [k; 9], ..CameraInfo::default() }))
+                .check()
+        };
         assert_eq!((info(1.0), info(f64::INFINITY)), (Ok(()), Err(Refusal::Value)));
     }
 }

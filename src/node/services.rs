@@ -6,6 +6,7 @@ use ros2_client::{Message, ServiceMapping, ServiceTypeName};
 use tokio::sync::{mpsc, oneshot};
 
 use super::{
+    collect_error::CollectError,
     collection::{Command, Shared},
     error::NodeError,
     participant::{Participant, reliable},
@@ -25,7 +26,7 @@ const DEPTH: usize = 10;
 pub struct ServiceContext {
     /// To the core.
     pub commands: mpsc::Sender<Command>,
-    /// What the core tells.
+    /// What the core shares.
     pub shared: Arc<Shared>,
     /// Makes the folder of the next session.
     pub next_session: Arc<dyn Fn() -> PathBuf + Send + Sync>,
@@ -33,18 +34,27 @@ pub struct ServiceContext {
 
 impl ServiceContext {
     /// Sends a command and waits for its answer.
-    async fn ask<T>(&self, command: impl FnOnce(oneshot::Sender<Result<T, String>>) -> Command) -> Result<T, String> {
+    async fn ask<T>(
+        &self,
+        command: impl FnOnce(oneshot::Sender<Result<T, CollectError>>) -> Command,
+    ) -> Result<T, CollectError> {
         let (answer, answered) = oneshot::channel();
         if self.commands.send(command(answer)).await.is_err() {
-            return Err("the node is ending".to_owned());
+            return Err(CollectError::Ending);
         }
-        answered.await.unwrap_or_else(|gone| Err(format!("the node is ending: {gone}")))
+        answered.await.unwrap_or(Err(CollectError::Ending))
     }
 
     async fn set_state(&self, begin: bool, state: usize) -> SetStateResponse {
         let done = match begin {
-            true => self.ask(|a| Command::Start(state, a)).await.map(|()| format!("state {state} is being collected")),
-            false => self.ask(|a| Command::Finish(state, a)).await.map(|kept| format!("state {state} has {kept} views")),
+            true => self
+                .ask(|a| Command::Start(state, a))
+                .await
+                .map(|()| format!("state {state} is being collected")),
+            false => self
+                .ask(|a| Command::Finish(state, a))
+                .await
+                .map(|kept| format!("state {state} has {kept} views")),
         };
         let keyframes = self.shared.snapshot().kept.get(state).copied().unwrap_or(0) as u32;
         match done {
@@ -52,9 +62,9 @@ impl ServiceContext {
                 log::info!("{message}");
                 SetStateResponse { success: true, message, keyframes }
             }
-            Err(message) => {
-                log::warn!("{message}");
-                SetStateResponse { success: false, message, keyframes }
+            Err(error) => {
+                log::warn!("{error}");
+                SetStateResponse { success: false, message: error.to_string(), keyframes }
             }
         }
     }
@@ -75,10 +85,10 @@ impl ServiceContext {
     }
 }
 
-fn trigger(done: Result<String, String>) -> TriggerResponse {
+fn trigger(done: Result<String, CollectError>) -> TriggerResponse {
     match done {
         Ok(message) => TriggerResponse { success: true, message },
-        Err(message) => TriggerResponse { success: false, message },
+        Err(error) => TriggerResponse { success: false, message: error.to_string() },
     }
 }
 
@@ -86,7 +96,11 @@ fn trigger(done: Result<String, String>) -> TriggerResponse {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub fn offer(participant: &mut Participant, mapping: ServiceMapping, context: &ServiceContext) -> Result<(), NodeError> {
+pub fn offer(
+    participant: &mut Participant,
+    mapping: ServiceMapping,
+    context: &ServiceContext,
+) -> Result<(), NodeError> {
     for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
         let context = context.clone();
         serve(participant, mapping, name, ("artitwin_msgs", "SetState"), move |request: SetStateRequest| {

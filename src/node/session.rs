@@ -3,7 +3,7 @@
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::Duration,
 };
 
 use tokio::sync::{mpsc, oneshot, watch};
@@ -29,6 +29,7 @@ use super::{
     ros_args::RosArgs,
     ros_names::NodeIdentity,
     services::{self, ServiceContext},
+    session_folder::free_folder,
     session_lock::SessionLock,
     settings,
 };
@@ -47,8 +48,8 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
     in_runtime(live(&start))
 }
 
-/// Reads arguments and the parameter files that they name as [`run`] does, and starts nothing. Gives the names of
-/// parameters that mean nothing here.
+/// Reads arguments and the parameter files that they name as [`run`] does, and starts nothing. Gives the
+/// names of parameters that mean nothing here.
 ///
 /// # Errors
 /// [`NodeError`] if the node would not start with them.
@@ -82,7 +83,7 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// Reads arguments, environment and parameters, starts the log and tells what is odd.
+    /// Reads arguments, environment and parameters, starts the log and logs what is odd.
     pub fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
         let identity = arguments.identity(name)?;
@@ -94,14 +95,18 @@ impl Start {
             log::warn!("--enclave is left out: this build has no DDS security");
         }
         let loaded = Parameters::load(&arguments, &identity)?;
-        loaded.unknown.iter().for_each(|name| log::warn!("parameter `{name}` is not known here and is left out"));
+        loaded
+            .unknown
+            .iter()
+            .for_each(|name| log::warn!("parameter `{name}` is not known here and is left out"));
         small_buffer_warning().into_iter().for_each(|w| log::warn!("{w}"));
         Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
     }
 
     /// Joins the domain, and says from where the node can be reached.
     pub fn join(&self) -> Result<Participant, NodeError> {
-        let participant = Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
+        let participant =
+            Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
         reach::check(&self.environment)?;
         Ok(participant)
     }
@@ -135,7 +140,13 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let shared = Arc::new(Shared::default());
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
-    let core = Core::new((collector, lock), watch, usize::try_from(p.cloud_points).unwrap_or(0), Arc::clone(&clock), Arc::clone(&shared));
+    let core = Core::new(
+        (collector, lock),
+        watch,
+        usize::try_from(p.cloud_points).unwrap_or(0),
+        Arc::clone(&clock),
+        Arc::clone(&shared),
+    );
     let (outbox, inbox) = queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
     let handle = tokio::runtime::Handle::current();
@@ -184,19 +195,10 @@ pub(super) fn queues(images: usize) -> (Outbox, Inbox) {
     let (images, image_inbox) = mpsc::channel(images);
     let (small, small_inbox) = mpsc::channel(SMALL_QUEUE);
     let (commands, command_inbox) = mpsc::channel(16);
-    (Outbox { images, small, commands }, Inbox { images: image_inbox, small: small_inbox, commands: command_inbox })
-}
-
-/// A folder that is not there yet: by the name, or by the time.
-pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
-    let base = if name.is_empty() {
-        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        format!("session_{seconds}")
-    } else {
-        name.to_owned()
-    };
-    let numbered = |k: usize| out.join(if k == 0 { base.clone() } else { format!("{base}_{k}") });
-    (0..).map(numbered).find(|p| !p.exists()).unwrap_or_else(|| out.join(base))
+    (
+        Outbox { images, small, commands },
+        Inbox { images: image_inbox, small: small_inbox, commands: command_inbox },
+    )
 }
 
 /// Ends the log: the middleware complains of its own threads while it is taken down.

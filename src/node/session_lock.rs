@@ -22,7 +22,8 @@ pub struct SessionLock {
 #[derive(Debug, thiserror::Error)]
 pub enum SessionLockError {
     /// Another node holds it.
-    #[error("another node works on the session {}; end it, or give another session or out_folder", .0.display())]
+    #[error("another node works on the session {}; end it, or give another session or \
+        out_folder", .0.display())]
     InUse(PathBuf),
     /// The system refuses.
     #[error("the session {} cannot be used; give an out_folder that can be written to", folder.display())]
@@ -42,7 +43,9 @@ impl SessionLock {
     pub fn take(folder: &Path) -> Result<Self, SessionLockError> {
         let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(fails)?;
-        let file = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true).truncate(false)).map_err(fails)?;
+        let file =
+            open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true).truncate(false))
+                .map_err(fails)?;
         match file.try_lock() {
             Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
             Err(TryLockError::WouldBlock) => Err(SessionLockError::InUse(folder.to_owned())),
@@ -54,7 +57,8 @@ impl SessionLock {
 impl Drop for SessionLock {
     /// A session in which nothing was kept leaves no folder.
     fn drop(&mut self) {
-        let names = fs::read_dir(&self.folder).map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());
+        let names = fs::read_dir(&self.folder)
+            .map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());
         if names.is_ok_and(|names| names == [LOCK_FILE]) {
             fs::remove_file(self.folder.join(LOCK_FILE)).ok();
             fs::remove_dir(&self.folder).ok();
@@ -77,7 +81,10 @@ mod tests {
         let folder = folder("lock");
         let first = SessionLock::take(&folder).unwrap();
         let refused = SessionLock::take(&folder).unwrap_err().to_string();
-        assert!(refused.contains("another node") && refused.contains(&folder.display().to_string()), "{refused}");
+        assert!(
+            refused.contains("another node") && refused.contains(&folder.display().to_string()),
+            "{refused}"
+        );
         drop(first);
         assert!(!folder.exists(), "nothing was kept");
         let again = SessionLock::take(&folder).unwrap();

@@ -2,7 +2,10 @@
 
 use serde_norway::Value;
 
-use super::{collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters, state_bag::Topics};
+use super::{
+    collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters,
+    state_bag::Topics,
+};
 use crate::config::{Config, ConfigError, Layers, Resolved};
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.

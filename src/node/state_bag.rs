@@ -5,10 +5,13 @@ use std::path::{Path, PathBuf};
 use super::view::View;
 use crate::io::{
     BagWriteError, BagWriter, OfferedQos,
-    ros2msg::{CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode, odometry::FullOdometry},
+    ros2msg::{
+        CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode,
+        odometry::FullOdometry,
+    },
 };
 
-/// How images were offered, as far as a recording tells.
+/// How images were offered, as far as a recording says.
 const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
 const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
 const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
@@ -61,12 +64,14 @@ impl StateBag {
     pub fn abandon(self) -> Result<(), BagWriteError> {
         let folder = self.bag.folder().to_owned();
         drop(self.bag);
-        std::fs::remove_dir_all(&folder).map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
+        std::fs::remove_dir_all(&folder)
+            .map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
         self.replaced.map_or(Ok(()), |spare| rename(&spare, &folder))
     }
 
-    /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth, `fixed` transforms,
-    /// those `around` its stamp, of which that of the frame `posed` came from the pose topic.
+    /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth,
+    /// `fixed` transforms, those `around` its stamp, of which that of the frame `posed` came from the pose
+    /// topic.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -90,7 +95,9 @@ impl StateBag {
                 self.message(topic, SENSOR, now_nanos, info)?;
             }
         }
-        for (image, topic) in view.images.iter().zip([Some(&topics.color), Some(&topics.depth), topics.mask.as_ref()]) {
+        for (image, topic) in
+            view.images.iter().zip([Some(&topics.color), Some(&topics.depth), topics.mask.as_ref()])
+        {
             if let (Some(image), Some(topic)) = (image, topic) {
                 let payload = image.payload().map_err(|e| unwritable(&self.bag, &e.to_string()))?;
                 self.bag.write(topic, image.type_name(), SENSOR, now_nanos, &payload)?;
@@ -100,7 +107,12 @@ impl StateBag {
     }
 
     /// The transforms about a stamp; those of the pose topic under its name.
-    fn poses(&mut self, around: Vec<TransformStamped>, posed: Option<&str>, now_nanos: i64) -> Result<(), BagWriteError> {
+    fn poses(
+        &mut self,
+        around: Vec<TransformStamped>,
+        posed: Option<&str>,
+        now_nanos: i64,
+    ) -> Result<(), BagWriteError> {
         let (posed, plain): (Vec<_>, Vec<_>) = match (&self.topics.pose, posed) {
             (Some(_), Some(child)) => around.into_iter().partition(|t| t.child_frame_id == child),
             _ => (Vec::new(), around),
@@ -112,7 +124,12 @@ impl StateBag {
         for t in posed {
             let header = Header { stamp: t.header.stamp, frame_id: t.header.frame_id };
             if odometry {
-                let message = FullOdometry { header, child_frame_id: t.child_frame_id, pose: t.transform, ..FullOdometry::default() };
+                let message = FullOdometry {
+                    header,
+                    child_frame_id: t.child_frame_id,
+                    pose: t.transform,
+                    ..FullOdometry::default()
+                };
                 self.message(&topic, RELIABLE, now_nanos, &message)?;
             } else {
                 self.message(&topic, RELIABLE, now_nanos, &PoseStamped { header, pose: t.transform })?;
@@ -121,7 +138,13 @@ impl StateBag {
         Ok(())
     }
 
-    fn message<M: RosMessage>(&mut self, topic: &str, qos: OfferedQos, now_nanos: i64, message: &M) -> Result<(), BagWriteError> {
+    fn message<M: RosMessage>(
+        &mut self,
+        topic: &str,
+        qos: OfferedQos,
+        now_nanos: i64,
+        message: &M,
+    ) -> Result<(), BagWriteError> {
         let payload = encode(message).map_err(|e| unwritable(&self.bag, &e.to_string()))?;
         self.bag.write(topic, M::TYPE, qos, now_nanos, &payload)
     }

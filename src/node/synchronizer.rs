@@ -1,4 +1,5 @@
-//! Images that belong together, found as they come. The rule is that of recordings ([`crate::capture::pair`]).
+//! Images that belong together, found as they come. The rule is that of recordings
+//! ([`crate::capture::pair`]).
 
 use std::collections::VecDeque;
 
@@ -79,16 +80,21 @@ impl<T> Synchronizer<T> {
         found
     }
 
-    /// Takes out the sets that no later image can change, and the color images that no later image can complete.
+    /// Takes out the sets that no later image can change, and the color images that no later image can
+    /// complete.
     fn settle(&mut self) -> Vec<Matched<T>> {
         let stamps = |queue: &VecDeque<(i64, T)>| queue.iter().map(|e| e.0).collect::<Vec<_>>();
         let color = stamps(&self.queues[0]);
-        let partners: Vec<Option<Vec<Option<usize>>>> =
-            (0..ROLES).map(|r| (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))).collect();
+        let partners: Vec<Option<Vec<Option<usize>>>> = (0..ROLES)
+            .map(|r| {
+                (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))
+            })
+            .collect();
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
-            let states: Vec<Fate> = (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
+            let states: Vec<Fate> =
+                (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
             } else if states.iter().all(|s| *s == Fate::Settled) {
@@ -120,7 +126,11 @@ impl<T> Synchronizer<T> {
                 let at = images[r].iter().position(|(k, _)| *k == index)?;
                 Some(images[r].swap_remove(at).1.1)
             };
-            let set = [take(0, i), partners[1].as_ref().and_then(|p| take(1, p[i]?)), partners[2].as_ref().and_then(|p| take(2, p[i]?))];
+            let set = [
+                take(0, i),
+                partners[1].as_ref().and_then(|p| take(1, p[i]?)),
+                partners[2].as_ref().and_then(|p| take(2, p[i]?)),
+            ];
             found.push(Matched { stamp_nanos: color[i], images: set });
         }
         found
@@ -235,7 +245,8 @@ mod tests {
             }
         }
         found.extend(stamps(&sync.push(1, 1_000_000, 99)));
-        let expected: Vec<_> = offline.iter().enumerate().map(|(c, d)| (color[c], c as u32, d.unwrap() as u32)).collect();
+        let expected: Vec<_> =
+            offline.iter().enumerate().map(|(c, d)| (color[c], c as u32, d.unwrap() as u32)).collect();
         assert_eq!(found, expected);
     }
 }

@@ -49,7 +49,12 @@ pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &st
 
 /// The root link's frame is the world frame of the recording. `None` where both have one name.
 #[must_use]
-pub fn root_transform(twin: &RunSummary, world_frame: &str, stamp: Time, prefix: &str) -> Option<TransformStamped> {
+pub fn root_transform(
+    twin: &RunSummary,
+    world_frame: &str,
+    stamp: Time,
+    prefix: &str,
+) -> Option<TransformStamped> {
     let child_frame_id = format!("{prefix}{}", twin.root);
     (child_frame_id != world_frame).then(|| TransformStamped {
         header: Header { stamp, frame_id: world_frame.to_owned() },
@@ -58,18 +63,28 @@ pub fn root_transform(twin: &RunSummary, world_frame: &str, stamp: Time, prefix:
     })
 }
 
-/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state. Old markers go.
+/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state. Old
+/// markers go.
 #[must_use]
 pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
-    let clear = Marker { header: header.clone(), ns: NAMESPACE.into(), action: action::DELETE_ALL, ..Marker::default() };
+    let clear = Marker {
+        header: header.clone(),
+        ns: NAMESPACE.into(),
+        action: action::DELETE_ALL,
+        ..Marker::default()
+    };
     let positions = twin.positions(state);
     let poses = twin.link_poses(&positions);
     let mut markers = vec![clear];
     for (k, joint) in twin.joints.iter().enumerate() {
-        let parent = poses.iter().find(|(name, _)| *name == joint.parent).map_or_else(Pose::identity, |(_, pose)| *pose);
+        let parent = poses
+            .iter()
+            .find(|(name, _)| *name == joint.parent)
+            .map_or_else(Pose::identity, |(_, pose)| *pose);
         let world_from_joint = parent * joint.parent_from_joint;
-        let drawn = Drawn { joint, position: positions.get(k).copied().unwrap_or_default(), world_from_joint };
+        let drawn =
+            Drawn { joint, position: positions.get(k).copied().unwrap_or_default(), world_from_joint };
         let first = MARKERS_PER_JOINT * k as i32;
         markers.extend(drawn.markers().into_iter().zip(first..).map(|(m, id)| Marker {
             header: header.clone(),
@@ -122,7 +137,10 @@ impl Drawn<'_> {
     }
 
     fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<crate::io::ros2msg::Vector3> {
-        in_joint.iter().map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into()).collect()
+        in_joint
+            .iter()
+            .map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into())
+            .collect()
     }
 
     /// From the lowest to the highest position: an arc about the axis, or a piece of it.
@@ -135,7 +153,9 @@ impl Drawn<'_> {
                 let pitch_m_per_rad = self.joint.kind.pitch_m_per_rad().unwrap_or(0.0);
                 let radius = 0.4 * AXIS_LENGTH_M * across(&axis);
                 let turn = |k: usize| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64;
-                let at = |turn: f64| UnitQuaternion::from_scaled_axis(axis * turn) * radius + axis * (pitch_m_per_rad * turn);
+                let at = |turn: f64| {
+                    UnitQuaternion::from_scaled_axis(axis * turn) * radius + axis * (pitch_m_per_rad * turn)
+                };
                 (0..ARC_POINTS).map(|k| at(turn(k))).collect()
             }
         }
@@ -148,7 +168,11 @@ impl Drawn<'_> {
         let known = |v: f64| if v.is_finite() { v } else { 0.0 };
         let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
         let turn = |k: usize| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64;
-        (0..ARC_POINTS).map(|k| axis * reach + UnitQuaternion::from_scaled_axis(axis * turn(k)) * (radius * across(&axis))).collect()
+        (0..ARC_POINTS)
+            .map(|k| {
+                axis * reach + UnitQuaternion::from_scaled_axis(axis * turn(k)) * (radius * across(&axis))
+            })
+            .collect()
     }
 
     fn label(&self) -> String {
@@ -161,9 +185,21 @@ impl Drawn<'_> {
         };
         match j.kind {
             JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-                format!("{}: {:.1} deg in [{:.1}, {:.1}], {axis}", j.name, self.position.to_degrees(), low.to_degrees(), high.to_degrees())
+                format!(
+                    "{}: {:.1} deg in [{:.1}, {:.1}], {axis}",
+                    j.name,
+                    self.position.to_degrees(),
+                    low.to_degrees(),
+                    high.to_degrees()
+                )
             }
-            JointKind::Prismatic => format!("{}: {:.0} mm in [{:.0}, {:.0}], {axis}", j.name, 1e3 * self.position, 1e3 * low, 1e3 * high),
+            JointKind::Prismatic => format!(
+                "{}: {:.0} mm in [{:.0}, {:.0}], {axis}",
+                j.name,
+                1e3 * self.position,
+                1e3 * low,
+                1e3 * high
+            ),
         }
     }
 }
@@ -220,12 +256,16 @@ mod tests {
         let twin = twin();
         let message = link_transforms(&twin, 1, Time::default(), "p/");
         assert_eq!(message.transforms[1].header.frame_id, "p/lid");
-        let chain = message.transforms.iter().fold(Pose::identity(), |pose, t| pose * t.transform.checked().unwrap());
+        let chain =
+            message.transforms.iter().fold(Pose::identity(), |pose, t| pose * t.transform.checked().unwrap());
         let (name, pose) = twin.link_poses(&twin.positions(1)).pop().unwrap();
         assert_eq!(name, "tray");
         assert!((chain.translation.vector - pose.translation.vector).norm() < 1e-12);
         // The lid stands at a right angle, so the tray slides along y.
-        assert!((pose.translation.vector - Vector3::new(1.0, 0.5 + std::f64::consts::FRAC_PI_2, 0.0)).norm() < 1e-12);
+        assert!(
+            (pose.translation.vector - Vector3::new(1.0, 0.5 + std::f64::consts::FRAC_PI_2, 0.0)).norm()
+                < 1e-12
+        );
         assert_eq!(root_transform(&twin, "map", Time::default(), "").unwrap().child_frame_id, "base");
         assert_eq!(root_transform(&twin, "base", Time::default(), ""), None);
     }

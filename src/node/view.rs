@@ -36,25 +36,53 @@ pub struct Pixels {
     pub mask: Option<Raster<bool>>,
 }
 
+/// Why the images of a view cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// The camera or the size of an image.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    /// Color or depth did not come.
+    #[error("an image is missing")]
+    Missing,
+    /// An image cannot be decoded.
+    #[error("{topic}: {source}")]
+    Image {
+        /// Its topic.
+        topic: String,
+        /// Why.
+        source: ImageError,
+    },
+}
+
 impl View {
-    /// Decodes all images, with the checks of a recording. `info` is that of the color camera; the topics' names are for
-    /// messages.
+    /// Decodes all images, with the checks of a recording. `info` is that of the color camera; the topics'
+    /// names are for messages.
     ///
     /// # Errors
-    /// A sentence that says what is wrong with which image.
-    pub fn decode(&self, info: &CameraInfo, info_topic: &str, topics: [&str; 3]) -> Result<Pixels, String> {
-        let (intrinsics, _) = pinhole(info, info_topic, topics[0]).map_err(|e| e.to_string())?;
-        let [Some(color), Some(depth), mask] = &self.images else { return Err("an image is missing".into()) };
+    /// What is wrong with which image.
+    pub fn decode(
+        &self,
+        info: &CameraInfo,
+        info_topic: &str,
+        topics: [&str; 3],
+    ) -> Result<Pixels, ViewError> {
+        let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
+        let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
         let color = self.checked(topics[0], &intrinsics, color.color())?;
         let depth = self.checked(topics[1], &intrinsics, depth.depth())?;
         let mask = mask.as_ref().map(|m| self.checked(topics[2], &intrinsics, m.mask())).transpose()?;
         Ok(Pixels { intrinsics, color, depth, mask })
     }
 
-    fn checked<T>(&self, topic: &str, camera: &Intrinsics, decoded: Result<Raster<T>, ImageError>) -> Result<Raster<T>, String> {
-        let raster = decoded.map_err(|e| format!("{topic}: {e}"))?;
-        let size = check_size(topic, (raster.width, raster.height), self.stamp_nanos, camera);
-        size.map_err(|e: CaptureError| e.to_string())?;
+    fn checked<T>(
+        &self,
+        topic: &str,
+        camera: &Intrinsics,
+        decoded: Result<Raster<T>, ImageError>,
+    ) -> Result<Raster<T>, ViewError> {
+        let raster = decoded.map_err(|source| ViewError::Image { topic: topic.to_owned(), source })?;
+        check_size(topic, (raster.width, raster.height), self.stamp_nanos, camera)?;
         Ok(raster)
     }
 }

@@ -1,91 +1,166 @@
-//! The step that brings a state into the world frame of state 0.
+//! The stage that matches every state with state 0 and brings it into the world frame of state 0.
 
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 
-use super::{RunError, stage_rng};
+use super::{
+    Monitor, RunError, Stages,
+    matching::{pairs, pixel_matches},
+    scene::bounds,
+    stage::stage_of,
+};
 use crate::{
     articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states, standing_share},
-    capture::{PoseNoise, RgbdFrame, align_worlds},
+    capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds},
     config::Config,
     geometry::{Pose, SceneBox},
+    io::OnnxMatcher,
+    note::{Note, NoteCode},
+    random::stage_rng,
 };
 
-/// How a state is brought into the frame of state 0; [`moved_back`] moves its frames.
-#[derive(Serialize, Deserialize)]
-pub(super) struct Aligned {
-    /// Matches with state 0, their ends in the state moved along.
-    pub matches: Vec<LiftedMatch>,
+/// How a state was brought into the world frame of state 0.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Drift {
     /// Takes what stands still from state 0's world frame to the state's, as recorded.
     pub world_from_world0: Pose,
-    /// Covariance of a left perturbation (translation 3, rotation 3) of what stands still in the state so moved, square metres and
-    /// radians, where surfaces tell.
+    /// Covariance of a left perturbation (translation 3, rotation 3) of what stands still in the state so
+    /// moved, square meters and radians, where surfaces show it.
     pub covariance: Option<Matrix6<f64>>,
-    /// What was corrected, in words.
-    pub note: String,
+    /// What was corrected.
+    pub note: Note,
 }
 
-/// State number `state`, the second of `frames`, as it would have been recorded in the world frame of state 0; `None` where
-/// it was.
+impl Drift {
+    /// Takes frames of the state into the world frame of state 0.
+    fn undo(&self, frames: &mut [RgbdFrame]) {
+        let back = self.world_from_world0.inverse();
+        frames.iter_mut().for_each(|f| f.world_from_camera = back * f.world_from_camera);
+    }
+
+    /// Takes the ends of matches in the state there.
+    fn undo_matches(&self, matches: &mut [LiftedMatch]) {
+        let back = self.world_from_world0.inverse();
+        matches.iter_mut().for_each(|m| m.point1 = back * m.point1);
+    }
+}
+
+/// What a state shares with state 0; nothing in state 0 itself.
+#[derive(Clone, Default)]
+pub(super) struct Aligned {
+    /// Matches with state 0, in its world frame.
+    pub matches: Vec<LiftedMatch>,
+    /// How the state was brought into that frame; none where it was recorded there.
+    pub drift: Option<Drift>,
+}
+
+/// Matches all states with state 0 and moves their frames into its world frame.
+///
+/// # Errors
+/// A matching model that fails, a drift that cannot be resolved, a stop request.
+pub(super) fn align(
+    capture: &mut Capture,
+    matcher: Option<&OnnxMatcher>,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<Vec<Aligned>, RunError> {
+    let scene = bounds(capture)?;
+    let mut all = vec![Aligned::default()];
+    for state in 1..capture.states.len() {
+        let aligned = align_state(state, capture, matcher, &scene, config, stages)?;
+        if let Some(drift) = &aligned.drift {
+            stages.monitor.warn(&drift.note);
+            drift.undo(&mut capture.states[state]);
+        }
+        all.push(aligned);
+    }
+    Ok(all)
+}
+
+/// Matches of state 0 with another state, in the world frame of state 0, and how that state is brought there.
+fn align_state(
+    state: usize,
+    capture: &Capture,
+    matcher: Option<&OnnxMatcher>,
+    scene: &SceneBox,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<Aligned, RunError> {
+    let count = capture.states.len();
+    let frames = [&capture.states[0][..], &capture.states[state][..]];
+    let steps = matcher.map(|_| pairs(frames, &config.matching));
+    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
+    let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
+    let mut matches = lift(frames, &matches, &capture.noise);
+    let drift = stages.kept(&stage_of("align", state, count), None, |_| {
+        drift(state, frames, &matches, scene, &capture.noise, config)
+    })?;
+    if let Some(drift) = &drift {
+        drift.undo_matches(&mut matches);
+    }
+    Ok(Aligned { matches, drift })
+}
+
+/// How far the world frame of state number `state`, the second of `frames`, is from that of state 0; `None`
+/// where they are one.
 ///
 /// # Errors
 /// A drift that cannot be resolved.
-pub(super) fn align(
+fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
     matches: &[LiftedMatch],
     scene: &SceneBox,
+    noise: &NoiseConfig,
     config: &Config,
-) -> Result<Option<Aligned>, RunError> {
-    let extent_m = scene.extent_m();
+) -> Result<Option<Drift>, RunError> {
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
-        lift(states, &match_states(states, &config.matching), &config.capture.noise)
+        lift(states, &match_states(states, &config.matching), noise)
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
-    let standing = |motion: &Pose| standing_share(frames, motion, &config.capture.noise);
-    let found =
-        align_states(matches, around, standing, extent_m, &config.register.ransac, &mut rng).map_err(|e| RunError::stage("align", e))?;
-    Ok(found.map(|mut a| {
-        let mut covariance = None;
-        // Matches bring the states near to each other, surfaces bring them together.
-        let near = moved_back(frames[1], &a.state1_from_state0);
-        let only_object = a.by == AlignedBy::LargestPart;
-        if let Some(fine) = align_worlds([frames[0], &near], &config.capture.noise, &PoseNoise::EXPECTED, only_object) {
-            a.state1_from_state0 *= fine.right_from_told.inverse();
-            covariance = fine.covariance;
-        }
-        apply(&a, covariance, state, matches, scene)
-    }))
+    let standing = |motion: &Pose| standing_share(frames, motion, noise);
+    let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
+        .map_err(|e| RunError::stage("align", e))?;
+    Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise)))
+}
+
+/// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.
+fn refined(
+    alignment: StateAlignment,
+    state: usize,
+    frames: [&[RgbdFrame]; 2],
+    scene: &SceneBox,
+    noise: &NoiseConfig,
+) -> Drift {
+    let StateAlignment { state1_from_state0: world_from_world0, by, cells } = alignment;
+    let mut drift =
+        Drift { world_from_world0, covariance: None, note: Note::new(NoteCode::WorldFrameDiffers, "") };
+    let mut near = frames[1].to_vec();
+    drift.undo(&mut near);
+    let only_object = by == AlignedBy::LargestPart;
+    if let Some(fine) = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object) {
+        drift.world_from_world0 *= fine.corrected_from_reported.inverse();
+        drift.covariance = fine.covariance;
+    }
+    let (motion, center) = (&drift.world_from_world0, scene.center);
+    let by = match by {
+        AlignedBy::Surroundings => "its surroundings",
+        AlignedBy::LargestPart => "its largest part",
+    };
+    drift.note.text = format!(
+        "state {state} was recorded in another world frame than state 0, or the object was moved as a whole: \
+         by {:.1} mm and {:.2} deg, by {cells:.0} cells of matches on {by}; state {state} was moved back, \
+         and the twin stands as in state 0",
+        1e3 * (motion * center - center).norm(),
+        motion.rotation.angle().to_degrees(),
+    );
+    drift
 }
 
 /// The frame with what is not the object for its object.
 fn surroundings(frame: &RgbdFrame) -> RgbdFrame {
     let others = (0..frame.depth_m.len()).map(|i| frame.depth_m[i] > 0.0 && !frame.is_object(i)).collect();
     RgbdFrame { mask: Some(others), ..frame.clone() }
-}
-
-/// Frames of a state in the world frame of state 0.
-pub(super) fn moved_back(frames: &[RgbdFrame], world_from_world0: &Pose) -> Vec<RgbdFrame> {
-    let back = world_from_world0.inverse();
-    frames.iter().map(|f| RgbdFrame { world_from_camera: back * f.world_from_camera, ..f.clone() }).collect()
-}
-
-fn apply(alignment: &StateAlignment, covariance: Option<Matrix6<f64>>, state: usize, matches: &[LiftedMatch], scene: &SceneBox) -> Aligned {
-    let back = alignment.state1_from_state0.inverse();
-    let center = scene.center;
-    let shift_mm = 1e3 * (alignment.state1_from_state0 * center - center).norm();
-    let turn_deg = alignment.state1_from_state0.rotation.angle().to_degrees();
-    let by = match alignment.by {
-        AlignedBy::Surroundings => "its surroundings",
-        AlignedBy::LargestPart => "its largest part",
-    };
-    let note = format!(
-        "state {state} was recorded in another world frame than state 0, or the object was moved as a whole: by {shift_mm:.1} mm and \
-         {turn_deg:.2} deg, told by {:.0} cells of matches on {by}; state {state} was moved back, and the twin stands as in state 0",
-        alignment.cells
-    );
-    let matches = matches.iter().map(|m| LiftedMatch { point1: back * m.point1, ..*m }).collect();
-    Aligned { matches, world_from_world0: alignment.state1_from_state0, covariance, note }
 }

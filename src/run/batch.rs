@@ -11,8 +11,8 @@ use crate::{config::ConfigError, io};
 /// Runs that may go on at once, at most.
 pub const MAX_JOBS: usize = 64;
 
-/// Reconstructs every object, `jobs` at a time; one that fails does not stop the rest. Results are in the order of the
-/// requests and do not depend on `jobs`. Events carry the object's name: `fridge/register`.
+/// Reconstructs every object, `jobs` at a time; one that fails does not stop the rest. Results are in the
+/// order of the requests and do not depend on `jobs`. Events carry the object's name: `fridge/register`.
 ///
 /// All jobs share the threads of the machine; memory is that of `jobs` runs.
 ///
@@ -25,7 +25,8 @@ pub fn reconstruct_all(
 ) -> Result<Vec<Result<Outcome, RunError>>, RunError> {
     let names = names(requests)?;
     let next = AtomicUsize::new(0);
-    let results = Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
+    let results =
+        Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
     let work = || {
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
@@ -33,7 +34,7 @@ pub fn reconstruct_all(
             let own = monitor.of_object(&names[i]);
             let result = own.check().map_err(RunError::from).and_then(|()| reconstruct(request, &own));
             if let Err(error) = &result {
-                own.tell(Event::Failed { message: chain(error) });
+                own.report(Event::Failed { message: chain(error) });
             }
             if let Some(slot) = results.lock().unwrap_or_else(PoisonError::into_inner).get_mut(i) {
                 *slot = Some(result);
@@ -52,12 +53,19 @@ pub fn reconstruct_all(
 
 /// The name of every object: that of the request, else of its recording; the path where that cannot be read.
 fn names(requests: &[ReconstructRequest]) -> Result<Vec<String>, ConfigError> {
-    let path = |r: &ReconstructRequest| r.sources.first().map(|p| p.display().to_string()).unwrap_or_default();
-    let name = |r: &ReconstructRequest| r.name.clone().or_else(|| io::object_name(&r.sources).ok()).unwrap_or_else(|| path(r));
+    let path =
+        |r: &ReconstructRequest| r.sources.first().map(|p| p.display().to_string()).unwrap_or_default();
+    let name = |r: &ReconstructRequest| {
+        r.name.clone().or_else(|| io::object_name(&r.sources).ok()).unwrap_or_else(|| path(r))
+    };
     let names: Vec<String> = requests.iter().map(name).collect();
     for (i, name) in names.iter().enumerate() {
         if let Some(j) = names[..i].iter().position(|n| n == name) {
-            return Err(ConfigError::SameName { name: name.clone(), first: path(&requests[j]), second: path(&requests[i]) });
+            return Err(ConfigError::SameName {
+                name: name.clone(),
+                first: path(&requests[j]),
+                second: path(&requests[i]),
+            });
         }
     }
     Ok(names)

@@ -1,11 +1,12 @@
 //! Results of finished stages on disk, so that a stopped run continues where it was.
 //!
-//! One file per stage: a header (magic, version, fingerprint, length, checksum) and the postcard bytes of the value. A
-//! file appears under its name only when whole. A damaged file counts as absent: the stage is computed again. So nothing waits
-//! until the disk has it: what a power cut takes is computed again, too.
+//! One file per stage: a header (magic, version, fingerprint, length, checksum) and the postcard bytes of the
+//! value. A file appears under its name only when whole. A damaged file counts as absent: the stage is
+//! computed again. So nothing waits until the disk has it: what a power cut takes is computed again, too.
 //!
-//! Values go to the file and come from it piece by piece, so they are never twice in memory, and a file is summed before any of
-//! it is decoded. A folder with a link in it, or with what was not written here, is refused.
+//! Values go to the file and come from it piece by piece, so they are never twice in memory, and a file is
+//! summed before any of it is decoded. A folder with a link in it, or with what was not written here, is
+//! refused.
 
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
@@ -15,10 +16,11 @@ use std::{
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Fingerprint, Monitor, checksum::Checksum};
+use super::{Fingerprint, Monitor, checksum::Checksum, least_bytes::RECONSTRUCTION};
 use crate::{
     geometry::bytes::PIECE_BYTES,
-    io::{create_plain, open_plain},
+    io::{create_plain, free_bytes, open_plain},
+    note::{Note, NoteCode},
 };
 
 const MAGIC: [u8; 8] = *b"ARTITWIN";
@@ -52,7 +54,11 @@ pub struct Checkpoint {
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// The checkpoint is of another run.
-    #[error("{} belongs to another run; give the same inputs and settings, or start anew without --resume: {}", folder.display(), differences.join("; "))]
+    #[error(
+        "{} belongs to another run; give the same inputs and settings, or start anew without --resume: {}",
+        folder.display(),
+        differences.join("; ")
+    )]
     OtherRun {
         /// The checkpoint folder.
         folder: PathBuf,
@@ -66,7 +72,10 @@ pub enum CheckpointError {
         folder: PathBuf,
     },
     /// The folder is something else, or holds something else.
-    #[error("{} is a link, or not of a checkpoint of artitwin; move it away or give another --name", path.display())]
+    #[error(
+        "{} is a link, or not of a checkpoint of artitwin; move it away or give another --name",
+        path.display()
+    )]
     Foreign {
         /// The folder, or what is in it.
         path: PathBuf,
@@ -100,8 +109,8 @@ impl Checkpoint {
     /// Opens or creates a checkpoint folder. Without `resume`, what an earlier run left is deleted.
     ///
     /// # Errors
-    /// If the checkpoint is of a run with another fingerprint and `resume` is asked for, if another process holds it, if
-    /// the folder is no checkpoint, or the disk refuses.
+    /// If the checkpoint is of a run with another fingerprint and `resume` is asked for, if another process
+    /// holds it, if the folder is no checkpoint, or the disk refuses.
     pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
         let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
         let made_parent = folder.parent().is_some_and(|out| !out.as_os_str().is_empty() && !out.exists());
@@ -112,10 +121,13 @@ impl Checkpoint {
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
         }
-        let lock = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true)).map_err(fails)?;
+        let lock = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true))
+            .map_err(fails)?;
         match lock.try_lock() {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(CheckpointError::InUse { folder: folder.to_owned() }),
+            Err(TryLockError::WouldBlock) => {
+                return Err(CheckpointError::InUse { folder: folder.to_owned() });
+            }
             Err(TryLockError::Error(source)) => return Err(fails(source)),
         }
         let earlier = read_fingerprint(&folder.join(FINGERPRINT_FILE));
@@ -130,10 +142,18 @@ impl Checkpoint {
             fs::remove_file(folder.join(name)).map_err(fails)?;
         }
         if !continued {
-            let write = |file: &mut BufWriter<File>| serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from);
+            let write = |file: &mut BufWriter<File>| {
+                serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from)
+            };
             write_whole(&folder.join(FINGERPRINT_FILE), write).map_err(fails)?;
         }
-        Ok(Self { folder: folder.to_owned(), digest: fingerprint.digest(), continued, made_parent, _lock: lock })
+        Ok(Self {
+            folder: folder.to_owned(),
+            digest: fingerprint.digest(),
+            continued,
+            made_parent,
+            _lock: lock,
+        })
     }
 
     /// Whether an earlier run is continued.
@@ -145,7 +165,9 @@ impl Checkpoint {
     /// Writes the result of a stage; replaces an earlier one.
     ///
     /// # Errors
-    /// If the name is not valid, the value is too large, or the disk refuses; an earlier result stays as it was then.
+    /// If the name is not valid, the value is too large, the disk refuses, or would have no room for the
+    /// result of the run; an earlier result stays as it
+    /// was then.
     pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
         let path = self.file(stage)?;
         let mut too_large = false;
@@ -155,6 +177,10 @@ impl Checkpoint {
             let outcome = postcard::to_io(value, &mut payload).map(|_| ()).map_err(io::Error::other);
             too_large = payload.length > MAX_BYTES;
             outcome?;
+            // What is kept is large, some 300 MB of frames; the result comes first.
+            if free_bytes(&self.folder).is_some_and(|free| free < RECONSTRUCTION) {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
             let header = header(self.digest, payload.length, payload.sum.value());
             file.seek(SeekFrom::Start(0))?;
             file.write_all(&header)
@@ -166,14 +192,16 @@ impl Checkpoint {
         }
     }
 
-    /// The result of a stage, if there is a whole one. Damage is told to `monitor`.
+    /// The result of a stage, if there is a whole one. Damage is reported to `monitor`.
     pub fn load<T: DeserializeOwned>(&self, stage: &str, monitor: &Monitor) -> Option<T> {
         let path = self.file(stage).ok()?;
         match self.read(stage, &path) {
             Ok(value) => Some(value),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => {
-                monitor.warn(format!("checkpoint {} cannot be used ({error}); {stage} is computed again", path.display()));
+                let path = path.display();
+                let text = format!("checkpoint {path} cannot be used ({error}); {stage} is computed again");
+                monitor.warn(&Note::new(NoteCode::StageComputedAgain, text));
                 None
             }
         }
@@ -207,7 +235,8 @@ impl Checkpoint {
         fs::remove_dir(&self.folder).map_err(fails)
     }
 
-    /// Deletes the checkpoint of a run that failed, and the folder around it if it was made for it and holds nothing else.
+    /// Deletes the checkpoint of a run that failed, and the folder around it if it was made for it and holds
+    /// nothing else.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -323,7 +352,8 @@ fn file_names(folder: &Path) -> io::Result<Vec<String>> {
     Ok(names)
 }
 
-/// Something in a checkpoint folder that was not put there by this program; the folder itself, if it holds things and no lock.
+/// Something in a checkpoint folder that was not put there by this program; the folder itself, if it holds
+/// things and no lock.
 fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
     let entries: Vec<fs::DirEntry> = fs::read_dir(folder)?.collect::<io::Result<_>>()?;
     let is_lock = |entry: &fs::DirEntry| entry.file_name() == LOCK_FILE;
@@ -343,193 +373,5 @@ fn is_ours(name: &str) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::{Arc, mpsc};
-
-    use super::*;
-    use crate::run::Event;
-
-    struct Fixture {
-        folder: PathBuf,
-    }
-
-    impl Fixture {
-        fn new(name: &str) -> Self {
-            let folder = std::env::temp_dir().join(format!("artitwin-checkpoint-{name}-{}", std::process::id()));
-            fs::remove_dir_all(&folder).ok();
-            Self { folder }
-        }
-
-        fn open(&self, seed: u64, resume: bool) -> Result<Checkpoint, CheckpointError> {
-            Checkpoint::open(&self.folder, &Fingerprint::default().with("seed", seed), resume)
-        }
-
-        /// What `load` gives and warns after the stored bytes were changed.
-        fn after(&self, change: impl FnOnce(&mut Vec<u8>)) -> (Option<Vec<f32>>, usize) {
-            let checkpoint = self.open(1, true).unwrap();
-            checkpoint.save("field/state0", &vec![1.0f32, 2.0, 3.0]).unwrap();
-            let path = self.folder.join("field.state0.ckpt");
-            let mut bytes = fs::read(&path).unwrap();
-            change(&mut bytes);
-            fs::write(&path, bytes).unwrap();
-            let (sender, receiver) = mpsc::channel();
-            let value = checkpoint.load("field/state0", &Monitor::new(sender, Arc::default()));
-            (value, receiver.iter().filter(|e| matches!(e, Event::Warning { .. })).count())
-        }
-    }
-
-    impl Drop for Fixture {
-        fn drop(&mut self) {
-            fs::remove_dir_all(&self.folder).ok();
-        }
-    }
-
-    #[test]
-    fn a_stopped_run_finds_its_stages_again() {
-        let fixture = Fixture::new("again");
-        let first = fixture.open(1, false).unwrap();
-        assert!(!first.is_continued());
-        let value = (vec![0.5f32; 100_000], "x".to_owned());
-        first.save("field/state0", &value).unwrap();
-        drop(first);
-        let second = fixture.open(1, true).unwrap();
-        assert!(second.is_continued());
-        assert_eq!(second.load("field/state0", &Monitor::silent()), Some(value));
-        assert_eq!(second.load::<u8>("field/state1", &Monitor::silent()), None);
-        second.remove().unwrap();
-        assert!(!fixture.folder.exists());
-    }
-
-    #[test]
-    fn another_run_is_refused_when_continuing_and_deleted_when_not() {
-        let fixture = Fixture::new("other");
-        fixture.open(1, false).unwrap().save("a", &1u8).unwrap();
-        let message = fixture.open(2, true).unwrap_err().to_string();
-        assert!(message.contains("seed is 2, was 1") && message.contains("--resume"), "{message}");
-        assert_eq!(fixture.open(1, true).unwrap().load("a", &Monitor::silent()), Some(1u8));
-        assert_eq!(fixture.open(1, false).unwrap().load::<u8>("a", &Monitor::silent()), None);
-    }
-
-    #[test]
-    fn damage_is_told_and_counts_as_absent() {
-        let fixture = Fixture::new("damage");
-        assert_eq!(fixture.after(|_| {}), (Some(vec![1.0, 2.0, 3.0]), 0));
-        let length = HEADER_BYTES + 13;
-        fixture.after(|bytes| assert_eq!(bytes.len(), length));
-        for at in 0..length {
-            assert_eq!(fixture.after(|bytes| bytes[at] ^= 0x10), (None, 1), "byte {at}");
-            assert_eq!(fixture.after(|bytes| bytes.truncate(at)), (None, 1), "length {at}");
-        }
-        assert_eq!(fixture.after(|bytes| bytes.push(0)), (None, 1));
-    }
-
-    #[test]
-    fn a_result_of_another_stage_or_type_is_not_taken() {
-        let fixture = Fixture::new("stage");
-        let checkpoint = fixture.open(1, false).unwrap();
-        checkpoint.save("a", &vec![1u8, 2]).unwrap();
-        assert_eq!(checkpoint.load::<u8>("a", &Monitor::silent()), None);
-        fs::rename(fixture.folder.join("a.ckpt"), fixture.folder.join("b.ckpt")).unwrap();
-        assert_eq!(checkpoint.load::<Vec<u8>>("b", &Monitor::silent()), None);
-    }
-
-    #[test]
-    fn a_folder_is_held_by_one_and_foreign_files_are_left_alone() {
-        let fixture = Fixture::new("held");
-        let held = fixture.open(1, false).unwrap();
-        assert!(matches!(fixture.open(1, true), Err(CheckpointError::InUse { .. })));
-        fs::write(fixture.folder.join("notes.txt"), "mine").unwrap();
-        assert!(held.remove().is_err());
-        assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
-        assert_eq!(fs::read_to_string(fixture.folder.join("notes.txt")).unwrap(), "mine");
-    }
-
-    #[test]
-    #[cfg(unix)]
-    fn what_a_planted_link_leads_to_is_neither_emptied_nor_deleted() {
-        for name in [LOCK_FILE, FINGERPRINT_FILE, "capture.ckpt", "capture.tmp"] {
-            for resume in [false, true] {
-                let fixture = Fixture::new(&format!("link-{name}-{resume}"));
-                let victim = fixture.folder.with_extension("victim");
-                fs::write(&victim, "precious").unwrap();
-                drop(fixture.open(1, false).unwrap());
-                let link = fixture.folder.join(name);
-                fs::remove_file(&link).unwrap_or_default();
-                std::os::unix::fs::symlink(&victim, &link).unwrap();
-                assert!(matches!(fixture.open(1, resume), Err(CheckpointError::Foreign { path }) if path == link), "{name}");
-                assert_eq!(fs::read_to_string(&victim).unwrap(), "precious", "{name}");
-                assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-                fs::remove_file(victim).unwrap();
-            }
-        }
-        let fixture = Fixture::new("link-folder");
-        let victim = fixture.folder.with_extension("victims");
-        fs::create_dir_all(&victim).unwrap();
-        fs::write(victim.join("lock"), "precious").unwrap();
-        fs::write(victim.join("fingerprint.json"), "precious").unwrap();
-        std::os::unix::fs::symlink(&victim, &fixture.folder).unwrap();
-        assert!(matches!(fixture.open(1, false), Err(CheckpointError::Foreign { .. })));
-        assert_eq!(file_names(&victim).unwrap(), ["fingerprint.json", "lock"]);
-        assert_eq!(fs::read_to_string(victim.join("lock")).unwrap(), "precious");
-        fs::remove_file(&fixture.folder).unwrap();
-        fs::remove_dir_all(victim).unwrap();
-    }
-
-    #[test]
-    fn what_a_killed_run_was_writing_is_cleared_away() {
-        let fixture = Fixture::new("killed");
-        fixture.open(1, false).unwrap().save("a", &7u8).unwrap();
-        fs::write(fixture.folder.join("b.tmp"), "half").unwrap();
-        let again = fixture.open(1, true).unwrap();
-        assert_eq!(again.load("a", &Monitor::silent()), Some(7u8));
-        assert_eq!(file_names(&fixture.folder).unwrap(), ["a.ckpt", FINGERPRINT_FILE, LOCK_FILE]);
-        assert_eq!(again.bytes().unwrap(), HEADER_BYTES as u64 + 1);
-    }
-
-    /// A file whose checksum is right, whatever it holds.
-    #[test]
-    fn a_length_that_a_file_claims_reserves_nothing() {
-        let fixture = Fixture::new("hostile");
-        let checkpoint = fixture.open(1, false).unwrap();
-        // Lengths of 2^62 and of 2^35, then three bytes.
-        for length in [&[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40][..], &[0x80, 0x80, 0x80, 0x80, 0x80, 0x01]] {
-            let payload = [length, &[1, 2, 3]].concat();
-            let mut sum = checkpoint.sum("a");
-            sum.update(&payload);
-            let head = header(checkpoint.digest, payload.len() as u64, sum.value());
-            fs::write(fixture.folder.join("a.ckpt"), [&head[..], &payload].concat()).unwrap();
-            assert_eq!(checkpoint.load::<Vec<[f64; 8]>>("a", &Monitor::silent()), None);
-            assert_eq!(checkpoint.load::<String>("a", &Monitor::silent()), None);
-            assert!(checkpoint.load::<crate::surface::TriangleMesh>("a", &Monitor::silent()).is_none());
-        }
-    }
-
-    #[test]
-    fn a_failed_run_leaves_no_folder_that_was_not_there_before() {
-        let fixture = Fixture::new("discard");
-        let out = fixture.folder.join("runs");
-        let open = || Checkpoint::open(&Checkpoint::folder(&out, "box"), &Fingerprint::default(), false).unwrap();
-        open().discard().unwrap();
-        assert!(!out.exists());
-        fs::create_dir_all(&out).unwrap();
-        open().discard().unwrap();
-        assert!(out.exists());
-    }
-
-    #[test]
-    fn a_value_that_cannot_be_written_leaves_the_earlier_one() {
-        struct Broken;
-        impl Serialize for Broken {
-            fn serialize<S: serde::Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
-                Err(serde::ser::Error::custom("broken"))
-            }
-        }
-        let fixture = Fixture::new("broken");
-        let checkpoint = fixture.open(1, false).unwrap();
-        checkpoint.save("a", &7u8).unwrap();
-        assert!(matches!(checkpoint.save("a", &Broken), Err(CheckpointError::Disk { .. })));
-        assert_eq!(checkpoint.load("a", &Monitor::silent()), Some(7u8));
-        assert!(matches!(checkpoint.save("../a", &7u8), Err(CheckpointError::StageName(_))));
-        assert_eq!(file_names(&fixture.folder).unwrap(), ["a.ckpt", FINGERPRINT_FILE, LOCK_FILE]);
-    }
-}
+#[path = "checkpoint_tests.rs"]
+mod tests;

@@ -1,6 +1,9 @@
 //! A fast 64-bit checksum against damage, not against malice.
 
-/// FNV-1a over words of 8 bytes, finished by SplitMix64. Splitting the input differently does not change the value.
+use crate::random::mix;
+
+/// FNV-1a over words of 8 bytes, finished by SplitMix64. Splitting the input differently does not change the
+/// value.
 #[derive(Clone, Copy, Debug)]
 pub struct Checksum {
     state: u64,
@@ -39,12 +42,13 @@ impl Checksum {
     pub fn value(&self) -> u64 {
         let mut last = *self;
         last.word(self.pending);
-        super::seed::mix(last.state ^ self.length)
+        mix(last.state ^ self.length)
     }
 
     fn word(&mut self, word: [u8; 8]) {
         // The rotation lets high bits reach low ones, which a product alone never does.
-        self.state = (self.state ^ u64::from_le_bytes(word)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
+        self.state =
+            (self.state ^ u64::from_le_bytes(word)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
     }
 }
 

@@ -5,32 +5,34 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE, stage_rng};
+use serde::Serialize;
+
+use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE};
 use crate::{
+    export::diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
     files,
     gap::{
-        assess::{Runs, assess},
-        chain::{carried, motions},
-        drive::Hold,
-        effects::catalogue,
-        expressed::Format,
-        held::notes,
-        inputs::complete,
-        joint_model::Catalogue,
-        log::JointLog,
-        mjcf,
-        off_axis::OffAxis,
-        plant::Plant,
-        recording::Recording,
-        report::{self, ExportNote, JointReport},
-        sdf,
-        tracks::{Streams, moved_link},
+        judge::{
+            assess::{Runs, assess},
+            report::{self, ExportNote, JointReport, Report},
+            verdict::Verdict,
+        },
+        model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
+        record::{
+            chain::{carried, motions},
+            drive::Hold,
+            inputs::complete,
+            log::JointLog,
+            off_axis::OffAxis,
+            recording::{Recording, RecordingError},
+            tracks::{Streams, moved_link},
+        },
         twin_tree::{Motion, TwinTree},
-        update, usd,
-        verdict::Verdict,
     },
     io::{self, Place, ResultKind, RunDir},
     limits::{FileLimit, SDF, USD},
+    note::{Note, NoteCode},
+    random::stage_rng,
 };
 
 /// What is asked of a diagnosis.
@@ -70,10 +72,27 @@ pub struct DiagnoseOutcome {
     /// Summary for the terminal.
     pub summary: String,
     /// What was odd.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Note>,
 }
 
 impl DiagnoseRequest {
+    /// A twin in a world whose z is up, with a search for effects, to the folder `out`; no runs yet.
+    pub fn new(twin: impl Into<PathBuf>, out: impl Into<PathBuf>) -> Self {
+        Self {
+            twin: twin.into(),
+            runs: Vec::new(),
+            held_out: Vec::new(),
+            out: out.into(),
+            name: None,
+            force: false,
+            gravity: [0.0, 0.0, -9.81],
+            hold: Hold::Zero,
+            seed: 0,
+            effects: Vec::new(),
+            streams: Streams::default(),
+        }
+    }
+
     /// Where the result goes. `text` is that of the twin; `more` is read beside what the request names.
     pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
         let named = [&self.runs[..], &self.held_out, more].concat();
@@ -83,13 +102,25 @@ impl DiagnoseRequest {
 }
 
 /// Puts the files of a diagnosis in their place; adds to `warnings` what was moved away for them.
-pub(super) fn put_files(place: &Place, files: &[(String, String)], warnings: &mut Vec<String>) -> Result<PathBuf, RunError> {
+pub(super) fn put_files(
+    place: &Place,
+    files: &[(String, String)],
+    warnings: &mut Vec<Note>,
+) -> Result<PathBuf, RunError> {
     let failed = |e| RunError::stage(OUTPUT_STAGE, e);
     let run_dir = RunDir::open(place, ResultKind::Diagnose).map_err(failed)?;
     files.iter().try_for_each(|(path, content)| run_dir.put(path, content.as_bytes())).map_err(failed)?;
     let committed = run_dir.commit().map_err(failed)?;
     warnings.extend(committed.note());
     Ok(committed.folder)
+}
+
+/// `report.json`: what was found, and what was odd.
+#[derive(Serialize)]
+struct ReportFile<'a> {
+    #[serde(flatten)]
+    report: Report,
+    warnings: &'a [Note],
 }
 
 /// What a diagnosis finds before it is written.
@@ -100,7 +131,7 @@ pub(super) struct Found {
     pub report: String,
     pub verdict: Verdict,
     pub summary: String,
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Note>,
 }
 
 /// Runs of one joint, split.
@@ -113,9 +144,9 @@ struct Split {
 struct Recorded {
     /// Runs, and whether only the proof reads them.
     recordings: Vec<(Recording, bool)>,
-    /// What the poses of each run say beside positions, by joint.
+    /// What the poses of each run show beside positions, by joint.
     off_axis: Vec<BTreeMap<usize, OffAxis>>,
-    warnings: Vec<String>,
+    warnings: Vec<Note>,
 }
 
 /// Reads all runs and holds some of them out.
@@ -124,14 +155,16 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
         moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
     }
-    let streams = Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
+    let streams =
+        Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
     let mut read = Recorded { recordings: Vec::new(), off_axis: Vec::new(), warnings: Vec::new() };
     let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
         let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
-        let about = |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
+        let about =
+            |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         read.off_axis.push(complete(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
@@ -150,24 +183,33 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 /// Diagnoses a twin.
 ///
 /// # Errors
-/// [`RunError`] where the result cannot be put in its place, which is told before the work, the twin or a run cannot be read,
-/// nothing can be said about any joint, or the disk refuses.
+/// [`RunError`] where the result cannot be put in its place, which is reported before the work, the twin or a
+/// run cannot be read, nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
-    let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| RunError::stage("twin", e))?;
+    let (tree, text) =
+        io::read_twin(&request.twin, request.gravity).map_err(|e| RunError::stage("twin", e))?;
     let place = request.place(&text, &[]);
-    place.check(ResultKind::Diagnose, least_diagnosis(&text)).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    place
+        .check(ResultKind::Diagnose, least_diagnosis(&text))
+        .map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     let Found { files, verdict, summary, mut warnings, .. } = find(request, &tree, &text, monitor)?;
     let folder = put_files(&place, &files, &mut warnings)?;
-    warnings.iter().for_each(|warning| monitor.warn(warning.clone()));
+    warnings.iter().for_each(|warning| monitor.warn(warning));
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
 /// Diagnoses a twin, whose URDF is `text`, by motion; writes nothing.
-pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monitor: &Monitor) -> Result<Found, RunError> {
+pub(super) fn find(
+    request: &DiagnoseRequest,
+    tree: &TwinTree,
+    text: &str,
+    monitor: &Monitor,
+) -> Result<Found, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
     let Recorded { recordings, off_axis, mut warnings } = read_runs(request, tree, monitor)?;
-    let moving: Vec<usize> =
-        (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic).collect();
+    let moving: Vec<usize> = (0..tree.joints.len())
+        .filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic)
+        .collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
@@ -177,18 +219,26 @@ pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monit
         monitor.check()?;
         let name = tree.joints[j].name.clone();
         let stage = format!("diagnose/{name}");
-        monitor.tell(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = Plant::of(tree, j).map_err(|e| e.to_string());
-        let ready = ready.and_then(|plant| Ok((plant, split(&recordings, tree, j, request.hold, &names, &mut warnings)?)));
+        monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
+        let ready = Plant::of(tree, j).map_err(|e| e.to_string()).and_then(|plant| {
+            let split = split(&recordings, tree, j, request.hold, &names, &mut warnings);
+            Ok((plant, split.map_err(|e| e.to_string())?))
+        });
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
-                let runs = Runs { fitted: split.fitted, held_out: split.held_out, turns, hold: request.hold, effects: wanted.clone() };
+                let runs = Runs {
+                    fitted: split.fitted,
+                    held_out: split.held_out,
+                    turns,
+                    hold: request.hold,
+                    effects: wanted.clone(),
+                };
                 let mut rng = stage_rng(request.seed, &stage, 0);
                 let mut report = assess(&effects, &plant, &name, runs, &mut rng);
                 // Of all runs the one whose poses leave the joint farthest.
-                let told = off_axis.iter().filter_map(|e| e.get(&j).copied());
-                report.off_axis = told.max_by(|a, b| a.excess().total_cmp(&b.excess()));
+                let measured = off_axis.iter().filter_map(|e| e.get(&j).copied());
+                report.off_axis = measured.max_by(|a, b| a.excess().total_cmp(&b.excess()));
                 joints.push(report);
             }
             Err(why) => refused.push(why),
@@ -196,16 +246,19 @@ pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monit
     }
     monitor.check()?;
     if joints.is_empty() {
-        let why = if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
+        let why =
+            if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
         return Err(RunError::stage("diagnose", why));
     }
-    warnings.extend(refused);
-    let (urdf, mut exports) = update::urdf(text, tree, &joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
+    warnings.extend(refused.into_iter().map(|why| Note::new(NoteCode::JointNotDiagnosed, why)));
+    let (urdf, mut exports) =
+        urdf::urdf(text, tree, &joints, &effects, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let (mjcf, notes) = mjcf::mjcf(tree, &joints, &effects, "twin.xml");
     exports.extend(notes);
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
-    let json = serde_json::to_string_pretty(&report::report(&joints, exports)).map_err(|e| failed("report", &e))? + "\n";
+    let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
+    let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
     let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
     more.extend([
@@ -216,40 +269,75 @@ pub(super) fn find(request: &DiagnoseRequest, tree: &TwinTree, text: &str, monit
         ("report.html", report::html(&joints)),
     ]);
     let files = more.into_iter().map(|(path, content)| (path.to_owned(), content)).collect();
-    Ok(Found { files, report: json, verdict: report::overall(&joints), summary: report::summary(&joints), warnings })
+    Ok(Found {
+        files,
+        report: json,
+        verdict: report::overall(&joints),
+        summary: report::summary(&joints),
+        warnings,
+    })
 }
 
-/// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what became of each.
-fn beside(twin: &Path, tree: &TwinTree, joints: &[JointReport], effects: &Catalogue) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
+/// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what
+/// became of each.
+fn beside(
+    twin: &Path,
+    tree: &TwinTree,
+    joints: &[JointReport],
+    effects: &Catalogue,
+) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
     let read = |path: PathBuf, limit: FileLimit| files::read_text(&path, limit).ok();
-    let (mut files, mut told) = (Vec::new(), Vec::new());
-    let absent = |format, why: &str| joints.iter().flat_map(|j| notes(format, "", j, Some(why))).collect::<Vec<_>>();
-    match read(twin.with_file_name("model.sdf"), SDF).map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf")) {
+    let (mut files, mut remarks) = (Vec::new(), Vec::new());
+    let absent =
+        |format, why: &str| joints.iter().flat_map(|j| missing(format, j, effects, why)).collect::<Vec<_>>();
+    match read(twin.with_file_name("model.sdf"), SDF)
+        .map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf"))
+    {
         Some(Ok((text, notes))) => {
             files.push(("model.sdf", text));
-            told.extend(notes);
+            remarks.extend(notes);
         }
-        Some(Err(why)) => told.extend(absent(Format::Sdf, &format!("model.sdf beside the twin is no XML: {why}"))),
-        None => told.extend(absent(Format::Sdf, "no model.sdf stands beside the twin")),
+        Some(Err(why)) => remarks.extend(absent(Format::Sdf, &format!("model.sdf beside the twin: {why}"))),
+        None => remarks.extend(absent(Format::Sdf, "no model.sdf stands beside the twin")),
     }
     match read(twin.with_extension("usda"), USD) {
         Some(text) => {
             let (text, notes) = usd::usd(&text, tree, joints, effects, "twin.usda");
             files.push(("twin.usda", text));
-            told.extend(notes);
+            remarks.extend(notes);
         }
-        None => told.extend(absent(Format::Usd, "no .usda of its name stands beside the twin")),
+        None => remarks.extend(absent(Format::Usd, "no .usda of its name stands beside the twin")),
     }
-    (files, told)
+    (files, remarks)
+}
+
+/// A name that stands for no effect.
+#[derive(Debug, thiserror::Error)]
+#[error("no effect is called '{name}'; there are {known}")]
+struct UnknownEffect {
+    name: String,
+    known: String,
 }
 
 /// Indices of effects that are named.
-fn indices(catalogue: &Catalogue, names: &[String]) -> Result<Vec<usize>, String> {
+fn indices(catalogue: &Catalogue, names: &[String]) -> Result<Vec<usize>, UnknownEffect> {
     let all = || catalogue.iter().map(|e| e.name()).collect::<Vec<_>>().join(", ");
     let find = |name: &String| {
-        catalogue.iter().position(|e| e.name() == name).ok_or_else(|| format!("no effect is called '{name}'; there are {}", all()))
+        catalogue
+            .iter()
+            .position(|e| e.name() == name)
+            .ok_or_else(|| UnknownEffect { name: name.clone(), known: all() })
     };
     names.iter().map(find).collect()
+}
+
+/// Why the runs say nothing about a joint.
+#[derive(Debug, thiserror::Error)]
+enum SplitError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error("joint '{joint}': {source}")]
+    Chain { joint: String, source: RecordingError },
 }
 
 /// Logs of one joint. A single run gives its last third to the proof.
@@ -259,16 +347,17 @@ fn split(
     joint: usize,
     hold: Hold,
     names: &[String],
-    warnings: &mut Vec<String>,
-) -> Result<Split, String> {
+    warnings: &mut Vec<Note>,
+) -> Result<Split, SplitError> {
     let name = &tree.joints[joint].name;
     let chain = tree.chain(joint);
     let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
     let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
     for (recording, held) in recordings {
-        let mut log = recording.joint(name, names, warnings).map_err(|e| e.to_string())?;
+        let mut log = recording.joint(name, names, warnings)?;
         if !chain.is_empty() {
-            let mut all = motions(tree, &moving, recording, hold).map_err(|e| format!("joint '{name}': {e}"))?;
+            let mut all = motions(tree, &moving, recording, hold)
+                .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
             all.retain(|(j, _)| chain.contains(j));
             log.carried = carried(tree, joint, &all, &log.time_s);
         }

@@ -10,35 +10,39 @@ use super::{
 };
 use crate::{
     capture::{CaptureConfig, RgbdFrame},
-    export::{Picture, PictureKind},
+    export::{Picture, PictureKind, diagnosed::seen_urdf},
     gap::{
         camera::{
-            assess::{FrameDiagnosis, FrameOptions, assess},
-            frames::{FrameRun, true_camera},
-            own_error::{JointError, OwnErrors},
-            report,
-            residual::predict,
-            twin::{Hypothesis, SeenTwin},
-            update,
+            fit::predict::{predict, true_camera},
+            judge::{assess::assess, diagnosis::FrameDiagnosis, report},
+            model::{
+                hypothesis::Hypothesis,
+                own_error::{JointError, OwnErrors},
+                twin::SeenTwin,
+            },
+            record::{frames::FrameRun, options::FrameOptions},
         },
-        verdict::Verdict,
+        judge::verdict::Verdict,
     },
+    geometry::Pose,
     io::{self, ResultKind, SummaryJoint},
     model::{escape_lines, escape_xml},
+    note::{Note, NoteCode},
 };
 
 /// Pictures are made of so many frames of every run.
 const SHOWN: usize = 2;
 /// Runs that are shown.
 const RUNS_SHOWN: usize = 4;
-/// Residual of full color in the pictures, metres.
-const FULL_M: f64 = 0.015;
+/// Share of the gate of residuals that has full color in the pictures.
+const FULL: f64 = 0.25;
 
-/// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the motion's files
-/// are in the folder `motion`.
+/// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the
+/// motion's files are in the folder `motion`.
 ///
 /// # Errors
-/// [`RunError`] where the result cannot be put in its place, which is told before the work, the twin or a recording cannot be read, the frames do not show the twin, or the disk refuses.
+/// [`RunError`] where the result cannot be put in its place, which is checked before the work, the twin or a
+/// recording cannot be read, the frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
     recordings: &[PathBuf],
@@ -47,26 +51,35 @@ pub fn diagnose_frames(
 ) -> Result<DiagnoseOutcome, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
     if !(options.accuracy_m.is_finite() && options.accuracy_m > 0.0) {
-        return Err(RunError::stage("accuracy", "the accuracy of the twin must be a positive number of millimeters".to_owned()));
+        return Err(RunError::stage(
+            "accuracy",
+            "the accuracy of the twin must be a positive number of millimeters".to_owned(),
+        ));
     }
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {
         twin.own = own;
     }
     let place = request.place(&text, recordings);
-    place.check(ResultKind::Diagnose, least_diagnosis(&text)).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    place
+        .check(ResultKind::Diagnose, least_diagnosis(&text))
+        .map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     let mut warnings = Vec::new();
     let mut runs: Vec<FrameRun> = Vec::new();
     for path in recordings {
         monitor.check()?;
-        runs.push(io::read_frame_run(path, &CaptureConfig::default(), request.seed, &mut warnings).map_err(|e| failed("frames", &e))?);
+        runs.push(
+            io::read_frame_run(path, &CaptureConfig::default(), request.seed, &mut warnings)
+                .map_err(|e| failed("frames", &e))?,
+        );
     }
     let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
     if !twin.own.is_exact() {
-        diagnosis.notes.insert(0, told_errors(&twin));
+        diagnosis.notes.insert(0, known_errors(&twin));
     }
-    let (urdf, exports) = update::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
+    let (urdf, exports) =
+        seen_urdf::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let mut json = report::report(&twin, &diagnosis, &exports);
     let mut summary = report::summary(&twin, &diagnosis);
     let mut verdict = diagnosis.verdict;
@@ -83,49 +96,57 @@ pub fn diagnose_frames(
         warnings.extend(motion.warnings);
     }
     let page = page(&summary, &twin, &runs, &diagnosis)?;
+    json["warnings"] = serde_json::to_value(&warnings).map_err(|e| failed("report", &e))?;
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;
     files.extend(
-        [("twin.urdf", urdf), ("report.json", json + "\n"), ("report.html", page)].map(|(path, content)| (path.to_owned(), content)),
+        [("twin.urdf", urdf), ("report.json", json + "\n"), ("report.html", page)]
+            .map(|(path, content)| (path.to_owned(), content)),
     );
     let folder = put_files(&place, &files, &mut warnings)?;
-    warnings.iter().for_each(|w| monitor.warn(w.clone()));
+    warnings.iter().for_each(|w| monitor.warn(w));
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// How well a twin that stands in a run folder says that it is known; `None` where it stands in none. What the folder does not know
-/// counts as zero.
+/// How well a twin that stands in a run folder says that it is known; `None` where it stands in none. What
+/// the folder does not know counts as zero.
 fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
     let known = io::read_run_summary(path.parent()?).ok()?.joints;
     let or_zero = |x: f64| if x.is_finite() { x } else { 0.0 };
     let of = |name: &String| known.iter().find(|k| k.name == *name);
-    let error = |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
+    let error =
+        |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
     let joints = twin.joints.iter().map(|j| of(&j.name).map(error).unwrap_or_default()).collect();
     let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
     Some(OwnErrors { surface_m, joints })
 }
 
 /// What the names for a reconstructed twin must be read with.
-fn told_errors(twin: &SeenTwin) -> String {
+fn known_errors(twin: &SeenTwin) -> Note {
     let worst = |of: fn(&JointError) -> f64| twin.own.joints.iter().map(of).fold(0.0, f64::max);
     let (place_m, axis_rad) = (worst(|j| j.place_m), worst(|j| j.axis_rad));
-    format!(
-        "the twin is a reconstruction: its surfaces are known to {:.1} mm, its axes to {:.1} mm and {:.2} deg (standard deviation, worst \
-         joint); effects within that, of an axis within three times that, are not named, and geometry may be missing in the twin alone",
+    let text = format!(
+        "the twin is a reconstruction: its surfaces are known to {:.1} mm, its axes to {:.1} mm and {:.2} \
+         deg (standard deviation, worst joint); effects within that, of an axis within three times that, are \
+         not named, and geometry may be missing in the twin alone",
         1e3 * twin.own.surface_m,
         1e3 * place_m,
         axis_rad.to_degrees()
-    )
+    );
+    Note::new(NoteCode::TwinUncertain, text)
 }
 
 /// One self-contained page: the summary, then photo, twin and residuals of some frames.
 fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -> Result<String, RunError> {
     let mut page = format!(
-        "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{{font:14px sans-serif;max-width:80em;margin:2em auto}}\
-         pre{{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}}section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
-         img{{width:100%}}</style><h1>Diagnosis</h1><pre>{}</pre><p>Residuals: red, the object is nearer than the twin; blue, farther; \
+        "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>\
+         body{{font:14px sans-serif;max-width:80em;margin:2em auto}}\
+         pre{{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}}\
+         section{{display:flex;flex-wrap:wrap;gap:8px}}figure{{margin:0;width:24%}}\
+         img{{width:100%}}</style><h1>Diagnosis</h1><pre>{}</pre>\
+         <p>Residuals: red, the object is nearer than the twin; blue, farther; \
          full color from {:.0} mm; black, one is where the other is not; gray, within.</p>",
         escape_lines(summary),
-        1e3 * FULL_M
+        1e3 * full_m(d)
     );
     for (r, run) in runs.iter().enumerate().take(RUNS_SHOWN) {
         page.push_str(&format!("<h2>{}</h2>", escape_xml(&run.name)));
@@ -158,21 +179,41 @@ fn pictures(twin: &SeenTwin, run: &FrameRun, (r, f): (usize, usize), d: &FrameDi
     vec![
         picture(frame.rgb.as_flattened().to_vec(), PictureKind::Photo, "photo"),
         picture(drawn.rgb.as_flattened().to_vec(), PictureKind::Photo, "updated twin"),
-        picture(residual(twin, run, frame, (r, f), &d.before), PictureKind::Drawing, "residual of the twin"),
-        picture(residual(&d.twin, run, frame, (r, f), &d.after), PictureKind::Drawing, "residual of the updated twin"),
+        picture(
+            residual(twin, frame, &true_camera(run, f, &d.before.camera), r, &d.before, full_m(d)),
+            PictureKind::Drawing,
+            "residual of the twin",
+        ),
+        picture(
+            residual(&d.twin, frame, &true_camera(run, f, &d.after.camera), r, &d.after, full_m(d)),
+            PictureKind::Drawing,
+            "residual of the updated twin",
+        ),
     ]
 }
 
-/// Depth residual of a frame in colors.
-fn residual(twin: &SeenTwin, run: &FrameRun, frame: &RgbdFrame, (r, f): (usize, usize), hypothesis: &Hypothesis) -> Vec<u8> {
-    let poses = hypothesis.poses(twin, r).0;
-    let image = predict(twin, &poses, &frame.intrinsics, &true_camera(run, f, &hypothesis.camera), false);
+/// Residual of full color, meters.
+fn full_m(d: &FrameDiagnosis) -> f64 {
+    FULL * d.scales.gate_m()
+}
+
+/// Depth residual of a frame of a run in colors.
+fn residual(
+    twin: &SeenTwin,
+    frame: &RgbdFrame,
+    camera: &Pose,
+    run: usize,
+    hypothesis: &Hypothesis,
+    full_m: f64,
+) -> Vec<u8> {
+    let poses = hypothesis.poses(twin, run).0;
+    let image = predict(twin, &poses, &frame.intrinsics, camera, false);
     let color = |i: usize| -> [u8; 3] {
         let reading = f64::from(frame.depth_m[i]);
         let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
         match (frame.is_object(i), image.item[i].is_some()) {
             (true, true) if reading > 0.0 => {
-                let x = ((measured - f64::from(image.depth_m[i])) / FULL_M).clamp(-1.0, 1.0);
+                let x = ((measured - f64::from(image.depth_m[i])) / full_m).clamp(-1.0, 1.0);
                 let fade = (220.0 * (1.0 - x.abs())) as u8;
                 if x < 0.0 { [220, fade, fade] } else { [fade, fade, 220] }
             }

@@ -1,12 +1,17 @@
-//! What an earlier run left: a finished result, or what a stopped one keeps.
+//! How a run begins and ends: what an earlier one left, a finished result or what a stopped one keeps.
 
 use std::path::{Path, PathBuf};
 
-use super::{Cancelled, Checkpoint, Event, Fingerprint, Monitor, Outcome, RunError, chain};
-use crate::io;
+use super::{
+    Cancelled, Checkpoint, Event, Fingerprint, Monitor, Outcome, ReconstructRequest, RunError, chain,
+};
+use crate::{
+    io,
+    note::{Note, NoteCode},
+};
 
 /// The result that has the name of a run, for `--resume`.
-pub(super) enum Earlier {
+enum Earlier {
     /// There is none.
     Nothing,
     /// Of inputs, settings and a version that compute the same.
@@ -17,7 +22,7 @@ pub(super) enum Earlier {
 
 impl Earlier {
     /// What stands in a run folder. That it was not changed since is for the caller to know.
-    pub fn of(folder: &Path, fingerprint: &Fingerprint) -> Self {
+    fn of(folder: &Path, fingerprint: &Fingerprint) -> Self {
         match io::read_result_fingerprint(folder) {
             None => Self::Nothing,
             Some(found) if found == fingerprint.text() => Self::Same(folder.to_owned()),
@@ -26,17 +31,74 @@ impl Earlier {
     }
 }
 
-/// Tells that a run is finished. What it kept on the way is deleted, in case it ended between the two.
-pub(super) fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor: &Monitor) -> Outcome {
+/// What a run begins with.
+pub(super) enum Beginning {
+    /// A result that is finished.
+    Stands(Outcome),
+    /// A place for what its stages find, empty or left by a run that was stopped.
+    Open(Checkpoint),
+}
+
+/// Begins the run of a request, or continues one that was stopped.
+///
+/// # Errors
+/// A checkpoint that cannot be used, and the result of another run where one was to be continued.
+pub(super) fn begin(
+    request: &ReconstructRequest,
+    name: &str,
+    fingerprint: &Fingerprint,
+    monitor: &Monitor,
+) -> Result<Beginning, RunError> {
+    // What is moved away by force need not be as it was written.
+    let earlier = if request.resume && !request.force {
+        Earlier::of(&request.out.join(name), fingerprint)
+    } else {
+        Earlier::Nothing
+    };
+    let folder = Checkpoint::folder(&request.out, name);
+    if let Earlier::Same(result) = earlier {
+        return Ok(Beginning::Stands(stands(result, &folder, fingerprint, monitor)));
+    }
+    let checkpoint = Checkpoint::open(&folder, fingerprint, request.resume)?;
+    if request.resume && !checkpoint.is_continued() {
+        if let Earlier::Other(folder) = earlier {
+            checkpoint.discard()?;
+            return Err(RunError::OtherResult { folder });
+        }
+        let text = format!(
+            "there is no usable checkpoint of {name} in {}; the run starts anew",
+            request.out.display()
+        );
+        monitor.note(&Note::new(NoteCode::StartsAnew, text));
+    }
+    Ok(Beginning::Open(checkpoint))
+}
+
+/// Deletes what a finished run kept on the way, and reports its result.
+pub(super) fn finished(outcome: Outcome, checkpoint: Checkpoint, monitor: &Monitor) -> Outcome {
+    if let Err(error) = checkpoint.remove() {
+        let text =
+            format!("the result is whole, but what was kept on the way is not deleted: {}", chain(&error));
+        monitor.warn(&Note::new(NoteCode::CheckpointLeft, text));
+    }
+    monitor.report(Event::Artifact { path: outcome.folder.display().to_string() });
+    outcome
+}
+
+/// Reports that a run is finished. What it kept on the way is deleted, in case it ended between the two.
+fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor: &Monitor) -> Outcome {
     if checkpoint.exists()
         && let Ok(left) = Checkpoint::open(checkpoint, fingerprint, true)
     {
-        left.remove().unwrap_or_else(|error| monitor.warn(chain(&error)));
+        left.remove().unwrap_or_else(|error| {
+            monitor.warn(&Note::new(NoteCode::CheckpointLeft, chain(&error)));
+        });
     }
     let path = folder.display().to_string();
-    let message = format!("{path} is finished: the same inputs, settings and version made it; nothing is left to do");
-    monitor.tell(Event::Note { message });
-    monitor.tell(Event::Artifact { path });
+    let text =
+        format!("{path} is finished: the same inputs, settings and version made it; nothing is left to do");
+    monitor.note(&Note::new(NoteCode::ResultStands, text));
+    monitor.report(Event::Artifact { path });
     Outcome { folder, joints: Vec::new(), warnings: Vec::new(), degraded: false, stood: true }
 }
 
@@ -47,11 +109,14 @@ pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor
         return checkpoint.discard().err().map_or(error, RunError::from);
     }
     let (megabytes, folder) = (bytes.div_ceil(1_000_000), checkpoint.path().display());
-    let kept = format!("what it finished is kept in {folder} ({megabytes} MB): give the same command to continue with --resume");
+    let kept = format!(
+        "what it finished is kept in {folder} ({megabytes} MB): give the same command to continue \
+         with --resume"
+    );
     match error {
         RunError::Cancelled(_) => Cancelled { kept }.into(),
         other => {
-            monitor.tell(Event::Note { message: kept });
+            monitor.note(&Note::new(NoteCode::KeptForResume, kept));
             other
         }
     }

@@ -2,12 +2,14 @@
 
 use std::cell::RefCell;
 
-use super::{Cancelled, Checkpoint, Event, Monitor, RunError, state_surface::Band};
+use super::{Cancelled, Checkpoint, Event, Monitor, RunError, scene::Scene};
 use crate::{
-    config::{Config, Engine},
+    config::Engine,
     field::{
-        BurnEngine, CpuEngine, EngineState, FieldEngine, FieldError, FieldTrainer, ObjectField, TrainConfig, TrainInput, TrainerCheckpoint,
+        BurnEngine, CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldTrainer, ObjectField,
+        TrainConfig, TrainInput, TrainerCheckpoint,
     },
+    note::{Note, NoteCode},
 };
 
 /// Steps between two looks at the clock, the bar and the stop flag.
@@ -22,43 +24,61 @@ pub(super) struct TrainedField {
     pub replaced: Option<String>,
 }
 
-/// Trains the field of a state, or takes it up where a checkpoint left it. A stop request writes a checkpoint.
+/// Trains the field of a state in a stage, or takes it up where a checkpoint left it. A stop request writes a
+/// checkpoint.
 ///
 /// # Errors
 /// Unusable input or settings, a loss that is no number, a stop request, a checkpoint that cannot be written.
 pub(super) fn train_field(
-    state: usize,
+    stage: &str,
     input: &TrainInput,
-    band: &Band,
-    config: &Config,
+    scene: &Scene,
     checkpoint: Option<&Checkpoint>,
     monitor: &Monitor,
 ) -> Result<TrainedField, RunError> {
-    let stage = format!("field/state{state}");
-    let settings = TrainConfig { truncation_m: Some(band.truncation_m), noise: config.capture.noise, ..config.train.clone() };
+    let (config, stage) = (scene.config, stage.to_owned());
+    let settings = TrainConfig {
+        truncation_m: Some(scene.band.truncation_m),
+        noise: scene.noise,
+        ..config.train.clone()
+    };
     let kind = config.run.engine;
     let start = |state| engine(kind, state);
     let start: Option<Start> = if kind == Engine::Cpu { None } else { Some(&start) };
-    Training { stage, start, checkpoint, monitor, replaced: RefCell::default() }.run(input, &settings, config.run.seed)
+    Training { stage, start, checkpoint, monitor, replaced: RefCell::default() }.run(
+        input,
+        &settings,
+        config.run.seed,
+    )
 }
 
-/// Makes an engine other than the CPU engine, or tells why it cannot.
-type Start<'a> = &'a dyn Fn(EngineState) -> Result<Box<dyn FieldEngine>, String>;
+/// Makes an engine other than the CPU engine, or says why it cannot.
+type Start<'a> = &'a dyn Fn(EngineState) -> Result<Box<dyn FieldEngine>, EngineError>;
 
-fn engine(kind: Engine, state: EngineState) -> Result<Box<dyn FieldEngine>, String> {
+/// Why an engine, or what it has computed, is of no use.
+#[derive(Debug, thiserror::Error)]
+enum EngineFault {
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    #[error("the loss or a parameter is not a finite number after {0} steps")]
+    NotFinite(usize),
+}
+
+fn engine(kind: Engine, state: EngineState) -> Result<Box<dyn FieldEngine>, EngineError> {
     let made = match kind {
         Engine::Cpu => return Ok(cpu(state)),
         Engine::Burn => BurnEngine::flex(state),
         Engine::Gpu => BurnEngine::wgpu(state),
     };
-    made.map(|engine| -> Box<dyn FieldEngine> { Box::new(engine) }).map_err(|error| error.to_string())
+    made.map(|engine| -> Box<dyn FieldEngine> { Box::new(engine) })
 }
 
 fn cpu(state: EngineState) -> Box<dyn FieldEngine> {
     Box::new(CpuEngine::resume(state))
 }
 
-/// Training that survives its engine: when that fails, the CPU engine goes on from the last state that was kept.
+/// Training that survives its engine: when that fails, the CPU engine goes on from the last state that was
+/// kept.
 struct Training<'a> {
     stage: String,
     /// `None`: the CPU engine.
@@ -74,7 +94,8 @@ impl Training<'_> {
         let failed = |error: FieldError| RunError::stage(self.stage.clone(), error);
         let file = self.stage.replace('/', "-");
         let factory = |state| self.make(state);
-        let mut trainer = FieldTrainer::with_engine(input, settings, seed, &self.stage, &factory).map_err(failed)?;
+        let mut trainer =
+            FieldTrainer::with_engine(input, settings, seed, &self.stage, &factory).map_err(failed)?;
         if let Some(saved) = self.checkpoint.and_then(|c| c.load(&file, self.monitor)) {
             trainer.restore(saved, &factory).map_err(failed)?;
         }
@@ -82,7 +103,9 @@ impl Training<'_> {
         let stopped = loop {
             match self.advance(&mut trainer, &mut kept) {
                 Ok(stopped) => break stopped,
-                Err(_) if self.on_cpu() => return Err(failed(FieldError::NotFinite { step: trainer.done() })),
+                Err(_) if self.on_cpu() => {
+                    return Err(failed(FieldError::NotFinite { step: trainer.done() }));
+                }
                 Err(why) => {
                     self.replace(format!("{why}; {} of {} steps are kept", kept.done, trainer.total()));
                     trainer.restore(kept.clone(), &factory).map_err(failed)?;
@@ -100,7 +123,11 @@ impl Training<'_> {
     ///
     /// # Errors
     /// Why the engine, or what it has computed, is of no use.
-    fn advance(&self, trainer: &mut FieldTrainer, kept: &mut TrainerCheckpoint) -> Result<Option<Cancelled>, String> {
+    fn advance(
+        &self,
+        trainer: &mut FieldTrainer,
+        kept: &mut TrainerCheckpoint,
+    ) -> Result<Option<Cancelled>, EngineFault> {
         let total = trainer.total();
         let mut recent = 0.0;
         while trainer.done() < total {
@@ -118,7 +145,12 @@ impl Training<'_> {
             if !self.on_cpu() && trainer.done() >= kept.done + KEEP_EVERY {
                 *kept = sound(trainer)?;
             }
-            self.monitor.tell(Event::Step { stage: self.stage.clone(), done: trainer.done(), total, loss: recent });
+            self.monitor.report(Event::Step {
+                stage: self.stage.clone(),
+                done: trainer.done(),
+                total,
+                loss: recent,
+            });
         }
         *kept = sound(trainer)?;
         Ok(None)
@@ -131,7 +163,7 @@ impl Training<'_> {
     fn make(&self, state: EngineState) -> Box<dyn FieldEngine> {
         match self.start {
             Some(start) if !self.on_cpu() => start(state.clone()).unwrap_or_else(|why| {
-                self.replace(why);
+                self.replace(why.to_string());
                 cpu(state)
             }),
             _ => cpu(state),
@@ -139,24 +171,26 @@ impl Training<'_> {
     }
 
     fn replace(&self, why: String) {
-        self.monitor.warn(format!("{}: {why}; the cpu engine is used instead", self.stage));
+        let text = format!("{}: {why}; the cpu engine is used instead", self.stage);
+        self.monitor.warn(&Note::new(NoteCode::EngineReplaced, text));
         self.replaced.replace(Some(why));
     }
 }
 
 /// The state of a training whose engine works and whose parameters are numbers.
-fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, String> {
+fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
     let now = trainer.checkpoint();
     let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
     let params = &now.engine.params;
     let layers = params.geometry.iter().chain(&params.color);
-    let sound = trainer.failure().is_none() && finite(&params.table) && layers.clone().all(|l| finite(&l.weights) && finite(&l.biases));
+    let sound = trainer.failure().is_none()
+        && finite(&params.table)
+        && layers.clone().all(|l| finite(&l.weights) && finite(&l.biases));
     if sound { Ok(now) } else { Err(failure(trainer)) }
 }
 
-fn failure(trainer: &FieldTrainer) -> String {
-    let not_finite = || format!("the loss or a parameter is not a finite number after {} steps", trainer.done());
-    trainer.failure().map_or_else(not_finite, ToString::to_string)
+fn failure(trainer: &FieldTrainer) -> EngineFault {
+    trainer.failure().map_or(EngineFault::NotFinite(trainer.done()), |error| error.clone().into())
 }
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ use crate::{
 /// How an engine fails.
 #[derive(Clone, Copy)]
 enum Fault {
-    /// Losses become NaN, and [`FieldEngine::failure`] tells why.
-    Told,
+    /// Losses become NaN, and [`FieldEngine::failure`] says why.
+    Explained,
     /// Losses become NaN, and nothing else.
     Silent,
     /// The parameters can no longer be read.
@@ -71,7 +71,8 @@ fn wall() -> Vec<RgbdFrame> {
 }
 
 fn settings() -> TrainConfig {
-    let field = FieldConfig { levels: 3, base_resolution: 4, finest_resolution: 16, log2_table_size: 9, hidden: 8 };
+    let field =
+        FieldConfig { levels: 3, base_resolution: 4, finest_resolution: 16, log2_table_size: 9, hidden: 8 };
     TrainConfig { field, steps: 300, rays: 32, truncation_m: Some(0.03), ..TrainConfig::default() }
 }
 
@@ -79,15 +80,22 @@ fn settings() -> TrainConfig {
 fn field(start: Option<Start>, settings: &TrainConfig) -> (Result<TrainedField, RunError>, Vec<String>) {
     let frames = wall();
     let scene = SceneBox::around(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
-    let points: Vec<_> = frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
+    let points: Vec<_> =
+        frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
     let occupancy = Occupancy::new(&scene, &points, 0.05, 2);
     let input = TrainInput { frames: &frames, scene, occupancy: &occupancy };
-    let (events, told) = mpsc::channel();
+    let (events, reported) = mpsc::channel();
     let monitor = Monitor::new(events, Arc::new(AtomicBool::new(false)));
-    let training = Training { stage: "field/state0".to_owned(), start, checkpoint: None, monitor: &monitor, replaced: RefCell::default() };
+    let training = Training {
+        stage: "field/state0".to_owned(),
+        start,
+        checkpoint: None,
+        monitor: &monitor,
+        replaced: RefCell::default(),
+    };
     let result = training.run(&input, settings, 7);
-    let warning = |event| if let Event::Warning { message } = event { Some(message) } else { None };
-    (result, told.try_iter().filter_map(warning).collect())
+    let warning = |event| if let Event::Warning { message, .. } = event { Some(message) } else { None };
+    (result, reported.try_iter().filter_map(warning).collect())
 }
 
 #[test]
@@ -98,14 +106,14 @@ fn the_cpu_engine_goes_on_where_another_one_fails() {
     let error = EngineError::Failed { doing: "took a training step", message: "device lost".to_owned() };
     // Outliers are judged after 150 steps: failures before and after, and at a read of the parameters.
     for (fault, after, kept) in [
-        (Fault::Told, 0, 0),
-        (Fault::Told, 170, 0),
-        (Fault::Told, 230, 200),
+        (Fault::Explained, 0, 0),
+        (Fault::Explained, 170, 0),
+        (Fault::Explained, 230, 200),
         (Fault::Silent, 250, 200),
         (Fault::Unreadable, 140, 0),
         (Fault::Unreadable, 290, 200),
     ] {
-        let start = |state: EngineState| -> Result<Box<dyn FieldEngine>, String> {
+        let start = |state: EngineState| -> Result<Box<dyn FieldEngine>, EngineError> {
             let engine = CpuEngine::resume(state.clone());
             Ok(Box::new(Failing { engine, fault, left: after, error: error.clone(), first: state }))
         };
@@ -115,7 +123,11 @@ fn the_cpu_engine_goes_on_where_another_one_fails() {
         assert_eq!(warnings.len(), 1, "{warnings:?}");
         assert!(warnings[0].contains("the cpu engine is used instead"), "{}", warnings[0]);
         assert!(warnings[0].contains(&format!("{kept} of 300 steps are kept")), "{after}: {}", warnings[0]);
-        let why = if matches!(fault, Fault::Silent) { "not a finite number after 251 steps" } else { "device lost" };
+        let why = if matches!(fault, Fault::Silent) {
+            "not a finite number after 251 steps"
+        } else {
+            "device lost"
+        };
         assert!(trained.replaced.is_some_and(|r| r.contains(why)), "{}", warnings[0]);
     }
 }
@@ -123,12 +135,14 @@ fn the_cpu_engine_goes_on_where_another_one_fails() {
 #[test]
 fn an_engine_that_does_not_start_is_replaced_before_the_first_step() {
     let settings = TrainConfig { steps: 20, ..settings() };
-    let refused = |_: EngineState| -> Result<Box<dyn FieldEngine>, String> { Err("no GPU could be opened".to_owned()) };
+    let refused =
+        |_: EngineState| -> Result<Box<dyn FieldEngine>, EngineError> { Err(EngineError::NotBuilt) };
     let (result, warnings) = field(Some(&refused), &settings);
     let trained = result.unwrap();
     assert_eq!(trained.field, field(None, &settings).0.unwrap().field);
-    assert_eq!(warnings, ["field/state0: no GPU could be opened; the cpu engine is used instead"]);
-    assert_eq!(trained.replaced.as_deref(), Some("no GPU could be opened"));
+    let why = EngineError::NotBuilt.to_string();
+    assert_eq!(warnings, [format!("field/state0: {why}; the cpu engine is used instead")]);
+    assert_eq!(trained.replaced, Some(why));
 }
 
 #[test]

@@ -42,7 +42,8 @@ impl Fingerprint {
         Ok(self)
     }
 
-    /// Adds the content of a file, or of all files of a folder; names and sizes count, times and places do not.
+    /// Adds the content of a file, or of all files of a folder; names and sizes count, times and places do
+    /// not.
     ///
     /// # Errors
     /// If something cannot be read, or the folder holds more than 100,000 files.
@@ -57,7 +58,11 @@ impl Fingerprint {
         let mut sum = Checksum::default();
         let mut total = 0;
         for file in &files {
-            let bytes = if file.is_empty() { add_content(path, &mut sum)? } else { add_content(&path.join(file), &mut sum)? };
+            let bytes = if file.is_empty() {
+                add_content(path, &mut sum)?
+            } else {
+                add_content(&path.join(file), &mut sum)?
+            };
             sum.update(file.as_bytes());
             total += bytes;
         }
@@ -72,7 +77,11 @@ impl Fingerprint {
         let names: std::collections::BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
         let show = |value: Option<&String>| value.map_or("absent", String::as_str).to_owned();
         let differs = |name: &&String| self.0.get(*name) != other.0.get(*name);
-        names.into_iter().filter(differs).map(|n| format!("{n} is {}, was {}", show(self.0.get(n)), show(other.0.get(n)))).collect()
+        names
+            .into_iter()
+            .filter(differs)
+            .map(|n| format!("{n} is {}, was {}", show(self.0.get(n)), show(other.0.get(n))))
+            .collect()
     }
 
     /// A 64-bit digest of all facts.
@@ -94,7 +103,9 @@ impl Fingerprint {
 
     fn add(&mut self, name: &str, value: &serde_json::Value) {
         match value {
-            serde_json::Value::Object(map) => map.iter().for_each(|(key, inner)| self.add(&format!("{name}.{key}"), inner)),
+            serde_json::Value::Object(map) => {
+                map.iter().for_each(|(key, inner)| self.add(&format!("{name}.{key}"), inner))
+            }
             _ => drop(self.0.insert(name.to_owned(), value.to_string())),
         }
     }
@@ -112,7 +123,10 @@ fn list(folder: &Path, prefix: &str, files: &mut Vec<String>) -> io::Result<()> 
             files.push(name);
         }
         if files.len() > MAX_FILES {
-            return Err(io::Error::other(format!("{} holds more than {MAX_FILES} files: not a recording", folder.display())));
+            return Err(io::Error::other(format!(
+                "{} holds more than {MAX_FILES} files: not a recording",
+                folder.display()
+            )));
         }
     }
     Ok(())
@@ -148,13 +162,22 @@ mod tests {
 
     #[test]
     fn differences_are_named() {
-        let a = Fingerprint::default().with("seed", 1).with_settings("config", &serde_json::json!({"field": {"levels": 8}})).unwrap();
-        let b = Fingerprint::default().with("seed", 2).with_settings("config", &serde_json::json!({"field": {"levels": 12}})).unwrap();
+        let a = Fingerprint::default()
+            .with("seed", 1)
+            .with_settings("config", &serde_json::json!({"field": {"levels": 8}}))
+            .unwrap();
+        let b = Fingerprint::default()
+            .with("seed", 2)
+            .with_settings("config", &serde_json::json!({"field": {"levels": 12}}))
+            .unwrap();
         assert_eq!(a.differences(&b), ["config.field.levels is 8, was 12", "seed is 1, was 2"]);
         assert_eq!(a.differences(&a), [""; 0]);
         assert_ne!(a.digest(), b.digest());
         assert_eq!(a.clone().with("extra", 3).differences(&a), ["extra is 3, was absent"]);
-        assert_ne!(Fingerprint::default().with("ab", "c").digest(), Fingerprint::default().with("a", "bc").digest());
+        assert_ne!(
+            Fingerprint::default().with("ab", "c").digest(),
+            Fingerprint::default().with("a", "bc").digest()
+        );
     }
 
     #[test]

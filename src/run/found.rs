@@ -1,28 +1,25 @@
 //! Parts and motions of two states, or of more.
 
 use super::{
-    Checkpoint, Event, RunError, Stages,
-    articulation::{Articulation, Search, unite_states},
-    state_surface::StateSurface,
+    RunError, Stages,
+    articulation::{Articulation, articulate, register_state, unite_states},
+    scene::Scene,
+    stage::stage_of,
+    state::State,
 };
 use crate::{
-    articulate::{EvidencePoint, LiftedMatch, Registration},
-    config::Config,
+    articulate::{EvidencePoint, Registration},
     geometry::Pose,
     model::ArticulatedModel,
+    note::{Note, NoteCode},
 };
 
-/// Positions of a joint within so many standard deviations, or within this share of what was observed of it, are the same.
+/// Positions of a joint within so many standard deviations of each other are the same.
+///
+/// derived: three, 0.3 % of a normal distribution
 const ALIKE_SIGMAS: f64 = 3.0;
-const ALIKE_SHARE: f64 = 0.01;
 
-/// Name of the stage of a state behind state 0, of so many states in all.
-#[must_use]
-pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
-    if count == 2 { name.to_owned() } else { format!("{name}/state{state}") }
-}
-
-/// Parts and motions, and what is told of them.
+/// Parts and motions, and what is reported about them.
 pub(super) struct Found {
     /// Parts and motions.
     pub articulation: Articulation,
@@ -30,74 +27,93 @@ pub(super) struct Found {
     pub registered: Vec<Pose>,
     /// Evidence by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
-    /// What was chosen, told already.
-    pub notes: Vec<String>,
-    /// What is weak, told already.
-    pub warnings: Vec<String>,
+    /// What was chosen.
+    pub notes: Vec<Note>,
+    /// What is weak.
+    pub warnings: Vec<Note>,
+}
+
+/// Parts and motions: registers state 0 with every other state, and makes the parts of all pairs.
+///
+/// # Errors
+/// No motion, no overlap, fewer parts than asked for; those of the search for consistency.
+pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -> Result<Found, RunError> {
+    // Of more states each shows some of the parts.
+    let parts = scene.config.run.parts.filter(|_| states.len() == 2);
+    let mut registrations = Vec::with_capacity(states.len());
+    for state in 1..states.len() {
+        let stage = stage_of("register", state, states.len());
+        let register = || register_state(states, state, &stage, parts, scene);
+        registrations.push(stages.kept(&stage, None, |_| register())?);
+    }
+    match (states, registrations.as_slice()) {
+        ([state0, state1], [one]) => found_in_pair([state0, state1], one, scene, stages),
+        (_, several) => found_in_all(states, several, scene, stages),
+    }
+}
+
+/// Reports what was chosen and what is weak.
+fn report(notes: &[Note], warnings: &[Note], stages: &Stages) {
+    warnings.iter().for_each(|w| stages.monitor.warn(w));
+    notes.iter().for_each(|n| stages.monitor.note(n));
 }
 
 /// Parts and motions of two states.
-///
-/// # Errors
-/// Those of the search for consistency.
-pub(super) fn found_in_pair(
+fn found_in_pair(
+    states: [&State; 2],
     registration: &Registration,
-    search: &Search,
-    config: &Config,
-    checkpoint: Option<&Checkpoint>,
+    scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Found, RunError> {
     let Registration { motions, curve, notes, warnings, .. } = registration.clone();
-    warnings.iter().for_each(|w| stages.monitor.warn(w));
-    notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
-    let articulation = search.articulate(registration, config, checkpoint, stages)?;
+    report(&notes, &warnings, stages);
+    let articulation = articulate(states, registration, scene, stages)?;
     Ok(Found { articulation, registered: motions[1..].to_vec(), curve, notes, warnings })
 }
 
 /// Parts and motions of more than two states.
-///
-/// # Errors
-/// Fewer parts than asked for.
-pub(super) fn found_in_all(
+fn found_in_all(
+    states: &[State],
     registrations: &[Registration],
-    surfaces: &[StateSurface],
-    matches: &[Vec<LiftedMatch>],
-    config: &Config,
-    checkpoint: Option<&Checkpoint>,
+    scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Found, RunError> {
-    let united = stages.kept(checkpoint, "unite", None, |_| unite_states(surfaces, matches, registrations, config))?;
-    let said = |of: fn(&Registration) -> &Vec<String>| {
-        // Of a pair without motion nothing is told here.
-        let moving = registrations.iter().enumerate().filter(|(_, r)| r.motions.len() > 1);
-        moving.flat_map(move |(k, r)| of(r).iter().map(move |s| format!("states 0 and {}: {s}", k + 1))).collect::<Vec<_>>()
-    };
-    let notes = [said(|r| &r.notes), united.notes].concat();
-    let warnings = [said(|r| &r.warnings), united.warnings].concat();
-    warnings.iter().for_each(|w| stages.monitor.warn(w));
-    notes.iter().for_each(|n| stages.monitor.tell(Event::Note { message: n.clone() }));
+    let united = stages.kept("unite", None, |_| unite_states(states, registrations, scene))?;
+    let notes = [of_pairs(registrations, |r| &r.notes), united.notes].concat();
+    let warnings = [of_pairs(registrations, |r| &r.warnings), united.warnings].concat();
+    report(&notes, &warnings, stages);
     let last = united.motions.last().cloned().unwrap_or_default();
-    let articulation = Articulation { motions: united.motions, starts: last.clone(), labels: united.labels };
+    let articulation = Articulation::new(united.motions, united.labels, last.clone());
     Ok(Found { articulation, registered: last[1..].to_vec(), curve: united.curve, notes, warnings })
 }
 
-/// Sentences about states in which every joint stands as in an earlier one.
-pub(super) fn more_views(model: &ArticulatedModel) -> Vec<String> {
-    let std = |j: usize, state: usize| {
-        let std = &model.joints[j].evidence.position_std;
-        state.checked_sub(1).and_then(|k| std.get(k)).copied().filter(|s| s.is_finite()).unwrap_or_default()
+/// What is said of all pairs in which something moved.
+fn of_pairs(registrations: &[Registration], notes: fn(&Registration) -> &Vec<Note>) -> Vec<Note> {
+    let mut all = Vec::new();
+    for (k, found) in registrations.iter().enumerate().filter(|(_, r)| r.motions.len() > 1) {
+        all.extend(notes(found).iter().map(|n| n.about(format_args!("states 0 and {}", k + 1))));
+    }
+    all
+}
+
+/// States in which every joint stands as in an earlier one.
+pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
+    let earlier = |b: usize| (0..b).find(|&a| alike(model, a, b)).map(|a| (a, b));
+    let note = |(a, b)| {
+        let text = format!("state {b} shows all joints where state {a} does: it adds views, and no motion");
+        Note::new(NoteCode::StateAddsNoMotion, text)
     };
-    let alike = |a: usize, b: usize| {
-        let same = |j: usize| {
-            let [lower, upper] = model.observed_interval(j);
-            let apart = (model.states[a][j] - model.states[b][j]).abs();
-            apart <= (ALIKE_SIGMAS * std(j, a).hypot(std(j, b))).max(ALIKE_SHARE * (upper - lower))
-        };
-        (0..model.joints.len()).all(same)
+    (1..model.states.len()).filter_map(earlier).map(note).collect()
+}
+
+/// Whether every joint stands at one position in two states, as far as its deviation lets that be known.
+fn alike(model: &ArticulatedModel, a: usize, b: usize) -> bool {
+    let same = |joint: usize| {
+        let std = &model.joints[joint].evidence.position_std;
+        let of = |state: usize| state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default();
+        let apart = (model.states[a][joint] - model.states[b][joint]).abs();
+        // A state that the joint leaves out is like no other.
+        apart <= ALIKE_SIGMAS * of(a).hypot(of(b)) && of(a).max(of(b)).is_finite()
     };
-    let said = |b: usize| {
-        let a = (0..b).find(|&a| alike(a, b))?;
-        Some(format!("state {b} shows all joints where state {a} does: it adds views, and no motion"))
-    };
-    (1..model.states.len()).filter_map(said).collect()
+    (0..model.joints.len()).all(same)
 }

@@ -2,9 +2,11 @@
 
 use crate::config::Config;
 
-/// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for coarser surfaces.
-const RECONSTRUCTION: u64 = 2 << 20;
-/// Bytes of a number in a checkpoint, and the numbers that it holds for a parameter: itself and two moments of the optimizer.
+/// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for
+/// coarser surfaces.
+pub(super) const RECONSTRUCTION: u64 = 2 << 20;
+/// Bytes of a number in a checkpoint, and the numbers that it holds for a parameter: itself and two moments
+/// of the optimizer.
 const PARAMETER: u64 = 4 * 3;
 /// Bytes of a diagnosis beside its copy of the twin. Derived: four files at least, in blocks of 4 KiB.
 const DIAGNOSIS: u64 = 16 << 10;

@@ -7,25 +7,27 @@ use crate::{
     articulate::{MatchConfig, frame_pairs, match_states, on_object},
     capture::{PixelMatch, RgbdFrame},
     io::OnnxMatcher,
+    note::{Note, NoteCode},
 };
 
 const STAGE: &str = "match";
 
-/// Matches by the user's model; else those that came with the recording, as `told`; else those of the built-in features.
+/// Matches by the user's model; else those that came with the recording, as `recorded`; else those of the
+/// built-in features.
 ///
 /// # Errors
 /// A model that fails, a stop request.
 pub(super) fn pixel_matches(
     frames: [&[RgbdFrame]; 2],
-    told: &[PixelMatch],
+    recorded: &[PixelMatch],
     matcher: Option<&OnnxMatcher>,
     config: &MatchConfig,
     monitor: &Monitor,
 ) -> Result<Vec<PixelMatch>, RunError> {
     match matcher {
         Some(matcher) => by_model(frames, matcher, config, monitor),
-        None if told.is_empty() => Ok(match_states(frames, config)),
-        None => Ok(told.to_vec()),
+        None if recorded.is_empty() => Ok(match_states(frames, config)),
+        None => Ok(recorded.to_vec()),
     }
 }
 
@@ -46,14 +48,18 @@ fn by_model(
     // As many at once as there are threads: images and intermediate results of no more pairs are held.
     for some in pairs.chunks(rayon::current_num_threads().max(1)) {
         monitor.check()?;
-        let found: Vec<_> = some.par_iter().map(|&(i, j)| matcher.correspondences([&frames[0][i], &frames[1][j]])).collect();
+        let found: Vec<_> =
+            some.par_iter().map(|&(i, j)| matcher.correspondences([&frames[0][i], &frames[1][j]])).collect();
         for (pair, found) in some.iter().zip(found) {
             let found = found.map_err(|e| RunError::stage(STAGE, e))?;
             matches.extend(on_object(frames, *pair, &found, config.onnx_min_confidence));
         }
         done += some.len();
-        monitor.tell(Event::Count { stage: STAGE.to_owned(), done, total: pairs.len() });
+        monitor.report(Event::Count { stage: STAGE.to_owned(), done, total: pairs.len() });
     }
-    monitor.tell(Event::Note { message: format!("{} pixel matches on the object in {} pairs of frames", matches.len(), pairs.len()) });
+    monitor.note(&Note::new(
+        NoteCode::MatchesFound,
+        format!("{} pixel matches on the object in {} pairs of frames", matches.len(), pairs.len()),
+    ));
     Ok(matches)
 }

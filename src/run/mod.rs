@@ -1,35 +1,41 @@
 //! The pipeline: stages in order, progress, cancellation, checkpoints.
 
+mod admission;
 mod alignment;
 mod articulation;
+mod assemble;
 mod batch;
 mod checkpoint;
 mod checksum;
 mod diagnose;
 mod diagnose_frames;
 mod earlier;
+mod facts;
 mod fields;
 mod fingerprint;
 mod found;
+mod joints;
 mod least_bytes;
 mod matching;
 mod monitor;
 mod outcome;
 mod pictures;
 mod reconstruct;
-mod seed;
+mod reconstruct_twin;
+mod scene;
 mod stage;
+mod state;
 mod state_surface;
-mod twin;
 mod world_noise;
+mod write;
 
-pub use batch::{MAX_JOBS, reconstruct_all};
+pub use batch::reconstruct_all;
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use diagnose::{DiagnoseOutcome, DiagnoseRequest, diagnose};
 pub use diagnose_frames::diagnose_frames;
 pub use fingerprint::Fingerprint;
 pub use monitor::{Cancelled, Event, Monitor};
 pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError, chain};
-pub use reconstruct::{Twin, reconstruct, reconstruct_twin};
-pub use seed::stage_rng;
+pub use reconstruct::reconstruct;
+pub use reconstruct_twin::{Twin, reconstruct_twin};
 pub use stage::Stages;

@@ -1,4 +1,4 @@
-//! What a running pipeline tells, and how it is asked to stop.
+//! What a running pipeline reports, and how it is asked to stop.
 
 use std::sync::{
     Arc,
@@ -8,8 +8,10 @@ use std::sync::{
 
 use serde::Serialize;
 
-/// One thing that happened. Serialised by `--json` as a line of JSON whose `event` is the variant's name in snake case;
-/// the fields are those below. A number that is not finite is `null`.
+use crate::note::{Note, NoteCode};
+
+/// One thing that happened. Serialised by `--json` as a line of JSON whose `event` is the variant's name in
+/// snake case; the fields are those below. A number that is not finite is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -49,11 +51,15 @@ pub enum Event {
     },
     /// The run is degraded.
     Warning {
+        /// What it is about.
+        code: NoteCode,
         /// A sentence.
         message: String,
     },
     /// Something worth telling.
     Note {
+        /// What it is about.
+        code: NoteCode,
         /// A sentence.
         message: String,
     },
@@ -94,7 +100,7 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// A monitor that tells `events` and stops once `cancel` is set.
+    /// A monitor that reports to `events` and stops once `cancel` is set.
     #[must_use]
     pub fn new(events: Sender<Event>, cancel: Arc<AtomicBool>) -> Self {
         Self { events, cancel, object: None }
@@ -106,14 +112,15 @@ impl Monitor {
         Self::new(std::sync::mpsc::channel().0, Arc::default())
     }
 
-    /// The same monitor for one object of several: its stages are `object/stage`, its sentences begin with its name.
+    /// The same monitor for one object of several: its stages are `object/stage`, its sentences begin with
+    /// its name.
     #[must_use]
     pub fn of_object(&self, name: &str) -> Self {
         Self { object: Some(name.to_owned()), ..self.clone() }
     }
 
     /// Reports an event to whoever still listens.
-    pub fn tell(&self, mut event: Event) {
+    pub fn report(&self, mut event: Event) {
         if let Some(object) = &self.object {
             match &mut event {
                 Event::StageStarted { stage, .. }
@@ -122,7 +129,10 @@ impl Monitor {
                 | Event::StageFinished { stage, .. } => {
                     *stage = format!("{object}/{stage}");
                 }
-                Event::Warning { message } | Event::Note { message } | Event::Failed { message } | Event::Error { message, .. } => {
+                Event::Warning { message, .. }
+                | Event::Note { message, .. }
+                | Event::Failed { message }
+                | Event::Error { message, .. } => {
                     *message = format!("{object}: {message}");
                 }
                 Event::Artifact { .. } => {}
@@ -131,9 +141,14 @@ impl Monitor {
         self.events.send(event).ok();
     }
 
-    /// Reports a warning.
-    pub fn warn(&self, message: impl Into<String>) {
-        self.tell(Event::Warning { message: message.into() });
+    /// Reports that the run is degraded.
+    pub fn warn(&self, note: &Note) {
+        self.report(Event::Warning { code: note.code, message: note.text.clone() });
+    }
+
+    /// Reports what is worth saying.
+    pub fn note(&self, note: &Note) {
+        self.report(Event::Note { code: note.code, message: note.text.clone() });
     }
 
     /// Returns early from a loop once a stop was requested.

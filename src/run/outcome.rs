@@ -7,6 +7,7 @@ use crate::{
     config::{Config, ConfigError, Origins},
     io::Place,
     model::{ArticulatedModel, JointKind},
+    note::Note,
 };
 
 /// Name under which the writing of the run folder fails.
@@ -36,6 +37,21 @@ pub struct ReconstructRequest {
 }
 
 impl ReconstructRequest {
+    /// The default settings: one recording, or one for each state, to a run folder in `out`.
+    pub fn new(sources: impl IntoIterator<Item = impl Into<PathBuf>>, out: impl Into<PathBuf>) -> Self {
+        Self {
+            sources: sources.into_iter().map(Into::into).collect(),
+            out: out.into(),
+            name: None,
+            config: Config::default(),
+            origins: Origins::default(),
+            resume: false,
+            keep: false,
+            force: false,
+            beside: Vec::new(),
+        }
+    }
+
     /// Where the result goes.
     pub(super) fn place(&self, name: &str) -> Place {
         let matcher = self.config.matching.onnx.iter();
@@ -56,11 +72,12 @@ pub struct Outcome {
     pub folder: PathBuf,
     /// The joints found.
     pub joints: Vec<JointSummary>,
-    /// Sentences about what was lost or is uncertain.
-    pub warnings: Vec<String>,
+    /// What was lost or is uncertain.
+    pub warnings: Vec<Note>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
-    /// Whether the folder is of an earlier run that was to be continued; nothing was done then, and nothing else is told of it.
+    /// Whether the folder is of an earlier run that was to be continued; nothing was done then, and nothing
+    /// else is reported about it.
     pub stood: bool,
 }
 
@@ -75,7 +92,8 @@ pub struct JointSummary {
     pub axis_in_world: [f64; 3],
     /// Origin of the joint frame, a point of the axis, meters.
     pub point_in_world_m: [f64; 3],
-    /// Position in state 1 minus position in state 0, radians or meters; of more states that of the one farthest from state 0.
+    /// Position in state 1 minus position in state 0, radians or meters; of more states that of the one
+    /// farthest from state 0.
     pub motion: f64,
     /// Position in every state.
     pub positions: Vec<f64>,
@@ -115,12 +133,15 @@ pub enum RunError {
 
 impl RunError {
     /// The failure of a stage.
-    pub fn stage(stage: impl Into<String>, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+    pub fn stage(
+        stage: impl Into<String>,
+        source: impl Into<Box<dyn std::error::Error + Send + Sync>>,
+    ) -> Self {
         Self::Stage { stage: stage.into(), source: source.into() }
     }
 
-    /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be written. After any
-    /// other failure it would fail again.
+    /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be
+    /// written. After any other failure it would fail again.
     #[must_use]
     pub fn can_continue(&self) -> bool {
         match self {
@@ -137,9 +158,9 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        let told = error.to_string();
-        if !text.ends_with(&told) {
-            text = format!("{text}: {told}");
+        let reason = error.to_string();
+        if !text.ends_with(&reason) {
+            text = format!("{text}: {reason}");
         }
         cause = error.source();
     }
@@ -190,7 +211,10 @@ mod tests {
         };
         let (place, rejected) = (request.place("box"), request.rejected_place("box"));
         assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));
-        assert_eq!((place.target().unwrap(), rejected.target().unwrap()), ("runs/box".into(), "runs/box_rejected".into()));
+        assert_eq!(
+            (place.target().unwrap(), rejected.target().unwrap()),
+            ("runs/box".into(), "runs/box_rejected".into())
+        );
         assert!(place.force && rejected.force && rejected.inputs == place.inputs);
     }
 
@@ -202,7 +226,12 @@ mod tests {
             assumption: String::new(),
             mass_range_kg: [1.0; 2],
         };
-        model::Link { name: name.to_owned(), visual: crate::surface::TriangleMesh::default(), collision: vec![], inertial }
+        model::Link {
+            name: name.to_owned(),
+            visual: crate::surface::TriangleMesh::default(),
+            collision: vec![],
+            inertial,
+        }
     }
 
     #[test]
@@ -217,13 +246,20 @@ mod tests {
             position_std: Vec::new(),
             pitch_std_m_per_rad: 0.0,
             dispersion: 1.0,
-            type_scores: std::collections::BTreeMap::new(),
+            type_scores: model::TypeScores::default(),
             parents: std::collections::BTreeMap::new(),
             axis_alone: None,
             cautions: Vec::new(),
             not_observable: Vec::new(),
         };
-        let limit = model::Limit { lower: 0.0, upper: 1.0, effort: 1.0, velocity: 1.0, source: model::LimitSource::Observed, swept: None };
+        let limit = model::Limit {
+            lower: 0.0,
+            upper: 1.0,
+            effort: 1.0,
+            velocity: 1.0,
+            source: model::LimitSource::Observed,
+            swept: None,
+        };
         let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {
             name: name.to_owned(),
             kind,
@@ -249,7 +285,9 @@ mod tests {
         assert_eq!(joints[0].name, "hinge");
         assert_relative_eq!(joints[0].motion, -quarter);
         assert_relative_eq!(joints[1].motion, 0.2);
-        let check = |got: [f64; 3], expected: [f64; 3]| assert_relative_eq!(Vector3::from(got), Vector3::from(expected), epsilon = 1e-12);
+        let check = |got: [f64; 3], expected: [f64; 3]| {
+            assert_relative_eq!(Vector3::from(got), Vector3::from(expected), epsilon = 1e-12)
+        };
         check(joints[0].axis_in_world, [0.0, 0.0, 1.0]);
         check(joints[0].point_in_world_m, [1.0, 0.0, 0.0]);
         check(joints[1].axis_in_world, [0.0, 1.0, 0.0]);

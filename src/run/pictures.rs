@@ -2,7 +2,10 @@
 
 use crate::{
     capture::{Capture, RgbdFrame},
-    export::{PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows, cutout_png, part_color},
+    export::{
+        PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows, cutout_png,
+        part_color,
+    },
     model::{ArticulatedModel, Link},
     surface::{RenderItem, render},
 };
@@ -25,9 +28,19 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
             let seen = photo(frame, false, caption("photo")).cropped(&window);
             let cutout = frame.mask.is_some().then(|| {
                 let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
-                (cutout_png(&frame.rgb, k.width, k.height, is_object), RecordedCamera::new(k, &frame.world_from_camera))
+                (
+                    cutout_png(&frame.rgb, k.width, k.height, is_object),
+                    RecordedCamera::new(k, &frame.world_from_camera),
+                )
             });
-            out.states.push(PhotoAndTwin { state, view: frame.id.clone(), psnr_db, photo: seen, twin: twin.cropped(&window), cutout });
+            out.states.push(PhotoAndTwin {
+                state,
+                view: frame.id.clone(),
+                psnr_db,
+                photo: seen,
+                twin: twin.cropped(&window),
+                cutout,
+            });
             if view == 0 {
                 let mut parts = draw(model, state, frame, true, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
@@ -40,21 +53,31 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
     out
 }
 
-/// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of the picture
-/// included; `None` where nothing isolates the object.
+/// Where the run folder holds the object as a view saw it.
+pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' };
+    format!("preview/photo_state{}_{}.png", pair.state, pair.view.chars().map(plain).collect::<String>())
+}
+
+/// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of
+/// the picture included; `None` where nothing isolates the object.
 fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
     frame.mask.as_ref()?;
     let squares = |(i, p): (usize, &[u8; 3])| {
-        frame.is_object(i).then(|| p.iter().zip(&rgb[3 * i..]).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>())
+        frame.is_object(i).then(|| {
+            p.iter().zip(&rgb[3 * i..]).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
+        })
     };
-    let (sum, count) = frame.rgb.iter().enumerate().filter_map(squares).fold((0.0, 0), |(sum, n), s| (sum + s, n + 1));
+    let (sum, count) =
+        frame.rgb.iter().enumerate().filter_map(squares).fold((0.0, 0), |(sum, n), s| (sum + s, n + 1));
     (count > 0).then(|| 10.0 * (255.0 * 255.0 / (sum / f64::from(3 * count)).max(1e-9)).log10())
 }
 
 /// The part of a frame that shows the object and some points, pixels; points outside the frame do not count.
 fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
     let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
-    let mut shown: Vec<bool> = (0..width * height).map(|i| frame.mask.is_some() && frame.is_object(i)).collect();
+    let mut shown: Vec<bool> =
+        (0..width * height).map(|i| frame.mask.is_some() && frame.is_object(i)).collect();
     for [u, v] in points {
         if *u >= 0.0 && *v >= 0.0 && *u < width as f64 && *v < height as f64 {
             shown[*v as usize * width + *u as usize] = true;
@@ -65,7 +88,8 @@ fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
 
 /// The frames that show most of the object, no two of them neighbors in time.
 fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
-    let size = |f: &RgbdFrame| f.depth_m.iter().enumerate().filter(|(i, d)| **d > 0.0 && f.is_object(*i)).count();
+    let size =
+        |f: &RgbdFrame| f.depth_m.iter().enumerate().filter(|(i, d)| **d > 0.0 && f.is_object(*i)).count();
     let mut order: Vec<(usize, usize)> = frames.iter().enumerate().map(|(i, f)| (size(f), i)).collect();
     order.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
     let apart = frames.len() / 6;
@@ -79,12 +103,26 @@ fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
 }
 
 fn photo(frame: &RgbdFrame, only_object: bool, caption: String) -> Picture {
-    let shade = |(i, c): (usize, &[u8; 3])| if only_object && !frame.is_object(i) { c.map(|x| 200 + x / 8) } else { *c };
+    let shade = |(i, c): (usize, &[u8; 3])| {
+        if only_object && !frame.is_object(i) { c.map(|x| 200 + x / 8) } else { *c }
+    };
     let rgb = frame.rgb.iter().enumerate().flat_map(shade).collect();
-    Picture { width: frame.intrinsics.width, height: frame.intrinsics.height, rgb, caption, ..Picture::default() }
+    Picture {
+        width: frame.intrinsics.width,
+        height: frame.intrinsics.height,
+        rgb,
+        caption,
+        ..Picture::default()
+    }
 }
 
-fn draw<'a>(model: &'a ArticulatedModel, state: usize, frame: &RgbdFrame, tinted: bool, caption: String) -> Picture {
+fn draw<'a>(
+    model: &'a ArticulatedModel,
+    state: usize,
+    frame: &RgbdFrame,
+    tinted: bool,
+    caption: String,
+) -> Picture {
     let positions = &model.states[state];
     let item = |(i, link): (usize, &'a Link)| RenderItem {
         mesh: &link.visual,
@@ -95,5 +133,12 @@ fn draw<'a>(model: &'a ArticulatedModel, state: usize, frame: &RgbdFrame, tinted
     let view = render(&items, &frame.intrinsics, &frame.world_from_camera, tinted);
     let rgb = view.rgb.into_iter().flatten().collect();
     let kind = if tinted { PictureKind::Drawing } else { PictureKind::Photo };
-    Picture { width: frame.intrinsics.width, height: frame.intrinsics.height, rgb, kind, caption, ..Picture::default() }
+    Picture {
+        width: frame.intrinsics.width,
+        height: frame.intrinsics.height,
+        rgb,
+        kind,
+        caption,
+        ..Picture::default()
+    }
 }

@@ -6,10 +6,20 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use super::{Checkpoint, Event, Monitor};
 
+use crate::note::{Note, NoteCode};
+
+/// Name of the stage of a state behind state 0, of so many states in all.
+#[must_use]
+pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
+    if count == 2 { name.to_owned() } else { format!("{name}/state{state}") }
+}
+
 /// The clock of a run.
 pub struct Stages<'a> {
-    /// Who is told.
+    /// Who hears of events.
     pub monitor: &'a Monitor,
+    /// What keeps results for a run that goes on after a stop.
+    pub checkpoint: Option<&'a Checkpoint>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -18,10 +28,16 @@ impl<'a> Stages<'a> {
     /// No stage done yet.
     #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
-        Self { monitor, seconds: Vec::new() }
+        Self { monitor, checkpoint: None, seconds: Vec::new() }
     }
 
-    /// Runs one stage: tells its start and end, keeps its time, and stops before it if asked to.
+    /// No stage done yet; results are kept in a checkpoint.
+    #[must_use]
+    pub fn keeping(monitor: &'a Monitor, checkpoint: Option<&'a Checkpoint>) -> Self {
+        Self { checkpoint, ..Self::new(monitor) }
+    }
+
+    /// Runs one stage: reports its start and end, keeps its time, and stops before it if asked to.
     ///
     /// # Errors
     /// The stage's own error, or [`super::Cancelled`].
@@ -32,14 +48,15 @@ impl<'a> Stages<'a> {
         stage: impl FnOnce(&Monitor) -> Result<T, E>,
     ) -> Result<T, E> {
         self.monitor.check()?;
-        self.monitor.tell(Event::StageStarted { stage: name.to_owned(), steps });
+        self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps });
         let start = Instant::now();
         let result = stage(self.monitor)?;
         self.finished(name, start);
         Ok(result)
     }
 
-    /// Runs a stage whose result outlives a stopped run: takes it from the checkpoint, or computes and keeps it.
+    /// Runs a stage whose result outlives a stopped run: takes it from the checkpoint, or computes and keeps
+    /// it.
     ///
     /// A disk that does not take the result costs no more than the comfort: the run goes on.
     ///
@@ -47,47 +64,51 @@ impl<'a> Stages<'a> {
     /// Those of [`Self::run`].
     pub fn kept<T: Serialize + DeserializeOwned, E: From<super::Cancelled>>(
         &mut self,
-        checkpoint: Option<&Checkpoint>,
         name: &str,
         steps: Option<usize>,
         stage: impl FnOnce(&Monitor) -> Result<T, E>,
     ) -> Result<T, E> {
-        if let Some(found) = self.recall(checkpoint, name)? {
+        if let Some(found) = self.recall(name)? {
             return Ok(found);
         }
+        let checkpoint = self.checkpoint;
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
             if let Some(Err(error)) = checkpoint.map(|c| c.save(name, &result)) {
-                let message = format!("{}; the run goes on, but --resume would begin before {name}", super::chain(&error));
-                monitor.tell(Event::Note { message });
+                let text = format!(
+                    "{}; the run goes on, but --resume would begin before {name}",
+                    super::chain(&error)
+                );
+                monitor.note(&Note::new(NoteCode::StageNotKept, text));
             }
             Ok(result)
         })
     }
 
-    /// The result of a stage from a stopped run, if it is there; the stage is then told as begun, as kept and as done.
+    /// The result of a stage from a stopped run, if it is there; the stage is then reported as begun, as kept
+    /// and as done.
     ///
     /// # Errors
     /// [`super::Cancelled`].
     pub fn recall<T: DeserializeOwned, E: From<super::Cancelled>>(
         &mut self,
-        checkpoint: Option<&Checkpoint>,
         name: &str,
     ) -> Result<Option<T>, E> {
         self.monitor.check()?;
         let start = Instant::now();
-        let Some(result) = checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
-        self.monitor.tell(Event::StageStarted { stage: name.to_owned(), steps: None });
-        self.monitor.tell(Event::Note { message: format!("{name} was kept from the run that was stopped") });
+        let Some(result) = self.checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
+        self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps: None });
+        let text = format!("{name} was kept from the run that was stopped");
+        self.monitor.note(&Note::new(NoteCode::StageKept, text));
         self.finished(name, start);
         Ok(Some(result))
     }
 
-    /// Tells the end of a stage and keeps its time.
+    /// Reports the end of a stage and keeps its time.
     fn finished(&mut self, name: &str, start: Instant) {
         let seconds = start.elapsed().as_secs_f64();
         self.seconds.push((name.to_owned(), seconds));
-        self.monitor.tell(Event::StageFinished { stage: name.to_owned(), seconds });
+        self.monitor.report(Event::StageFinished { stage: name.to_owned(), seconds });
     }
 }
 
@@ -106,19 +127,23 @@ mod tests {
         let run = |times: usize, gives: u32| {
             let (sender, events) = mpsc::channel();
             let monitor = Monitor::new(sender, Arc::default());
-            let mut stages = Stages::new(&monitor);
+            let mut stages = Stages::keeping(&monitor, Some(&checkpoint));
             let mut done = 0;
             let stage = |_: &Monitor| {
                 done += 1;
                 Ok::<_, RunError>(gives)
             };
-            let result = stages.kept(Some(&checkpoint), "a", None, stage).unwrap();
+            let result = stages.kept("a", None, stage).unwrap();
             assert_eq!((done, stages.seconds.len(), stages.seconds[0].0.as_str()), (times, 1, "a"));
             drop(monitor);
-            let told: Vec<Event> = events.iter().collect();
-            let stages = told.iter().filter(|e| matches!(e, Event::StageStarted { .. } | Event::StageFinished { .. }));
+            let reported: Vec<Event> = events.iter().collect();
+            let stages = reported
+                .iter()
+                .filter(|e| matches!(e, Event::StageStarted { .. } | Event::StageFinished { .. }));
             assert_eq!(stages.count(), 2);
-            let note = told.iter().find_map(|e| if let Event::Note { message } = e { Some(message.clone()) } else { None });
+            let note = reported
+                .iter()
+                .find_map(|e| if let Event::Note { message, .. } = e { Some(message.clone()) } else { None });
             (result, note.unwrap_or_default())
         };
         assert_eq!(run(1, 5), (5, String::new()));

@@ -11,15 +11,15 @@ use crate::{
     field::ObjectField,
     geometry::{Grid3, SceneBox},
     surface::{
-        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfVolume, free_space_grid, keep_components, marching_cubes,
-        object_roles, object_views, signed_distance, visibility_grid,
+        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfVolume, free_space_grid,
+        keep_components, marching_cubes, object_roles, object_views, signed_distance, visibility_grid,
     },
 };
 
 /// What one state's recording says about scale and noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Band {
-    /// Truncation distance, metres.
+    /// Truncation distance, meters.
     pub truncation_m: f64,
     /// Observation weight from which a node counts.
     pub min_weight: f32,
@@ -28,7 +28,12 @@ pub struct Band {
 impl Band {
     /// From the median depth of the object's pixels in all states.
     #[must_use]
-    pub fn of(states: &[&[RgbdFrame]], scene: &SceneBox, noise: &NoiseConfig, config: &SurfaceConfig) -> Self {
+    pub fn of(
+        states: &[&[RgbdFrame]],
+        scene: &SceneBox,
+        noise: &NoiseConfig,
+        config: &SurfaceConfig,
+    ) -> Self {
         let all = || states.iter().copied().flatten();
         let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
         let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
@@ -43,13 +48,13 @@ impl Band {
 /// Everything later stages need of one state.
 #[derive(Serialize, Deserialize)]
 pub struct StateSurface {
-    /// Truncated signed distance, metres, NaN where unobserved.
+    /// Truncated signed distance, meters, NaN where unobserved.
     pub tsdf: Grid3<f32>,
     /// Observation weight at the same nodes.
     pub weight: Grid3<f32>,
     /// Whole surface, colored.
     pub mesh: TriangleMesh,
-    /// Untruncated signed distance, metres.
+    /// Untruncated signed distance, meters.
     pub sdf: Grid3<f32>,
     /// Nodes that some view sees (same nodes as `sdf`).
     pub visible: Grid3<bool>,
@@ -61,11 +66,18 @@ pub struct StateSurface {
 
 /// Fuses the frames of one state into a truncated distance volume.
 #[must_use]
-pub fn fuse(frames: &[RgbdFrame], scene: &SceneBox, band: &Band, noise: &NoiseConfig, nodes: usize) -> TsdfVolume {
+pub fn fuse(
+    frames: &[RgbdFrame],
+    scene: &SceneBox,
+    band: &Band,
+    noise: &NoiseConfig,
+    nodes: usize,
+) -> TsdfVolume {
     let grid = Grid3::over(scene, nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
     let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
-    let roles: Vec<_> = frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
+    let roles: Vec<_> =
+        frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
     let views = object_views(frames, &weights, &roles);
     views.iter().for_each(|view| volume.integrate(view, noise));
     volume.face(&views, noise);
@@ -90,7 +102,12 @@ pub fn state_surface(
     if let Some(field) = field {
         replace_by_field(&mut tsdf, field);
     }
-    let weight = Grid3 { origin: tsdf.origin, spacing_m: tsdf.spacing_m, dims: tsdf.dims, values: volume.weights().to_vec() };
+    let weight = Grid3 {
+        origin: tsdf.origin,
+        spacing_m: tsdf.spacing_m,
+        dims: tsdf.dims,
+        values: volume.weights().to_vec(),
+    };
     let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), config.min_component);
     match field {
         Some(field) => paint(&mut mesh, field),
@@ -104,7 +121,8 @@ pub fn state_surface(
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }
 
-/// Takes the field's distances at all observed nodes near a fused surface; elsewhere the fused free space stands.
+/// Takes the field's distances at all observed nodes near a fused surface; elsewhere the fused free space
+/// stands.
 fn replace_by_field(tsdf: &mut Grid3<f32>, field: &ObjectField) {
     let limit = field.truncation_m as f32;
     let near: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i].abs() < 0.999 * limit).collect();
@@ -121,7 +139,12 @@ fn paint(mesh: &mut TriangleMesh, field: &ObjectField) {
         let n = mesh.area_normal(t).cast();
         mesh.triangles[t].iter().for_each(|&v| normals[v as usize] += n);
     }
-    let directions: Vec<_> = normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
+    let directions: Vec<_> =
+        normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
     let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
-    mesh.colors = field.rgb(&points, &directions).iter().map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8)).collect();
+    mesh.colors = field
+        .rgb(&points, &directions)
+        .iter()
+        .map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8))
+        .collect();
 }

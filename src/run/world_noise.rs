@@ -7,9 +7,15 @@ use crate::{
     geometry::skew,
 };
 
-/// Covariance of a joint's direction, point and motion by independent errors of the camera poses of state 0: their mean turns
-/// and moves all that is seen as one, whatever the frames agree on.
-pub(super) fn world_covariance(frames: &[RgbdFrame], noise: &PoseNoise, axis: &Vector3<f64>, point: &Point3<f64>) -> SMatrix<f64, 7, 7> {
+/// Covariance of a joint's direction, point and motion by independent errors of the camera poses of state 0:
+/// their mean turns and moves all that is seen as one, whatever the frames agree on.
+/// See docs/method.md (8.13).
+pub(super) fn world_covariance(
+    frames: &[RgbdFrame],
+    noise: &PoseNoise,
+    axis: &Vector3<f64>,
+    point: &Point3<f64>,
+) -> SMatrix<f64, 7, 7> {
     let share = 1.0 / frames.len().max(1) as f64;
     let mut errors = Matrix6::zeros();
     for k in 0..3 {
@@ -48,9 +54,19 @@ mod tests {
         let noise = PoseNoise { translation_m: 0.004, rotation_rad: 0.01 };
         let c = world_covariance(&frames, &noise, &Vector3::z(), &Point3::origin());
         // Half of one pose's error for four: the axis tilts about x and y, not about itself.
-        let near = |at: usize, sigma: f64| assert!((c[(at, at)].sqrt() - sigma).abs() < 1e-9, "{at} {}", c[(at, at)].sqrt());
-        [(0, 0.005), (1, 0.005), (2, 0.0), (3, 0.002), (4, 0.002f64.hypot(0.01)), (5, 0.002f64.hypot(0.01)), (6, 0.0)]
-            .into_iter()
-            .for_each(|(at, sigma)| near(at, sigma));
+        let near = |at: usize, sigma: f64| {
+            assert!((c[(at, at)].sqrt() - sigma).abs() < 1e-9, "{at} {}", c[(at, at)].sqrt())
+        };
+        [
+            (0, 0.005),
+            (1, 0.005),
+            (2, 0.0),
+            (3, 0.002),
+            (4, 0.002f64.hypot(0.01)),
+            (5, 0.002f64.hypot(0.01)),
+            (6, 0.0),
+        ]
+        .into_iter()
+        .for_each(|(at, sigma)| near(at, sigma));
     }
 }

@@ -20,7 +20,7 @@ const DEPTH_SHARE: f64 = 0.2;
 pub struct Atlas {
     /// Side of the texture, pixels.
     pub size_px: usize,
-    /// Size of a texel on the surface, metres.
+    /// Size of a texel on the surface, meters.
     pub texel_m: f64,
     /// Corners of every triangle, pixels (x right, y down; the middle of a pixel is at .5).
     pub corners_px: Vec<[Point2<f64>; 3]>,
@@ -28,19 +28,21 @@ pub struct Atlas {
     pub chart: Vec<u32>,
 }
 
-/// A chart laid flat: corners of its triangles in metres from its lower corner, and its size.
+/// A chart laid flat: corners of its triangles in meters from its lower corner, and its size.
 struct Chart {
     triangles: Vec<u32>,
     corners_m: Vec<[Point2<f64>; 3]>,
     size_m: Vector2<f64>,
 }
 
-/// Lays a mesh out in charts that face one way each (no triangle turned by more than 35 degrees from the first of its chart), at
-/// `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap across charts. Deterministic.
+/// Lays a mesh out in charts that face one way each (no triangle turned by more than 35 degrees from the
+/// first of its chart), at `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap
+/// across charts. Deterministic.
 #[must_use]
 pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
-    let mut charts: Vec<Chart> = patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
+    let mut charts: Vec<Chart> =
+        patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
     charts.sort_by(|a, b| b.size_m.y.total_cmp(&a.size_m.y).then(b.size_m.x.total_cmp(&a.size_m.x)));
     let mut texel_m = texel_m.max(extent_m / (2.0 * max_px as f64)).max(1e-9);
     let (size_px, places) = loop {
@@ -101,7 +103,8 @@ fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     Chart { triangles: patch.triangles.clone(), corners_m, size_m: Vector2::new(width, height) }
 }
 
-/// Side of the square and the upper left corner of every chart, pixels, on shelves; `None` where `max_px` is too small.
+/// Side of the square and the upper left corner of every chart, pixels, on shelves; `None` where `max_px` is
+/// too small.
 fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vector2<f64>>)> {
     let size = |c: &Chart| c.size_m.map(|s| (s / texel_m).ceil() + 2.0 * MARGIN_PX);
     let area: f64 = charts.iter().map(|c| size(c).product()).sum();
@@ -160,7 +163,13 @@ mod tests {
         assert!(twice == 0 && worst > 0.999, "{twice} {worst}");
         assert!((atlas.texel_m - 0.002).abs() < 1e-12 && atlas.size_px < 700, "{}", atlas.size_px);
         assert!((0..12).all(|t| area(&atlas.corners_px[t]) < 0.0), "seen from outside, pixels go down");
-        assert!(atlas.corners_px.iter().flatten().all(|p| p.x >= 1.0 && p.y >= 1.0 && p.x.max(p.y) <= atlas.size_px as f64 - 1.0));
+        assert!(
+            atlas
+                .corners_px
+                .iter()
+                .flatten()
+                .all(|p| p.x >= 1.0 && p.y >= 1.0 && p.x.max(p.y) <= atlas.size_px as f64 - 1.0)
+        );
     }
 
     #[test]

@@ -14,7 +14,8 @@ const MIN_COSINE: f64 = 0.15;
 const SHARPNESS: i32 = 3;
 /// Pixels at the border of an image that are not used.
 const BORDER_PX: f64 = 3.0;
-/// Scale of color differences (levels) beyond which a view does not agree with the others: highlights, misses.
+/// Scale of color differences (levels) beyond which a view does not agree with the others: highlights,
+/// misses.
 const DISAGREEMENT: f32 = 24.0;
 /// Color where there is neither a view nor a vertex color.
 const PLAIN: [u8; 3] = [150; 3];
@@ -25,7 +26,7 @@ pub struct BakeView<'a> {
     pub frame: &'a RgbdFrame,
     /// Where the mesh stood in the world.
     pub world_from_mesh: Pose,
-    /// z-depth of the whole object from that camera, metres; 0 where there is none.
+    /// z-depth of the whole object from that camera, meters; 0 where there is none.
     pub depth_m: &'a [f32],
 }
 
@@ -37,12 +38,14 @@ struct Texel {
     color: [u8; 3],
 }
 
-/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of the views that see it
-/// (head-on and near ones count most); the mesh's own color where none does; around the charts the nearest color.
+/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of the views
+/// that see it (head-on and near ones count most); the mesh's own color where none does; around the charts
+/// the nearest color.
 #[must_use]
 pub fn bake(mesh: &TriangleMesh, atlas: &Atlas, views: &[BakeView]) -> Vec<[u8; 3]> {
     let texels = texels(mesh, atlas);
-    let colors: Vec<[u8; 3]> = texels.par_iter().with_min_len(512).map(|t| seen(t, views).unwrap_or(t.color)).collect();
+    let colors: Vec<[u8; 3]> =
+        texels.par_iter().with_min_len(512).map(|t| seen(t, views).unwrap_or(t.color)).collect();
     let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
     for (texel, color) in texels.iter().zip(colors) {
         texture[texel.index as usize] = Some(color);
@@ -74,9 +77,21 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
                 if weights.iter().any(|w| *w < -1e-9) {
                     continue;
                 }
-                let point = Point3::from(corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]);
-                let channel = |k: usize| (0..3).map(|i| weights[i] * f64::from(colors[i][k])).sum::<f64>().round().clamp(0.0, 255.0) as u8;
-                found.push(Texel { index: (y * size + x) as u32, point, normal, color: [channel(0), channel(1), channel(2)] });
+                let point =
+                    Point3::from(corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]);
+                let channel = |k: usize| {
+                    (0..3)
+                        .map(|i| weights[i] * f64::from(colors[i][k]))
+                        .sum::<f64>()
+                        .round()
+                        .clamp(0.0, 255.0) as u8
+                };
+                found.push(Texel {
+                    index: (y * size + x) as u32,
+                    point,
+                    normal,
+                    color: [channel(0), channel(1), channel(2)],
+                });
             }
         }
     }
@@ -91,7 +106,9 @@ fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
         (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
     };
     let first = mean(&|s| s.0)?;
-    let agreed = mean(&|s| s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6))?;
+    let agreed = mean(&|s| {
+        s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6)
+    })?;
     Some(agreed.map(|c| c.round().clamp(0.0, 255.0) as u8).into())
 }
 
@@ -102,21 +119,29 @@ fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
     let world = view.world_from_mesh * texel.point;
     let p = frame.in_camera(&world);
     let (u, v) = k.project(&p)?;
-    if !(u >= BORDER_PX && v >= BORDER_PX && u < k.width as f64 - 1.0 - BORDER_PX && v < k.height as f64 - 1.0 - BORDER_PX) {
+    if !(u >= BORDER_PX
+        && v >= BORDER_PX
+        && u < k.width as f64 - 1.0 - BORDER_PX
+        && v < k.height as f64 - 1.0 - BORDER_PX)
+    {
         return None;
     }
     let normal = frame.world_from_camera.rotation.inverse() * (view.world_from_mesh.rotation * texel.normal);
     let cosine = -normal.dot(&p.coords) / p.coords.norm();
     let pixel = v.round() as usize * k.width + u.round() as usize;
     let (model, measured) = (f64::from(view.depth_m[pixel]), f64::from(frame.depth_m[pixel]));
-    let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE)) || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
+    let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
+        || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
     if cosine < MIN_COSINE || hidden || !frame.is_object(pixel) {
         return None;
     }
     let (x, y) = (u.floor(), v.floor());
     let (fx, fy) = ((u - x) as f32, (v - y) as f32);
-    let at = |dx: usize, dy: usize| Vector3::from(frame.rgb[(y as usize + dy) * k.width + x as usize + dx].map(f32::from));
-    let color = (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy;
+    let at = |dx: usize, dy: usize| {
+        Vector3::from(frame.rgb[(y as usize + dy) * k.width + x as usize + dx].map(f32::from))
+    };
+    let color =
+        (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy;
     Some(((cosine / p.z).powi(SHARPNESS) as f32, color))
 }
 
@@ -163,16 +188,25 @@ mod tests {
         let shape = cuboid(half);
         let frames: Vec<_> = eyes.iter().map(|e| view_of(&shape, k, looking_at_origin(*e))).collect();
         let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), tint: None };
-        let depths: Vec<_> = frames.iter().map(|f| render(&[item], &k, &f.world_from_camera, false).depth_m).collect();
-        let view = |(frame, depth_m): (_, &'static Vec<f32>)| BakeView { frame, world_from_mesh: Pose::identity(), depth_m };
+        let depths: Vec<_> =
+            frames.iter().map(|f| render(&[item], &k, &f.world_from_camera, false).depth_m).collect();
+        let view = |(frame, depth_m): (_, &'static Vec<f32>)| BakeView {
+            frame,
+            world_from_mesh: Pose::identity(),
+            depth_m,
+        };
         let depths: &'static Vec<Vec<f32>> = Box::leak(Box::new(depths));
         let views: Vec<BakeView> = frames.iter().zip(depths).map(view).collect();
         let atlas = unwrap(&mesh, 0.004, 1024);
         let texture = bake(&mesh, &atlas, &views);
         let all = texels(&mesh, &atlas);
-        let top: Vec<&Texel> = all.iter().filter(|t| t.normal.z > 0.9 && t.point.x.abs() < 0.28 && t.point.y.abs() < 0.18).collect();
+        let top: Vec<&Texel> = all
+            .iter()
+            .filter(|t| t.normal.z > 0.9 && t.point.x.abs() < 0.28 && t.point.y.abs() < 0.18)
+            .collect();
         assert!(top.len() > 8000, "{}", top.len());
-        let off = |t: &&&Texel| (0..3).any(|c| texture[t.index as usize][c].abs_diff(color_of(&t.point)[c]) > 12);
+        let off =
+            |t: &&&Texel| (0..3).any(|c| texture[t.index as usize][c].abs_diff(color_of(&t.point)[c]) > 12);
         assert!(top.iter().filter(off).count() < top.len() / 100);
         assert!(all.iter().filter(|t| t.normal.z < -0.9).all(|t| texture[t.index as usize] == [1, 2, 3]));
     }

@@ -11,15 +11,16 @@ const LEAF: usize = 4;
 /// The point of a mesh closest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPoint {
-    /// The point, metres.
+    /// The point, meters.
     pub point: Point3<f32>,
     /// Its triangle.
     pub triangle: u32,
-    /// Distance to the query, metres.
+    /// Distance to the query, meters.
     pub distance_m: f32,
 }
 
-/// A box of the tree. Inner: `first` is the left child, the right one follows it. Leaf: `count` triangles from `first`.
+/// A box of the tree. Inner: `first` is the left child, the right one follows it. Leaf: `count` triangles
+/// from `first`.
 struct Node {
     low: Vector3<f32>,
     high: Vector3<f32>,
@@ -39,12 +40,14 @@ impl MeshDistance {
     /// Builds the tree; `None` for a mesh without triangles or with coordinates that are not finite.
     #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Option<Self> {
-        let all: Vec<[Vector3<f32>; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.coords)).collect();
+        let all: Vec<[Vector3<f32>; 3]> =
+            (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.coords)).collect();
         if all.is_empty() || all.iter().flatten().any(|p| !p.iter().all(|c| c.is_finite())) {
             return None;
         }
         let mut order: Vec<u32> = (0..all.len() as u32).collect();
-        let mut tree = Self { nodes: vec![bounds(&all, &order, 0)], corners: Vec::new(), triangles: Vec::new() };
+        let mut tree =
+            Self { nodes: vec![bounds(&all, &order, 0)], corners: Vec::new(), triangles: Vec::new() };
         // Node to split and its range of `order`.
         let mut open = vec![(0, 0..order.len())];
         while let Some((node, range)) = open.pop() {
@@ -52,13 +55,16 @@ impl MeshDistance {
                 continue;
             }
             let center = |t: u32| all[t as usize][0] + all[t as usize][1] + all[t as usize][2];
-            let spread =
-                order[range.clone()].iter().fold((Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY)), |(l, h), &t| {
+            let spread = order[range.clone()]
+                .iter()
+                .fold((Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY)), |(l, h), &t| {
                     (l.inf(&center(t)), h.sup(&center(t)))
                 });
             let axis = (spread.1 - spread.0).imax();
             let middle = range.len() / 2;
-            order[range.clone()].select_nth_unstable_by(middle, |&a, &b| center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b)));
+            order[range.clone()].select_nth_unstable_by(middle, |&a, &b| {
+                center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b))
+            });
             let (left, right) = (range.start..range.start + middle, range.start + middle..range.end);
             tree.nodes[node].first = tree.nodes.len() as u32;
             tree.nodes[node].count = 0;
@@ -84,7 +90,8 @@ impl MeshDistance {
                 continue;
             }
             if node.count == 0 {
-                let [near, far] = [node.first, node.first + 1].map(|i| (self.nodes[i as usize].distance2(p), i));
+                let [near, far] =
+                    [node.first, node.first + 1].map(|i| (self.nodes[i as usize].distance2(p), i));
                 let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
                 open.extend([far, near]);
                 continue;
@@ -100,7 +107,7 @@ impl MeshDistance {
         ClosestPoint { point: best.1.into(), triangle: best.2, distance_m: best.0.sqrt() }
     }
 
-    /// Distances of many points, metres, in parallel.
+    /// Distances of many points, meters, in parallel.
     #[must_use]
     pub fn distances_m(&self, points: &[Point3<f32>]) -> Vec<f32> {
         points.par_iter().with_min_len(256).map(|p| self.closest(p).distance_m).collect()
@@ -126,7 +133,7 @@ fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
 mod tests {
     use super::*;
     use crate::{
-        run::stage_rng,
+        random::stage_rng,
         surface::{
             merge, sample_surface,
             shapes::{box_mesh, cuboid, sphere_mesh},
@@ -155,7 +162,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn equals_brute_force(points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f32), 8), seed in 0..50u64) {
+        fn equals_brute_force(
+            points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f32), 8),
+            seed in 0..50u64,
+        ) {
             let mut mesh = merge(&[&sphere_mesh(0.3, 6), &box_mesh(Vector3::new(0.5, 0.1, 0.4))]);
             let mut rng = stage_rng(seed, "shake", 0);
             for p in &mut mesh.vertices {
@@ -163,8 +173,9 @@ mod tests {
             }
             let tree = MeshDistance::new(&mesh).unwrap();
             for p in points.into_iter().map(Point3::from) {
+                let on = |t: usize| closest_on_triangle(&p.coords, &mesh.corners(t).map(|c| c.coords)).0;
                 let brute = (0..mesh.triangles.len())
-                    .map(|t| (p.coords - closest_on_triangle(&p.coords, &mesh.corners(t).map(|c| c.coords)).0).norm())
+                    .map(|t| (p.coords - on(t)).norm())
                     .fold(f32::INFINITY, f32::min);
                 let found = tree.closest(&p);
                 prop_assert!((found.distance_m - brute).abs() < 1e-6);

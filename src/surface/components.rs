@@ -2,8 +2,8 @@
 
 use super::{TriangleMesh, drop_unused_vertices};
 
-/// Number of the component of each triangle, and the number of triangles of each component. Triangles that share a
-/// vertex are connected; components are numbered by their first triangle.
+/// Number of the component of each triangle, and the number of triangles of each component. Triangles that
+/// share a vertex are connected; components are numbered by their first triangle.
 #[must_use]
 pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
     let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
@@ -37,8 +37,8 @@ fn root(parent: &mut [u32], mut v: u32) -> u32 {
     v
 }
 
-/// The mesh without the components that have fewer triangles than `min_share` of the largest one's (method.md 2.7:
-/// 0.1).
+/// The mesh without the components that have fewer triangles than `min_share` of the largest one's
+/// (docs/method.md 3.3).
 #[must_use]
 pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
     let (labels, sizes) = components(mesh);
@@ -62,7 +62,8 @@ mod tests {
     #[test]
     fn small_components_go() {
         let speck = box_mesh(Vector3::repeat(0.01)).transformed(&Pose::translation(2.0, 0.0, 0.0));
-        let mesh = merge(&[&speck, &sphere_mesh(0.3, 20), &speck.transformed(&Pose::translation(1.0, 0.0, 0.0))]);
+        let mesh =
+            merge(&[&speck, &sphere_mesh(0.3, 20), &speck.transformed(&Pose::translation(1.0, 0.0, 0.0))]);
         let (labels, sizes) = components(&mesh);
         assert_eq!(sizes, [12, 40 * 38, 12]);
         assert_eq!((labels[0], labels[12], labels[labels.len() - 1]), (0, 1, 2));

@@ -10,14 +10,14 @@ pub struct SurfaceConfig {
     pub source: SurfaceSource,
     /// Nodes along each side of the scene cube for meshes.
     pub nodes: usize,
-    /// Nodes along each side for distance fields and visibility (method.md 3: 201).
+    /// Nodes along each side for distance fields and visibility (docs/method.md 3.4).
     pub distance_nodes: usize,
     /// Points sampled on each state's surface.
     pub points: usize,
     /// Components with a smaller share of the largest one's triangles are dropped.
     pub min_component: f64,
-    /// Truncation distance in metres; null = the larger of 2 % of the object's extent and four times the median of
-    /// the expected depth noise.
+    /// Truncation distance in meters; null = the larger of 2 % of the object's extent and four times the
+    /// median of the expected depth noise.
     pub truncation_m: Option<f64>,
     /// A node counts as observed from this many head-on readings at the median depth.
     pub min_readings: f64,

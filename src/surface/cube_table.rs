@@ -1,12 +1,13 @@
 //! The triangles of each of the 256 sign patterns of a cube, derived instead of listed.
 //!
-//! On every face the surface leaves one directed segment per run of inside corners, from where the run ends to where
-//! it begins. Both cells that share a face see the same corners, hence the same segments in opposite direction, so
-//! the surface closes. A face with two diagonal inside corners keeps them apart.
+//! On every face the surface leaves one directed segment per run of inside corners, from where the run ends
+//! to where it begins. Both cells that share a face see the same corners, hence the same segments in opposite
+//! direction, so the surface closes. A face with two diagonal inside corners keeps them apart.
 
 use std::sync::LazyLock;
 
-/// Corner `i` has its offset along x, y, z in the bits `4, 1, 2`, so that a column of four corners is a nibble.
+/// Corner `i` has its offset along x, y, z in the bits `4, 1, 2`, so that a column of four corners is a
+/// nibble.
 pub(super) const AXIS_BIT: [usize; 3] = [4, 1, 2];
 
 /// An edge of the cube: the axis it runs along and the corner at its lower end.
@@ -25,7 +26,8 @@ impl CubeEdge {
     }
 }
 
-/// Edges, and for every sign pattern (bit `i` set: corner `i` inside) its triangles as triples of edge numbers.
+/// Edges, and for every sign pattern (bit `i` set: corner `i` inside) its triangles as triples of edge
+/// numbers.
 pub(super) struct CubeTable {
     /// The twelve edges.
     pub edges: [CubeEdge; 12],
@@ -37,8 +39,11 @@ pub(super) struct CubeTable {
 pub(super) static CUBE_TABLE: LazyLock<CubeTable> = LazyLock::new(|| {
     let edges = cube_edges();
     let faces = cube_faces();
-    let triangles =
-        (0..256).map(|pattern| pattern_loops(pattern, &edges, &faces).iter().flat_map(|l| triangulate(l, &edges)).collect()).collect();
+    let triangles = (0..256)
+        .map(|pattern| {
+            pattern_loops(pattern, &edges, &faces).iter().flat_map(|l| triangulate(l, &edges)).collect()
+        })
+        .collect();
     CubeTable { edges, triangles }
 });
 
@@ -65,7 +70,7 @@ fn cube_faces() -> Vec<[usize; 4]> {
     faces
 }
 
-/// Number of the edge between two neighbouring corners.
+/// Number of the edge between two neighboring corners.
 fn edge_between(a: usize, b: usize, edges: &[CubeEdge; 12]) -> usize {
     let (corner, bit) = (a & b, a ^ b);
     edges.iter().position(|e| AXIS_BIT[e.axis] == bit && e.corner == corner).unwrap_or(0)
@@ -103,13 +108,16 @@ fn pattern_loops(pattern: usize, edges: &[CubeEdge; 12], faces: &[[usize; 4]]) -
     loops
 }
 
-/// Whether two edges lie in one face of the cube. A triangle side between them could meet the same side of the
-/// neighbouring cell, which would join four triangles at one edge.
+/// Whether two edges lie in one face of the cube. A triangle side between them could meet the same side of
+/// the neighboring cell, which would join four triangles at one edge.
 fn share_face(a: CubeEdge, b: CubeEdge) -> bool {
-    (0..3).any(|axis| a.axis != axis && b.axis != axis && a.corner & AXIS_BIT[axis] == b.corner & AXIS_BIT[axis])
+    (0..3).any(|axis| {
+        a.axis != axis && b.axis != axis && a.corner & AXIS_BIT[axis] == b.corner & AXIS_BIT[axis]
+    })
 }
 
-/// Triangles of a loop, turned against it so that they face outward, with as few diagonals inside faces as possible.
+/// Triangles of a loop, turned against it so that they face outward, with as few diagonals inside faces as
+/// possible.
 fn triangulate(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
     let n = piece.len();
     // cost[i][j]: fewest diagonals in faces of the polygon i..=j, and its third corner beside side (i, j).
@@ -161,7 +169,8 @@ mod tests {
             }
             for (&(a, b), &count) in &sides {
                 assert!(count <= 2);
-                let diagonal_in_face = count == 2 && share_face(CUBE_TABLE.edges[a as usize], CUBE_TABLE.edges[b as usize]);
+                let diagonal_in_face =
+                    count == 2 && share_face(CUBE_TABLE.edges[a as usize], CUBE_TABLE.edges[b as usize]);
                 assert!(!diagonal_in_face, "pattern {pattern:08b}: {a} {b} in {triangles:?}");
             }
         }

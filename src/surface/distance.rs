@@ -1,8 +1,9 @@
-//! Untruncated signed distance of a mesh at the nodes of a grid (method.md 3, node-aligned).
+//! Untruncated signed distance of a mesh at the nodes of a grid (docs/method.md 3.4, node-aligned).
 //!
-//! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the nearest
-//! triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer triangles, and then
-//! compares with what its six neighbours found; all distances are exact point-triangle distances.
+//! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the
+//! nearest triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer
+//! triangles, and then compares with what its six neighbors found; all distances are exact point-triangle
+//! distances.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -28,11 +29,12 @@ const LAYERS_PER_TASK: usize = 4;
 /// Where the sign needs a decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceOptions {
-    /// Enclosed cavities count as inside, as in the method's released code: outside is only what the border of the
-    /// grid or observed free space reaches. Otherwise a cavity is outside by the winding of its own surface.
+    /// Enclosed cavities count as inside, as in the method's released code: outside is only what the border
+    /// of the grid or observed free space reaches. Otherwise a cavity is outside by the winding of its own
+    /// surface.
     pub solid_cavities: bool,
-    /// At the border of an open mesh the side continues its last face up to this many spacings; further away the node
-    /// is outside.
+    /// At the border of an open mesh the side continues its last face up to this many spacings; further away
+    /// the node is outside.
     pub open_reach: f64,
 }
 
@@ -73,12 +75,12 @@ pub enum DistanceError {
     OutsideGrid,
 }
 
-/// Signed distance in metres, negative inside, at the nodes of `nodes` (whose values are not read).
+/// Signed distance in meters, negative inside, at the nodes of `nodes` (whose values are not read).
 ///
-/// Nodes that `free` marks are outside whatever the mesh says. Parts of the mesh further than 1.5 spacings outside the
-/// grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface; elsewhere single nodes
-/// near the medial axis may be off (on a rough mesh under 1 % of them by more than 0.01 spacings, at most 0.4).
-/// The result does not depend on the number of threads.
+/// Nodes that `free` marks are outside whatever the mesh says. Parts of the mesh further than 1.5 spacings
+/// outside the grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface;
+/// elsewhere single nodes near the medial axis may be off (on a rough mesh under 1 % of them by more than
+/// 0.01 spacings, at most 0.4). The result does not depend on the number of threads.
 ///
 /// # Errors
 /// [`DistanceError`], when the mesh or the grids cannot be used.
@@ -99,6 +101,7 @@ pub fn signed_distance<T>(
     if let Some(triangle) = mesh.triangles.iter().position(|t| !t.iter().all(finite)) {
         return Err(DistanceError::BadTriangle { triangle });
     }
+    // Pseudo-normals need triangles that share their vertices.
     let mesh = weld(mesh, 0.0);
     if mesh.is_empty() {
         return Err(DistanceError::EmptyMesh);
@@ -115,6 +118,7 @@ pub fn signed_distance<T>(
         let (q, feature) = closest_on_triangle(&p, &surface.corners[t]);
         let distance = (p - q).norm();
         let beyond = distance > reach && surface.is_open(t, feature);
+        // Far from the border of an open mesh its sides mean nothing.
         let inside = nearest.is_inside(i) && !beyond && !is_free(i);
         spacing_m as f32 * if inside { -distance } else { distance }
     });
@@ -131,7 +135,10 @@ fn position(at: [usize; 3]) -> Vector3<f32> {
 }
 
 /// A value for every node from its index and its x, y, z.
-fn at_nodes<V: Send + Default + Clone>([nx, ny, nz]: [usize; 3], value: impl Fn(usize, [usize; 3]) -> V + Sync) -> Vec<V> {
+fn at_nodes<V: Send + Default + Clone>(
+    [nx, ny, nz]: [usize; 3],
+    value: impl Fn(usize, [usize; 3]) -> V + Sync,
+) -> Vec<V> {
     let mut values = vec![V::default(); nx * ny * nz];
     values.par_chunks_mut(nx).enumerate().with_min_len(16).for_each(|(row, values)| {
         let (y, z) = (row % ny, row / ny);
@@ -178,16 +185,16 @@ impl Nearest {
         Ok(Self { dims, band, seed, triangle })
     }
 
-    /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line from a
-    /// node to its nearest seed does not cross the surface: a lattice step towards the node would lead from a seed
-    /// beyond the crossing to a nearer one.
+    /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line
+    /// from a node to its nearest seed does not cross the surface: a lattice step towards the node would lead
+    /// from a seed beyond the crossing to a nearer one.
     fn is_inside(&self, i: usize) -> bool {
         let at = if self.band.triangle[i] == NO_SEED { self.seed[i] as usize } else { i };
         self.band.inside[at]
     }
 
-    /// The nearest among the candidates of a node and of its six neighbours. Neighbours whose triangle is beside
-    /// the node's own see the same piece of surface and are not asked.
+    /// The nearest among the candidates of a node and of its six neighbors. Neighbors whose triangle is
+    /// beside the node's own see the same piece of surface and are not asked.
     fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
         if self.band.triangle[i] != NO_SEED {
@@ -195,14 +202,24 @@ impl Nearest {
         }
         let [nx, ny, nz] = self.dims;
         let (row, layer) = (nx as isize, (nx * ny) as isize);
-        let around = [(x > 0, -1), (x + 1 < nx, 1), (y > 0, -row), (y + 1 < ny, row), (z > 0, -layer), (z + 1 < nz, layer)];
+        let around = [
+            (x > 0, -1),
+            (x + 1 < nx, 1),
+            (y > 0, -row),
+            (y + 1 < ny, row),
+            (z > 0, -layer),
+            (z + 1 < nz, layer),
+        ];
         let place = surface.corners[own as usize][0];
         let p = position([x, y, z]);
         let mut best = (f32::INFINITY, own);
         for (_, step) in around.into_iter().filter(|a| a.0) {
             let j = i.wrapping_add_signed(step);
             let t = self.triangle[j];
-            if t != own && t != best.1 && (surface.corners[t as usize][0] - place).norm_squared() > SAME_PIECE * SAME_PIECE {
+            if t != own
+                && t != best.1
+                && (surface.corners[t as usize][0] - place).norm_squared() > SAME_PIECE * SAME_PIECE
+            {
                 if best.0 == f32::INFINITY {
                     best.0 = surface.distance2(&p, own);
                 }
@@ -230,23 +247,34 @@ impl Band {
     fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Self {
         let [nx, ny, nz] = dims;
         let (plane, count) = (nx * ny, nx * ny * nz);
-        let mut band = Self { triangle: vec![NO_SEED; count], seeds: vec![false; count], inside: vec![false; count] };
+        let mut band =
+            Self { triangle: vec![NO_SEED; count], seeds: vec![false; count], inside: vec![false; count] };
         let lists = triangles_of_tasks(surface, nz.div_ceil(LAYERS_PER_TASK));
         let size = plane * LAYERS_PER_TASK;
-        let chunks = band.triangle.par_chunks_mut(size).zip(band.seeds.par_chunks_mut(size)).zip(band.inside.par_chunks_mut(size));
+        let chunks = band
+            .triangle
+            .par_chunks_mut(size)
+            .zip(band.seeds.par_chunks_mut(size))
+            .zip(band.inside.par_chunks_mut(size));
         chunks.zip(lists).enumerate().for_each(|(task, (((triangle, seeds), inside), list))| {
             let first = task * LAYERS_PER_TASK;
             let mut distance2 = vec![BAND * BAND; triangle.len()];
             for t in list {
-                visit_band(surface, t as usize, [nx, ny, first + triangle.len() / plane], first, |[x, y, z], away, feature| {
-                    let i = (z - first) * plane + y * nx + x;
-                    let d2 = away.norm_squared();
-                    if d2 < distance2[i] {
-                        distance2[i] = d2;
-                        triangle[i] = t;
-                        inside[i] = away.dot(&surface.normal(t as usize, feature)) < 0.0;
-                    }
-                });
+                visit_band(
+                    surface,
+                    t as usize,
+                    [nx, ny, first + triangle.len() / plane],
+                    first,
+                    |[x, y, z], away, feature| {
+                        let i = (z - first) * plane + y * nx + x;
+                        let d2 = away.norm_squared();
+                        if d2 < distance2[i] {
+                            distance2[i] = d2;
+                            triangle[i] = t;
+                            inside[i] = away.dot(&surface.normal(t as usize, feature)) < 0.0;
+                        }
+                    },
+                );
             }
             for (seed, d2) in seeds.iter_mut().zip(&distance2) {
                 *seed = *d2 <= SEED * SEED;
@@ -274,14 +302,22 @@ fn triangles_of_tasks(surface: &Pseudonormals, tasks: usize) -> Vec<Vec<u32>> {
     lists
 }
 
-/// Calls `visit` with each node that may be within the band of a triangle, layers `first..end[2]`, its offset from the
-/// closest point and where that lies.
-fn visit_band(surface: &Pseudonormals, t: usize, end: [usize; 3], first: usize, mut visit: impl FnMut([usize; 3], Vector3<f32>, Feature)) {
+/// Calls `visit` with each node that may be within the band of a triangle, layers `first..end[2]`, its offset
+/// from the closest point and where that lies.
+fn visit_band(
+    surface: &Pseudonormals,
+    t: usize,
+    end: [usize; 3],
+    first: usize,
+    mut visit: impl FnMut([usize; 3], Vector3<f32>, Feature),
+) {
     let corners = &surface.corners[t];
     let [a, b, c] = corners;
     let (low, high) = (a.inf(b).inf(c).add_scalar(-BAND), a.sup(b).sup(c).add_scalar(BAND));
-    let range =
-        |k: usize, from: usize| (low[k].ceil().max(from as f32) as usize)..((high[k].floor() + 1.0).clamp(0.0, end[k] as f32) as usize);
+    let range = |k: usize, from: usize| {
+        (low[k].ceil().max(from as f32) as usize)
+            ..((high[k].floor() + 1.0).clamp(0.0, end[k] as f32) as usize)
+    };
     let normal = surface.face(t);
     for z in range(2, first) {
         for y in range(1, 0) {

@@ -43,7 +43,7 @@ fn a_fine_sphere_and_torus_are_within_a_tenth_of_a_spacing() {
 
 #[test]
 fn a_rough_mesh_agrees_with_brute_force() {
-    let mut rng = crate::run::stage_rng(3, "rough", 0);
+    let mut rng = crate::random::stage_rng(3, "rough", 0);
     let mut field = grid_of(0.5, 9, sphere(0.3));
     for v in &mut field.values {
         *v += 0.1 * (rand_core::Rng::next_u32(&mut rng) as f32 / u32::MAX as f32 - 0.5);
@@ -73,7 +73,10 @@ fn a_rough_mesh_agrees_with_brute_force() {
         wrong += usize::from((grid.values[i] < 0.0) != inside && f64::from(d) > 0.01 * grid.spacing_m);
     }
     let count = grid.values.len();
-    assert!(worst < 0.4 && off < count / 100 && sum / (count as f64) < 1e-3 && wrong == 0, "{worst} {off} {sum} {wrong}");
+    assert!(
+        worst < 0.4 && off < count / 100 && sum / (count as f64) < 1e-3 && wrong == 0,
+        "{worst} {off} {sum} {wrong}"
+    );
 }
 
 /// A spherical shell: outer radius 0.4, cavity of radius 0.25 whose surface faces into the cavity.
@@ -96,7 +99,12 @@ fn an_enclosed_cavity_is_outside_unless_asked_otherwise() {
     let (_, wrong) = errors(&solid, |p| if p.coords.norm() < 0.4 { -shell(p).abs() } else { shell(p) });
     assert_eq!(wrong, 0);
     // A view into the cavity makes it outside again.
-    let mut free = Grid3 { origin: nodes.origin, spacing_m: nodes.spacing_m, dims: nodes.dims, values: vec![false; nodes.values.len()] };
+    let mut free = Grid3 {
+        origin: nodes.origin,
+        spacing_m: nodes.spacing_m,
+        dims: nodes.dims,
+        values: vec![false; nodes.values.len()],
+    };
     let middle = nodes.nearest(&Point3::origin()).unwrap();
     free.values[middle] = true;
     let seen = signed_distance(&hollow(), &nodes, Some(&free), &options).unwrap();
@@ -106,8 +114,14 @@ fn an_enclosed_cavity_is_outside_unless_asked_otherwise() {
 #[test]
 fn observed_free_space_is_outside() {
     let nodes = grid_of(0.5, 31, |_| 0.0);
-    let free = Grid3 { origin: nodes.origin, spacing_m: nodes.spacing_m, dims: nodes.dims, values: vec![true; nodes.values.len()] };
-    let grid = signed_distance(&sphere_mesh(0.3, 40), &nodes, Some(&free), &DistanceOptions::default()).unwrap();
+    let free = Grid3 {
+        origin: nodes.origin,
+        spacing_m: nodes.spacing_m,
+        dims: nodes.dims,
+        values: vec![true; nodes.values.len()],
+    };
+    let grid =
+        signed_distance(&sphere_mesh(0.3, 40), &nodes, Some(&free), &DistanceOptions::default()).unwrap();
     assert!(grid.values.iter().all(|&v| v >= 0.0));
 }
 
@@ -142,16 +156,21 @@ fn a_mesh_that_is_a_soup_has_the_same_signs() {
 #[test]
 fn unusable_input_is_refused() {
     let nodes = grid_of(0.5, 11, |_| 0.0);
-    let tried = |mesh: &TriangleMesh| signed_distance(mesh, &nodes, None, &DistanceOptions::default()).unwrap_err();
+    let tried =
+        |mesh: &TriangleMesh| signed_distance(mesh, &nodes, None, &DistanceOptions::default()).unwrap_err();
     assert_eq!(tried(&TriangleMesh::default()), DistanceError::EmptyMesh);
     let mut mesh = sphere_mesh(0.3, 10);
-    assert_eq!(tried(&mesh.transformed(&crate::geometry::Pose::translation(5.0, 0.0, 0.0))), DistanceError::OutsideGrid);
+    assert_eq!(
+        tried(&mesh.transformed(&crate::geometry::Pose::translation(5.0, 0.0, 0.0))),
+        DistanceError::OutsideGrid
+    );
     mesh.triangles[4][1] = 100_000;
     assert_eq!(tried(&mesh), DistanceError::BadTriangle { triangle: 4 });
     let mut mesh = sphere_mesh(0.3, 10);
     mesh.vertices[0].x = f32::NAN;
     assert!(matches!(tried(&mesh), DistanceError::BadTriangle { .. }));
-    let free = Grid3 { origin: nodes.origin, spacing_m: nodes.spacing_m, dims: [2; 3], values: vec![false; 8] };
+    let free =
+        Grid3 { origin: nodes.origin, spacing_m: nodes.spacing_m, dims: [2; 3], values: vec![false; 8] };
     let refused = signed_distance(&sphere_mesh(0.3, 10), &nodes, Some(&free), &DistanceOptions::default());
     assert!(matches!(refused, Err(DistanceError::FreeSpaceShape { .. })));
 }
@@ -159,6 +178,8 @@ fn unusable_input_is_refused() {
 #[test]
 fn the_number_of_threads_does_not_matter() {
     let (mesh, nodes) = (sphere_mesh(0.3, 30), grid_of(0.5, 31, |_| 0.0));
-    let with = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| distance(&mesh, &nodes));
+    let with = |n| {
+        rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| distance(&mesh, &nodes))
+    };
     assert_eq!(with(1), with(3));
 }

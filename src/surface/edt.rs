@@ -1,13 +1,13 @@
-//! Exact nearest-seed transform of a grid: for every node the closest seed node, one axis after the other by lower
-//! envelopes of parabolas (Felzenszwalb and Huttenlocher 2012).
+//! Exact nearest-seed transform of a grid: for every node the closest seed node, one axis after the other by
+//! lower envelopes of parabolas (Felzenszwalb and Huttenlocher 2012).
 
 use rayon::prelude::*;
 
 /// No seed.
 pub(super) const NO_SEED: u32 = u32::MAX;
 
-/// Index of the seed node nearest to each node (x fastest, then y, then z), [`NO_SEED`] where there is no seed at all.
-/// Linear time; the result does not depend on the number of threads.
+/// Index of the seed node nearest to each node (x fastest, then y, then z), [`NO_SEED`] where there is no
+/// seed at all. Linear time; the result does not depend on the number of threads.
 pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
     let [nx, ny, nz] = dims;
     let plane = nx * ny;
@@ -15,7 +15,11 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
     nearest.par_chunks_mut(plane.max(1)).enumerate().for_each(|(z, nearest)| {
         for y in 0..ny {
             let row = y * nx..(y + 1) * nx;
-            nearest_in_row(&seeds[z * plane + row.start..][..nx], (z * plane + row.start) as u32, &mut nearest[row]);
+            nearest_in_row(
+                &seeds[z * plane + row.start..][..nx],
+                (z * plane + row.start) as u32,
+                &mut nearest[row],
+            );
         }
         let mut line = Line::new(ny);
         for x in 0..nx {
@@ -130,7 +134,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn equals_brute_force(nx in 1..9usize, ny in 1..9usize, nz in 1..9usize, picks in prop::collection::vec(0..729usize, 1..12)) {
+        fn equals_brute_force(
+            nx in 1..9usize,
+            ny in 1..9usize,
+            nz in 1..9usize,
+            picks in prop::collection::vec(0..729usize, 1..12),
+        ) {
             let dims = [nx, ny, nz];
             let count = nx * ny * nz;
             let mut seeds = vec![false; count];

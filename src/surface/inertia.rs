@@ -4,25 +4,25 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::TriangleMesh;
 
-/// Mass, centre of mass and inertia.
+/// Mass, center of mass and inertia.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShellInertia {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Centre of mass in the mesh's frame, metres.
+    /// Center of mass in the mesh's frame, meters.
     pub center_of_mass: Point3<f64>,
-    /// Inertia about the centre of mass, axes of the mesh's frame, kg m^2.
+    /// Inertia about the center of mass, axes of the mesh's frame, kg m^2.
     pub inertia: Matrix3<f64>,
 }
 
-/// Mass properties of a surface made of plates of one thickness and density (simulators.md 4: a reconstructed surface
-/// need not be closed, so its volume says nothing). `None` if the area, thickness or density is not positive and
-/// finite.
+/// Mass properties of a surface made of plates of one thickness and density (docs/method.md 10.2: a
+/// reconstructed surface need not be closed, so its volume says nothing). `None` if the area, thickness or
+/// density is not positive and finite.
 ///
-/// With `m` and `n` the mass and normal of a triangle with corners `v_i`, the second moment is the sum of
-/// `m / 12 * (s s^T + sum_i v_i v_i^T)`, `s = sum_i v_i` (exact on the triangle), and `m thickness^2 / 12 * n n^T` across
-/// it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it is positive definite
-/// and fulfils the triangle inequality whatever the mesh.
+/// With `m` and `n` the mass and normal of a triangle with corners `v_i`, the second moment is the sum of `m
+/// / 12 * (s s^T + sum_i v_i v_i^T)`, `s = sum_i v_i` (exact on the triangle), and `m thickness^2 / 12 * n
+/// n^T` across it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it
+/// is positive definite and fulfils the triangle inequality whatever the mesh.
 #[must_use]
 pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) -> Option<ShellInertia> {
     let surface_density = thickness_m * density_kg_m3;
@@ -40,8 +40,10 @@ pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) 
         let sum = a + b + c;
         mass += m;
         first += sum * (m / 3.0);
-        second += (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose()) * (m / 12.0);
-        second += (normal * normal.transpose() + Matrix3::identity() * 1e-3) * (m * thickness_m * thickness_m / 12.0);
+        second +=
+            (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose()) * (m / 12.0);
+        second += (normal * normal.transpose() + Matrix3::identity() * 1e-3)
+            * (m * thickness_m * thickness_m / 12.0);
     }
     if !(mass > 0.0 && mass.is_finite()) {
         return None;
@@ -49,7 +51,11 @@ pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) 
     let center: Vector3<f64> = first / mass;
     let central = second - center * center.transpose() * mass;
     let inertia = Matrix3::identity() * central.trace() - central;
-    Some(ShellInertia { mass_kg: mass, center_of_mass: Point3::from(origin + center), inertia: (inertia + inertia.transpose()) * 0.5 })
+    Some(ShellInertia {
+        mass_kg: mass,
+        center_of_mass: Point3::from(origin + center),
+        inertia: (inertia + inertia.transpose()) * 0.5,
+    })
 }
 
 #[cfg(test)]
@@ -66,8 +72,13 @@ mod tests {
     use std::f64::consts::PI;
 
     fn quad(half_x: f32, half_y: f32) -> TriangleMesh {
-        let vertices = [[-half_x, -half_y, 0.0], [half_x, -half_y, 0.0], [half_x, half_y, 0.0], [-half_x, half_y, 0.0]];
-        TriangleMesh { vertices: vertices.map(Point3::from).to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], colors: Vec::new() }
+        let vertices =
+            [[-half_x, -half_y, 0.0], [half_x, -half_y, 0.0], [half_x, half_y, 0.0], [-half_x, half_y, 0.0]];
+        TriangleMesh {
+            vertices: vertices.map(Point3::from).to_vec(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            colors: Vec::new(),
+        }
     }
 
     #[test]
@@ -76,7 +87,9 @@ mod tests {
         let mass = 4.0 * PI * 0.09 * 0.002 * 600.0;
         assert!((shell.mass_kg / mass - 1.0).abs() < 1e-3);
         assert!(shell.center_of_mass.coords.norm() < 1e-6);
-        assert!((shell.inertia - Matrix3::identity() * (2.0 / 3.0 * mass * 0.09)).norm() < 2e-3 * mass * 0.09);
+        assert!(
+            (shell.inertia - Matrix3::identity() * (2.0 / 3.0 * mass * 0.09)).norm() < 2e-3 * mass * 0.09
+        );
     }
 
     #[test]
@@ -113,7 +126,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn moving_the_mesh_moves_its_mass(t in prop::array::uniform3(-2.0..2.0f64), w in prop::array::uniform3(-2.0..2.0f64)) {
+        fn moving_the_mesh_moves_its_mass(
+            t in prop::array::uniform3(-2.0..2.0f64),
+            w in prop::array::uniform3(-2.0..2.0f64),
+        ) {
             let mesh = merge(&[&box_mesh(Vector3::new(0.1, 0.2, 0.3)), &quad(0.4, 0.1)]);
             let motion = Pose::new(t.into(), w.into());
             let at = shell_inertia(&mesh, 0.004, 600.0).unwrap();

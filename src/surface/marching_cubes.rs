@@ -1,4 +1,5 @@
-//! The surface of a sampled field at one value (Lorensen and Cline 1987), with the case table of `cube_table`.
+//! The surface of a sampled field at one value (Lorensen and Cline 1987), with the case table of
+//! `cube_table`.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -10,16 +11,17 @@ use crate::geometry::Grid3;
 const INSIDE: u8 = 1;
 /// Node flag: no value. Shifted left by up to three it stays clear of the inside flags.
 const UNKNOWN: u8 = 16;
-/// Vertices stay this share of an edge away from its ends, so that no triangle is so small that rounding turns it.
+/// Vertices stay this share of an edge away from its ends, so that no triangle is so small that rounding
+/// turns it.
 const MIN_FRACTION: f64 = 0.01;
 /// Cell layers that one task meshes.
 const LAYERS_PER_TASK: usize = 8;
 
 /// Surface where the field crosses `iso`, in the grid's world frame; outward is towards larger values.
 ///
-/// Vertices are shared: each cut grid edge has one. Where all values are finite every triangle side belongs to two
-/// triangles, except at the border of the grid. A cell with a non-finite corner (unknown) has no triangle, so the
-/// surface is open there. The result does not depend on the number of threads.
+/// Vertices are shared: each cut grid edge has one. Where all values are finite every triangle side belongs
+/// to two triangles, except at the border of the grid. A cell with a non-finite corner (unknown) has no
+/// triangle, so the surface is open there. The result does not depend on the number of threads.
 #[must_use]
 pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     let [nx, ny, nz] = grid.dims;
@@ -48,7 +50,11 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     for layer in layers {
         mesh.vertices.extend(layer.positions);
     }
-    if flags.par_iter().with_min_len(1 << 14).any(|&f| f == UNKNOWN) { super::drop_unused_vertices(&mesh) } else { mesh }
+    if flags.par_iter().with_min_len(1 << 14).any(|&f| f == UNKNOWN) {
+        super::drop_unused_vertices(&mesh)
+    } else {
+        mesh
+    }
 }
 
 /// The vertices on the edges that start at the nodes of one layer.
@@ -72,10 +78,14 @@ impl Layer {
             let stride = [1, nx, plane][axis];
             for y in 0..my {
                 let row = z * plane + y * nx;
-                for (x, (&a, &b)) in flags[row..row + mx].iter().zip(&flags[row + stride..row + stride + mx]).enumerate() {
+                for (x, (&a, &b)) in
+                    flags[row..row + mx].iter().zip(&flags[row + stride..row + stride + mx]).enumerate()
+                {
                     if a ^ b == INSIDE {
-                        let (from, to) = (f64::from(grid.values[row + x]), f64::from(grid.values[row + x + stride]));
-                        let t = ((f64::from(iso) - from) / (to - from)).clamp(MIN_FRACTION, 1.0 - MIN_FRACTION);
+                        let (from, to) =
+                            (f64::from(grid.values[row + x]), f64::from(grid.values[row + x + stride]));
+                        let t =
+                            ((f64::from(iso) - from) / (to - from)).clamp(MIN_FRACTION, 1.0 - MIN_FRACTION);
                         let mut p = grid.node(x, y, z);
                         p[axis] += t * grid.spacing_m;
                         layer.slots.push((axis * plane + y * nx + x) as u32);
@@ -87,7 +97,8 @@ impl Layer {
         layer
     }
 
-    /// Writes the vertex number of each cut edge at its slot; other slots keep what they held and are never read.
+    /// Writes the vertex number of each cut edge at its slot; other slots keep what they held and are never
+    /// read.
     fn fill(&self, first: u32, numbers: &mut [u32]) {
         for (i, &slot) in self.slots.iter().enumerate() {
             numbers[slot as usize] = first + i as u32;
@@ -96,7 +107,13 @@ impl Layer {
 }
 
 /// Triangles of the cells in the given layers.
-fn layer_triangles(flags: &[u8], dims: [usize; 3], layers: &[Layer], firsts: &[u32], range: std::ops::Range<usize>) -> Vec<[u32; 3]> {
+fn layer_triangles(
+    flags: &[u8],
+    dims: [usize; 3],
+    layers: &[Layer],
+    firsts: &[u32],
+    range: std::ops::Range<usize>,
+) -> Vec<[u32; 3]> {
     let [nx, ny, _] = dims;
     let plane = nx * ny;
     let slots: Vec<(bool, usize)> = CUBE_TABLE
@@ -156,7 +173,8 @@ mod tests {
         assert!((volume_m3(&mesh) / (4.0 / 3.0 * PI * 0.4f64.powi(3)) - 1.0).abs() < 2e-3);
         assert!((mesh.area_m2() / (4.0 * PI * 0.16) - 1.0).abs() < 2e-3);
         let spacing_m = 1.0 / 64.0;
-        let worst = mesh.vertices.iter().map(|p| (f64::from(p.coords.norm()) - 0.4).abs()).fold(0.0, f64::max);
+        let worst =
+            mesh.vertices.iter().map(|p| (f64::from(p.coords.norm()) - 0.4).abs()).fold(0.0, f64::max);
         assert!(worst < 0.02 * spacing_m, "{worst}");
     }
 
@@ -174,7 +192,7 @@ mod tests {
 
     #[test]
     fn noise_has_every_pattern_and_still_no_defect() {
-        let mut rng = crate::run::stage_rng(1, "noise", 0);
+        let mut rng = crate::random::stage_rng(1, "noise", 0);
         let mut grid = grid_of(1.0, 24, |_| 1.0);
         for z in 1..23 {
             for y in 1..23 {
@@ -219,7 +237,13 @@ mod tests {
     #[test]
     fn the_number_of_threads_does_not_matter() {
         let grid = grid_of(0.5, 40, torus(0.3, 0.1));
-        let with = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| marching_cubes(&grid, 0.0));
+        let with = |n| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .build()
+                .unwrap()
+                .install(|| marching_cubes(&grid, 0.0))
+        };
         assert_eq!(with(1), with(3));
     }
 }

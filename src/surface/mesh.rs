@@ -3,18 +3,18 @@
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose;
+use crate::geometry::{Pose, bounding_box};
 
 /// An indexed triangle mesh; triangles turn counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TriangleMesh {
-    /// Vertex positions, metres.
+    /// Vertex positions, meters.
     #[serde(with = "crate::geometry::bytes")]
     pub vertices: Vec<Point3<f32>>,
     /// Vertex indices.
     #[serde(with = "crate::geometry::bytes")]
     pub triangles: Vec<[u32; 3]>,
-    /// sRGB colour per vertex; empty where there is none.
+    /// sRGB color per vertex; empty where there is none.
     #[serde(with = "crate::geometry::bytes")]
     pub colors: Vec<[u8; 3]>,
 }
@@ -39,7 +39,7 @@ impl TriangleMesh {
         (b - a).cross(&(c - a))
     }
 
-    /// Surface area, square metres.
+    /// Surface area, square meters.
     #[must_use]
     pub fn area_m2(&self) -> f64 {
         (0..self.triangles.len()).map(|t| 0.5 * f64::from(self.area_normal(t).norm())).sum()
@@ -48,8 +48,14 @@ impl TriangleMesh {
     /// Lower and upper corner of the axis-aligned bounding box; `None` without vertices.
     #[must_use]
     pub fn bounds(&self) -> Option<(Point3<f32>, Point3<f32>)> {
-        let first = *self.vertices.first()?;
-        Some(self.vertices.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p))))
+        bounding_box(self.vertices.iter().copied())
+    }
+
+    /// Sides of the triangles, three each in their order: start, end and triangle.
+    pub(crate) fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + '_ {
+        let of_triangle =
+            |(t, &[a, b, c]): (usize, &[u32; 3])| [(a, b), (b, c), (c, a)].map(|(p, q)| (p, q, t as u32));
+        self.triangles.iter().enumerate().flat_map(of_triangle)
     }
 
     /// The mesh moved by a rigid motion.

@@ -3,6 +3,7 @@
 mod atlas;
 mod bake;
 mod closest;
+mod color_field;
 mod components;
 mod config;
 mod convex;
@@ -30,19 +31,23 @@ mod weld;
 
 pub use atlas::{Atlas, unwrap};
 pub use bake::{BakeView, bake};
-pub use closest::{ClosestPoint, MeshDistance};
-pub use components::{components, keep_components};
+pub use closest::MeshDistance;
+pub use color_field::{ColorField, ColorSample};
+pub use components::keep_components;
 pub use config::{SurfaceConfig, SurfaceSource};
 pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, convex_hull, convex_shell};
-pub use distance::{DistanceError, DistanceOptions, signed_distance};
+pub use distance::{DistanceOptions, signed_distance};
 pub use inertia::{ShellInertia, shell_inertia};
 pub use marching_cubes::marching_cubes;
 pub use mesh::TriangleMesh;
 pub use normals::vertex_normals;
-pub use overlay::{LineStyle, Occlusion};
-pub use raster::{BACKGROUND, RenderItem, Rendered, render};
-pub use sample::{SurfaceSamples, sample_surface};
+pub use raster::{RenderItem, Rendered, render};
+pub use sample::sample_surface;
 pub use simplify::simplify;
 pub use tsdf::{PixelRole, TsdfView, TsdfVolume, object_roles, object_views};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
-pub use weld::{EdgeDefects, drop_unused_vertices, edge_defects, is_watertight, merge, weld};
+#[cfg(test)]
+pub use weld::edge_defects;
+#[cfg(test)]
+pub use weld::is_watertight;
+pub use weld::{drop_unused_vertices, merge, weld};

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use super::TriangleMesh;
 
-/// Unit outward normal of each vertex: the mean of the adjacent face normals weighted by area (the smallest triangles
-/// of marching cubes have the least certain normals); zero where no face with area is adjacent.
+/// Unit outward normal of each vertex: the mean of the adjacent face normals weighted by area (the smallest
+/// triangles of marching cubes have the least certain normals); zero where no face with area is adjacent.
 #[must_use]
 pub fn vertex_normals(mesh: &TriangleMesh) -> Vec<Vector3<f32>> {
     let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
@@ -26,9 +26,16 @@ mod tests {
     #[test]
     fn normals_point_outward() {
         let ball = sphere_mesh(0.3, 40);
-        assert!(vertex_normals(&ball).iter().zip(&ball.vertices).all(|(n, p)| n.dot(&p.coords) / 0.3 > 0.999));
+        assert!(
+            vertex_normals(&ball).iter().zip(&ball.vertices).all(|(n, p)| n.dot(&p.coords) / 0.3 > 0.999)
+        );
         let block = box_mesh(Vector3::new(0.1, 0.5, 0.3));
-        assert!(vertex_normals(&block).iter().zip(&block.vertices).all(|(n, p)| (0..3).all(|k| n[k] * p[k].signum() > 0.05)));
+        assert!(
+            vertex_normals(&block)
+                .iter()
+                .zip(&block.vertices)
+                .all(|(n, p)| (0..3).all(|k| n[k] * p[k].signum() > 0.05))
+        );
     }
 
     #[test]

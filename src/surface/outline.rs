@@ -26,7 +26,8 @@ pub(crate) fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
 
 /// Area of a polygon, positive if counter-clockwise.
 pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
-    (0..polygon.len()).map(|k| polygon[k].coords.perp(&polygon[(k + 1) % polygon.len()].coords)).sum::<f64>() * 0.5
+    (0..polygon.len()).map(|k| polygon[k].coords.perp(&polygon[(k + 1) % polygon.len()].coords)).sum::<f64>()
+        * 0.5
 }
 
 /// A convex polygon with at most `corners` corners: the corner whose triangle is smallest goes first.
@@ -40,16 +41,17 @@ pub(crate) fn with_fewer_corners(mut polygon: Vec<Point2<f64>>, corners: usize) 
     polygon
 }
 
+/// How far a polygon reaches along a direction.
+fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
+    let all = polygon.iter().map(|p| p.coords.dot(direction));
+    all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
+}
+
 /// Direction of the side on which the smallest rectangle around a convex polygon stands.
 pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
-    let sides = (0..polygon.len()).filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
-    let span = |d: &Vector2<f64>| {
-        let range = |d: Vector2<f64>| {
-            let all = polygon.iter().map(|p| p.coords.dot(&d));
-            all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
-        };
-        range(*d) * range(Vector2::new(-d.y, d.x))
-    };
+    let sides = (0..polygon.len())
+        .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
+    let span = |d: &Vector2<f64>| extent(polygon, d) * extent(polygon, &Vector2::new(-d.y, d.x));
     sides.min_by(|a, b| span(a).total_cmp(&span(b))).unwrap_or_else(Vector2::x)
 }
 
@@ -61,7 +63,8 @@ mod tests {
     fn a_turned_rectangle_is_found() {
         let (s, c) = 0.4f64.sin_cos();
         let turned = |x: f64, y: f64| Point2::new(c * x - s * y, s * x + c * y);
-        let points: Vec<_> = (0..50).map(|i| turned(f64::from(i % 10) / 9.0, f64::from(i / 10) / 8.0)).collect();
+        let points: Vec<_> =
+            (0..50).map(|i| turned(f64::from(i % 10) / 9.0, f64::from(i / 10) / 8.0)).collect();
         let hull = hull_2d(&points);
         assert!((area(&hull) - 0.5).abs() < 1e-9);
         let d = rectangle_direction(&hull);

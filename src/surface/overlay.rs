@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::Rendered;
 
-/// Nothing nearer than this is drawn, metres.
+/// Nothing nearer than this is drawn, meters.
 const NEAR_M: f64 = 0.01;
 /// Share of an arrow's length that its head takes, and of the head's length that its half width takes.
 const HEAD_LENGTH: f64 = 0.12;
@@ -50,7 +50,9 @@ impl Rendered {
         }
         let (Some(p), Some(q)) = (self.intrinsics.project(&a), self.intrinsics.project(&b)) else { return };
         let ends = [(p.0, p.1, 1.0 / a.z), (q.0, q.1, 1.0 / b.z)];
-        if let Some([p, q]) = clipped(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px) {
+        if let Some([p, q]) =
+            clipped(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px)
+        {
             self.stroke(p, q, style);
         }
     }
@@ -149,7 +151,7 @@ mod tests {
         for occlusion in [Occlusion::Ignore, Occlusion::Fade, Occlusion::Hide] {
             let image = drawn(occlusion);
             assert_eq!(image.rgb[beside], RED);
-            assert_eq!(image.rgb[beside + 2 * 160], super::super::BACKGROUND);
+            assert_eq!(image.rgb[beside + 2 * 160], crate::surface::raster::BACKGROUND);
             let expected = match occlusion {
                 Occlusion::Ignore => RED,
                 Occlusion::Fade => [206, 117, 117],

@@ -18,7 +18,7 @@ pub(crate) struct Patch {
     pub normal: Vector3<f64>,
     /// Center of area.
     pub center: Point3<f64>,
-    /// Area, square metres.
+    /// Area, square meters.
     pub area_m2: f64,
 }
 
@@ -39,8 +39,8 @@ impl Sums {
     }
 }
 
-/// Patches that grow from the largest triangle that is left over triangles whose corners lie within `tolerance_m` of the
-/// patch's plane; largest area first.
+/// Patches that grow from the largest triangle that is left over triangles whose corners lie within
+/// `tolerance_m` of the patch's plane; largest area first.
 pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
@@ -82,10 +82,8 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
 /// Triangles that share a side with each triangle.
 fn neighbors(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
     let mut sides: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
-    for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
-        for (p, q) in [(a, b), (b, c), (c, a)] {
-            sides.entry((p.min(q), p.max(q))).or_default().push(t as u32);
-        }
+    for (p, q, t) in mesh.sides() {
+        sides.entry((p.min(q), p.max(q))).or_default().push(t);
     }
     let mut out = vec![Vec::new(); mesh.triangles.len()];
     for same in sides.values() {

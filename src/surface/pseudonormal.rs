@@ -1,5 +1,5 @@
-//! Normals of the faces, sides and corners of a mesh whose sign tells inside from outside at any closest point
-//! (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
+//! Normals of the faces, sides and corners of a mesh whose sign distinguishes inside from outside at any
+//! closest point (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
 
 use nalgebra::Vector3;
 
@@ -33,8 +33,10 @@ pub(super) struct Pseudonormals {
 impl Pseudonormals {
     /// For a mesh whose vertices were moved to `positions`.
     pub fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
-        let corners: Vec<[Vector3<f32>; 3]> = mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-        let face = |[a, b, c]: &[Vector3<f32>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let corners: Vec<[Vector3<f32>; 3]> =
+            mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
+        let face =
+            |[a, b, c]: &[Vector3<f32>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
         let faces: Vec<Vector3<f32>> = corners.iter().map(face).collect();
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
@@ -47,8 +49,17 @@ impl Pseudonormals {
         let count = corners.len();
         let sides = faces.iter().map(|n| [*n; 3]).collect();
         let triangles = mesh.triangles.clone();
-        let mut all =
-            Self { corners, faces, sides, vertices, triangles, across: vec![[NONE; 3]; count], rings, ring_starts, open: vec![0; count] };
+        let mut all = Self {
+            corners,
+            faces,
+            sides,
+            vertices,
+            triangles,
+            across: vec![[NONE; 3]; count],
+            rings,
+            ring_starts,
+            open: vec![0; count],
+        };
         all.join_sides();
         all
     }
@@ -116,10 +127,12 @@ impl Pseudonormals {
 
     /// Triangles around a vertex.
     fn ring(&self, vertex: u32) -> &[u32] {
-        &self.rings[self.ring_starts[vertex as usize] as usize..self.ring_starts[vertex as usize + 1] as usize]
+        &self.rings
+            [self.ring_starts[vertex as usize] as usize..self.ring_starts[vertex as usize + 1] as usize]
     }
 
-    /// Walks over the mesh from the closer of two triangles to neighbours that are closer to the point, until none is.
+    /// Walks over the mesh from the closer of two triangles to neighbors that are closer to the point, until
+    /// none is.
     pub fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
         let measure = |t: u32| {
             let (q, feature) = closest_on_triangle(p, &self.corners[t as usize]);
@@ -149,7 +162,8 @@ impl Pseudonormals {
                     let corner = self.corners[t][i as usize];
                     let away = p - corner;
                     for &next in self.ring(self.triangles[t][i as usize]) {
-                        // The corner is the closest point of this triangle too unless one of its sides leads closer.
+                        // The corner is the closest point of this triangle too unless one of its sides leads
+                        // closer.
                         if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {
                             continue;
                         }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::{TriangleMesh, vertex_normals};
 use crate::geometry::{Intrinsics, Pose};
 
-/// Nothing nearer than this is drawn, metres.
+/// Nothing nearer than this is drawn, meters.
 const NEAR_M: f32 = 0.01;
 /// Image rows that one task fills.
 const ROWS_PER_TASK: usize = 16;
@@ -16,7 +16,8 @@ pub const BACKGROUND: [u8; 3] = [255; 3];
 const PLAIN: [u8; 3] = [180; 3];
 /// Brightness of a surface seen edge-on, against one facing the camera.
 const AMBIENT: f32 = 0.35;
-/// A pixel this far outside a side (in triangle heights) still belongs to it, so that no rounding opens a gap.
+/// A pixel this far outside a side (in triangle heights) still belongs to it, so that no rounding opens a
+/// gap.
 const SIDE_TOLERANCE: f32 = 1e-5;
 /// Share of an item's tint in its color.
 const TINT_SHARE: f32 = 0.65;
@@ -41,7 +42,7 @@ pub struct Rendered {
     pub world_from_camera: Pose,
     /// Colors.
     pub rgb: Vec<[u8; 3]>,
-    /// z-depth in metres; 0 where there is no surface.
+    /// z-depth in meters; 0 where there is no surface.
     pub depth_m: Vec<f32>,
     /// Index of the item seen.
     pub item: Vec<Option<u16>>,
@@ -62,14 +63,22 @@ struct Facet {
     item: u16,
 }
 
-/// Draws the items as a pinhole camera sees them: perspective-correct, both sides of every triangle, the first of
-/// equally near ones. With `shading`, brightness falls with the angle between normal and ray (a lamp at the camera).
-/// The result does not depend on the number of threads.
+/// Draws the items as a pinhole camera sees them: perspective-correct, both sides of every triangle, the
+/// first of equally near ones. With `shading`, brightness falls with the angle between normal and ray (a lamp
+/// at the camera). The result does not depend on the number of threads.
 #[must_use]
-pub fn render(items: &[RenderItem], intrinsics: &Intrinsics, world_from_camera: &Pose, shading: bool) -> Rendered {
+pub fn render(
+    items: &[RenderItem],
+    intrinsics: &Intrinsics,
+    world_from_camera: &Pose,
+    shading: bool,
+) -> Rendered {
     let (width, height) = (intrinsics.width, intrinsics.height);
-    let facets: Vec<Facet> =
-        items.iter().enumerate().flat_map(|(i, item)| facets(item, i as u16, intrinsics, world_from_camera, shading)).collect();
+    let facets: Vec<Facet> = items
+        .iter()
+        .enumerate()
+        .flat_map(|(i, item)| facets(item, i as u16, intrinsics, world_from_camera, shading))
+        .collect();
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
     for (f, facet) in facets.iter().enumerate() {
         let v = facet.corners.map(|c| c.v);
@@ -90,7 +99,11 @@ pub fn render(items: &[RenderItem], intrinsics: &Intrinsics, world_from_camera: 
         item: vec![None; count],
     };
     let size = (width * ROWS_PER_TASK).max(1);
-    let rows = image.rgb.par_chunks_mut(size).zip(image.depth_m.par_chunks_mut(size)).zip(image.item.par_chunks_mut(size));
+    let rows = image
+        .rgb
+        .par_chunks_mut(size)
+        .zip(image.depth_m.par_chunks_mut(size))
+        .zip(image.item.par_chunks_mut(size));
     rows.zip(bands).enumerate().for_each(|(task, (((rgb, depth_m), item), band))| {
         let mut inverse = vec![0.0; rgb.len()];
         for f in band {
@@ -106,23 +119,32 @@ pub fn render(items: &[RenderItem], intrinsics: &Intrinsics, world_from_camera: 
 }
 
 /// The triangles of an item in the image, cut at the near plane.
-fn facets(item: &RenderItem, index: u16, k: &Intrinsics, world_from_camera: &Pose, shading: bool) -> Vec<Facet> {
+fn facets(
+    item: &RenderItem,
+    index: u16,
+    k: &Intrinsics,
+    world_from_camera: &Pose,
+    shading: bool,
+) -> Vec<Facet> {
     let mesh = item.mesh;
     let camera_from_mesh: Isometry3<f32> = (world_from_camera.inverse() * item.world_from_mesh).cast();
-    let positions: Vec<Vector3<f32>> = mesh.vertices.par_iter().with_min_len(4096).map(|p| (camera_from_mesh * p).coords).collect();
+    let positions: Vec<Vector3<f32>> =
+        mesh.vertices.par_iter().with_min_len(4096).map(|p| (camera_from_mesh * p).coords).collect();
     let normals = if shading { vertex_normals(mesh) } else { Vec::new() };
     let color = |i: usize| {
         let own = Vector3::from(mesh.colors.get(i).copied().unwrap_or(PLAIN).map(f32::from));
         let mixed = item.tint.map_or(own, |t| own.lerp(&Vector3::from(t.map(f32::from)), TINT_SHARE));
         let light = if shading {
-            let cosine = (camera_from_mesh * normals[i]).dot(&positions[i]).abs() / positions[i].norm().max(1e-9);
+            let cosine =
+                (camera_from_mesh * normals[i]).dot(&positions[i]).abs() / positions[i].norm().max(1e-9);
             AMBIENT + (1.0 - AMBIENT) * cosine
         } else {
             1.0
         };
         mixed * light
     };
-    let colors: Vec<Vector3<f32>> = (0..positions.len()).into_par_iter().with_min_len(4096).map(color).collect();
+    let colors: Vec<Vector3<f32>> =
+        (0..positions.len()).into_par_iter().with_min_len(4096).map(color).collect();
     let corner = |(p, color): (Vector3<f32>, Vector3<f32>)| {
         let inverse = 1.0 / p.z;
         let (u, v) = (k.fx as f32 * p.x * inverse + k.cx as f32, k.fy as f32 * p.y * inverse + k.cy as f32);
@@ -159,8 +181,15 @@ fn in_front(triangle: &[(Vector3<f32>, Vector3<f32>); 3]) -> Vec<(Vector3<f32>, 
     kept
 }
 
-/// Visits the pixels of a facet that are nearer than `inverse` says, and updates it. Rows begin at `first_row`.
-fn fill(facet: &Facet, width: usize, first_row: usize, inverse: &mut [f32], mut visit: impl FnMut(usize, f32, Vector3<f32>)) {
+/// Visits the pixels of a facet that are nearer than `inverse` says, and updates it. Rows begin at
+/// `first_row`.
+fn fill(
+    facet: &Facet,
+    width: usize,
+    first_row: usize,
+    inverse: &mut [f32],
+    mut visit: impl FnMut(usize, f32, Vector3<f32>),
+) {
     let [a, b, c] = &facet.corners;
     let area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
     if area == 0.0 || !area.is_finite() {
@@ -196,7 +225,9 @@ fn fill(facet: &Facet, width: usize, first_row: usize, inverse: &mut [f32], mut 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{box_mesh, color_of, cuboid, looking_at_origin, sphere, sphere_mesh, view_of};
+    use crate::surface::shapes::{
+        box_mesh, color_of, cuboid, looking_at_origin, sphere, sphere_mesh, view_of,
+    };
     use nalgebra::Point3;
 
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 148.0, cx: 80.3, cy: 58.9 };
@@ -227,7 +258,9 @@ mod tests {
                 assert_eq!((image.rgb[i], image.item[i]), (BACKGROUND, None));
             }
         }
-        let differ = (0..image.depth_m.len()).filter(|&i| (image.depth_m[i] > 0.0) != (truth.depth_m[i] > 0.0)).count();
+        let differ = (0..image.depth_m.len())
+            .filter(|&i| (image.depth_m[i] > 0.0) != (truth.depth_m[i] > 0.0))
+            .count();
         assert!(seen > 3000 && differ < 4, "{seen} {differ}");
     }
 
@@ -240,7 +273,8 @@ mod tests {
         for y in 1..K.height - 1 {
             for x in 1..K.width - 1 {
                 let i = y * K.width + x;
-                let inner = [i, i - 1, i + 1, i - K.width, i + K.width].iter().all(|&j| truth.depth_m[j] > 0.0);
+                let inner =
+                    [i, i - 1, i + 1, i - K.width, i + K.width].iter().all(|&j| truth.depth_m[j] > 0.0);
                 if inner {
                     holes += usize::from(image.depth_m[i] == 0.0);
                     worst = worst.max((image.depth_m[i] - truth.depth_m[i]).abs());
@@ -250,14 +284,19 @@ mod tests {
         assert!(holes == 0 && worst < 0.002, "{holes} {worst}");
         // A lamp at the camera: bright in the middle, dark at the rim.
         let middle = image.rgb[59 * K.width + 80][0];
-        let rim = (0..image.rgb.len()).filter(|&i| image.item[i].is_some()).map(|i| image.rgb[i][0]).min().unwrap();
+        let rim =
+            (0..image.rgb.len()).filter(|&i| image.item[i].is_some()).map(|i| image.rgb[i][0]).min().unwrap();
         assert!(middle > 175 && rim < 100, "{middle} {rim}");
     }
 
     #[test]
     fn the_nearer_item_wins_whatever_the_order() {
         let mesh = box_mesh(Vector3::new(0.1, 0.1, 0.1));
-        let at = |z: f64, tint: [u8; 3]| RenderItem { mesh: &mesh, world_from_mesh: Pose::translation(0.0, 0.0, z), tint: Some(tint) };
+        let at = |z: f64, tint: [u8; 3]| RenderItem {
+            mesh: &mesh,
+            world_from_mesh: Pose::translation(0.0, 0.0, z),
+            tint: Some(tint),
+        };
         let pose = Pose::identity();
         let (near, far) = (at(0.6, [255, 0, 0]), at(1.5, [0, 0, 255]));
         let (one, two) = (render(&[near, far], &K, &pose, false), render(&[far, near], &K, &pose, false));
@@ -282,7 +321,13 @@ mod tests {
     fn the_number_of_threads_does_not_matter() {
         let mesh = sphere_mesh(0.2, 40);
         let pose = looking_at_origin(Point3::new(-0.6, 0.2, 0.3));
-        let with = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| render(&[item(&mesh)], &K, &pose, true));
+        let with = |n| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .build()
+                .unwrap()
+                .install(|| render(&[item(&mesh)], &K, &pose, true))
+        };
         assert_eq!(with(1), with(3));
     }
 }

@@ -1,5 +1,5 @@
-//! Rows of grid nodes seen by a camera: along x a node's position in the camera is linear, so a row is clipped to the
-//! image once and then walked.
+//! Rows of grid nodes seen by a camera: along x a node's position in the camera is linear, so a row is
+//! clipped to the image once and then walked.
 
 use std::ops::Range;
 
@@ -7,15 +7,15 @@ use nalgebra::{Point3, Vector3};
 
 use crate::geometry::{Intrinsics, Pose};
 
-/// Nodes closer to the camera plane than this are not seen, metres.
+/// Nodes closer to the camera plane than this are not seen, meters.
 const NEAR_M: f64 = 0.01;
 
 /// A node-aligned grid in front of one camera.
 pub(super) struct RowCamera {
     intrinsics: Intrinsics,
-    /// Node (0, 0, 0) in the optical frame, metres.
+    /// Node (0, 0, 0) in the optical frame, meters.
     origin: Vector3<f64>,
-    /// Steps along x, y, z in the optical frame, metres.
+    /// Steps along x, y, z in the optical frame, meters.
     steps: [Vector3<f64>; 3],
     focal: [f32; 2],
     center: [f32; 2],
@@ -30,7 +30,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Position of node x in the optical frame, metres.
+    /// Position of node x in the optical frame, meters.
     pub fn at(&self, x: usize) -> Vector3<f32> {
         self.start + self.step * x as f32
     }
@@ -38,14 +38,19 @@ impl Row {
 
 impl RowCamera {
     /// A camera on the grid with the given node (0, 0, 0) and spacing, both in the grid's frame.
-    pub fn new(intrinsics: &Intrinsics, camera_from_grid: &Pose, origin: &Point3<f64>, spacing_m: f64) -> Self {
+    pub fn new(
+        intrinsics: &Intrinsics,
+        camera_from_grid: &Pose,
+        origin: &Point3<f64>,
+        spacing_m: f64,
+    ) -> Self {
         let step = |axis: Vector3<f64>| camera_from_grid * (axis * spacing_m);
         Self {
             intrinsics: *intrinsics,
             origin: (camera_from_grid * origin).coords,
             steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
-            // Half a pixel more, so that truncation gives the pixel whose centre is nearest.
+            // Half a pixel more, so that truncation gives the pixel whose center is nearest.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
         }
     }
@@ -90,7 +95,8 @@ impl RowCamera {
     pub fn pixel(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
         // Rounding may put a point of the row's ends just outside.
-        let (x, y) = ((u as usize).min(self.intrinsics.width - 1), (v as usize).min(self.intrinsics.height - 1));
+        let (x, y) =
+            ((u as usize).min(self.intrinsics.width - 1), (v as usize).min(self.intrinsics.height - 1));
         y * self.intrinsics.width + x
     }
 }
@@ -104,8 +110,15 @@ mod tests {
     fn rows_hold_exactly_the_nodes_that_project_into_the_image() {
         let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 58.0, cx: 30.3, cy: 25.1 };
         let origin = Point3::new(-0.5, -0.4, -0.3);
-        for (angle, t) in [([0.0, 0.0, 0.0], [0.0, 0.0, 0.9]), ([0.7, -0.3, 2.0], [0.1, 0.0, 0.5]), ([0.0, 1.5, 0.0], [0.0, 0.1, 0.1])] {
-            let pose = Pose::from_parts(Vector3::from(t).into(), UnitQuaternion::from_scaled_axis(Vector3::from(angle)));
+        for (angle, t) in [
+            ([0.0, 0.0, 0.0], [0.0, 0.0, 0.9]),
+            ([0.7, -0.3, 2.0], [0.1, 0.0, 0.5]),
+            ([0.0, 1.5, 0.0], [0.0, 0.1, 0.1]),
+        ] {
+            let pose = Pose::from_parts(
+                Vector3::from(t).into(),
+                UnitQuaternion::from_scaled_axis(Vector3::from(angle)),
+            );
             let camera = RowCamera::new(&k, &pose, &origin, 0.03);
             let mut seen = 0;
             for (y, z) in (0..30).flat_map(|y| (0..25).map(move |z| (y, z))) {
@@ -117,7 +130,10 @@ mod tests {
                     // A node whose projection is within rounding of a pixel border may go either way.
                     let (u, v) = k.project(&p).unwrap_or_default();
                     let near_border = |c: f64| (c + 0.5 - (c + 0.5).round()).abs() < 1e-3;
-                    assert!(got == expected || near_border(u) || near_border(v), "{x} {y} {z}: {got:?} {expected:?}");
+                    assert!(
+                        got == expected || near_border(u) || near_border(v),
+                        "{x} {y} {z}: {got:?} {expected:?}"
+                    );
                     seen += usize::from(got.is_some());
                 }
             }

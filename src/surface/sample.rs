@@ -4,11 +4,12 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::TriangleMesh;
+use crate::random::unit;
 
 /// Points on a mesh; the three lists run in parallel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceSamples {
-    /// Positions, metres.
+    /// Positions, meters.
     pub points: Vec<Point3<f32>>,
     /// Unit normals of the triangles they lie on.
     pub normals: Vec<Vector3<f32>>,
@@ -44,23 +45,19 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
         samples.triangles.push(t as u32);
         if mesh.colors.len() == mesh.vertices.len() {
             let colors = mesh.triangles[t].map(|i| mesh.colors[i as usize]);
-            let mix = |k: usize| (0..3).map(|i| shares[i] * f32::from(colors[i][k])).sum::<f32>().round() as u8;
+            let mix =
+                |k: usize| (0..3).map(|i| shares[i] * f32::from(colors[i][k])).sum::<f32>().round() as u8;
             samples.colors.push([0, 1, 2].map(mix));
         }
     }
     samples
 }
 
-/// Uniform in `[0, 1)`.
-fn unit(rng: &mut impl Rng) -> f64 {
-    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{
-        run::stage_rng,
+        random::stage_rng,
         surface::shapes::{box_mesh, color_of},
     };
 
@@ -92,6 +89,8 @@ mod tests {
         let mut mesh = box_mesh(Vector3::repeat(0.1));
         mesh.triangles = vec![[0, 0, 1]];
         assert!(sample_surface(&mesh, 10, &mut stage_rng(1, "sample", 0)).points.is_empty());
-        assert!(sample_surface(&TriangleMesh::default(), 10, &mut stage_rng(1, "sample", 0)).points.is_empty());
+        assert!(
+            sample_surface(&TriangleMesh::default(), 10, &mut stage_rng(1, "sample", 0)).points.is_empty()
+        );
     }
 }

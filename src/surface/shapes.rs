@@ -11,7 +11,12 @@ use crate::{
 /// Samples a function at the nodes of a cube `[-half, half]^3`.
 pub fn grid_of(half_m: f64, nodes: usize, f: impl Fn(&Point3<f64>) -> f64) -> Grid3<f32> {
     let spacing_m = 2.0 * half_m / (nodes - 1) as f64;
-    let mut g = Grid3 { origin: Point3::new(-half_m, -half_m, -half_m), spacing_m, dims: [nodes; 3], values: vec![0.0; nodes.pow(3)] };
+    let mut g = Grid3 {
+        origin: Point3::new(-half_m, -half_m, -half_m),
+        spacing_m,
+        dims: [nodes; 3],
+        values: vec![0.0; nodes.pow(3)],
+    };
     for i in 0..g.values.len() {
         g.values[i] = f(&g.position(i)) as f32;
     }
@@ -35,8 +40,11 @@ pub fn torus(major_m: f64, minor_m: f64) -> impl Fn(&Point3<f64>) -> f64 {
 
 /// A cuboid of the given half sides as twelve triangles.
 pub fn box_mesh(half: Vector3<f32>) -> TriangleMesh {
-    let vertices =
-        (0..8).map(|i| Point3::from(Vector3::from([0, 1, 2].map(|k| if i >> k & 1 == 1 { half[k] } else { -half[k] })))).collect();
+    let vertices = (0..8)
+        .map(|i| {
+            Point3::from(Vector3::from([0, 1, 2].map(|k| if i >> k & 1 == 1 { half[k] } else { -half[k] })))
+        })
+        .collect();
     let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     TriangleMesh { vertices, triangles, colors: Vec::new() }
@@ -45,13 +53,16 @@ pub fn box_mesh(half: Vector3<f32>) -> TriangleMesh {
 /// A sphere as latitude bands; closed, outward.
 pub fn sphere_mesh(radius_m: f32, bands: u32) -> TriangleMesh {
     let (rows, columns) = (bands, 2 * bands);
-    let mut mesh = TriangleMesh { vertices: vec![Point3::new(0.0, 0.0, -radius_m)], ..TriangleMesh::default() };
+    let mut mesh =
+        TriangleMesh { vertices: vec![Point3::new(0.0, 0.0, -radius_m)], ..TriangleMesh::default() };
     for r in 1..rows {
         let polar = std::f32::consts::PI * r as f32 / rows as f32;
         for c in 0..columns {
             let azimuth = std::f32::consts::TAU * c as f32 / columns as f32;
-            mesh.vertices
-                .push(Point3::from(Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), -polar.cos()) * radius_m));
+            mesh.vertices.push(Point3::from(
+                Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), -polar.cos())
+                    * radius_m,
+            ));
         }
     }
     mesh.vertices.push(Point3::new(0.0, 0.0, radius_m));
@@ -84,12 +95,19 @@ pub fn looking_at_origin(eye: Point3<f64>) -> Pose {
     let forward = -eye.coords.normalize();
     let right = forward.cross(&up).normalize();
     let r = nalgebra::Matrix3::from_columns(&[right, forward.cross(&right), forward]);
-    Pose::from_parts(eye.coords.into(), nalgebra::UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(r)))
+    Pose::from_parts(
+        eye.coords.into(),
+        nalgebra::UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(r)),
+    )
 }
 
-/// What a camera sees of a signed distance function, by sphere tracing; the background has no depth. Colors tell
-/// the position: 128 + 400 a metre.
-pub fn view_of(distance: &dyn Fn(&Point3<f64>) -> f64, intrinsics: Intrinsics, world_from_camera: Pose) -> RgbdFrame {
+/// What a camera sees of a signed distance function, by sphere tracing; the background has no depth. Colors
+/// encode the position: 128 + 400 a meter.
+pub fn view_of(
+    distance: &dyn Fn(&Point3<f64>) -> f64,
+    intrinsics: Intrinsics,
+    world_from_camera: Pose,
+) -> RgbdFrame {
     let count = intrinsics.width * intrinsics.height;
     let mut frame = RgbdFrame {
         id: String::new(),
@@ -135,7 +153,11 @@ pub fn orbit(distance: &dyn Fn(&Point3<f64>) -> f64, views: usize, range_m: f64)
             let z = 1.0 - (2.0 * i as f64 + 1.0) / views as f64;
             let azimuth = i as f64 * std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
             let r = (1.0 - z * z).sqrt();
-            view_of(distance, k, looking_at_origin(Point3::new(r * azimuth.cos(), r * azimuth.sin(), z) * range_m))
+            view_of(
+                distance,
+                k,
+                looking_at_origin(Point3::new(r * azimuth.cos(), r * azimuth.sin(), z) * range_m),
+            )
         })
         .collect()
 }

@@ -13,15 +13,16 @@ const CENTERING: f64 = 1e-4;
 /// A collapse may not turn a triangle's normal by more than this cosine.
 const MIN_TURN_COSINE: f64 = 0.3;
 
-/// The mesh with at most `max_triangles` triangles, or as few as collapses allow that keep its topology and turn no
-/// triangle over. Collapses the edge that changes the shape least, one after the other; stops early when the next
-/// would move the surface by more than `max_error_m` (root mean square over the area it stands for). Colors are
-/// interpolated. Deterministic.
+/// The mesh with at most `max_triangles` triangles, or as few as collapses allow that keep its topology and
+/// turn no triangle over. Collapses the edge that changes the shape least, one after the other; stops early
+/// when the next would move the surface by more than `max_error_m` (root mean square over the area it stands
+/// for). Colors are interpolated. Deterministic.
 #[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
     let mut work = Collapse::of(mesh);
     while work.alive > max_triangles {
         let Some(Reverse(candidate)) = work.queue.pop() else { break };
+        // The queue is in order of cost: all others would cost more.
         if candidate.cost() > max_error_m * max_error_m {
             break;
         }
@@ -99,9 +100,14 @@ impl Collapse {
     fn of(mesh: &TriangleMesh) -> Self {
         let origin = mesh.vertices.first().map(|p| p.coords.cast()).unwrap_or_default();
         let has_colors = mesh.colors.len() == mesh.vertices.len();
-        let colors = if has_colors { mesh.colors.iter().map(|c| Vector3::from(c.map(f64::from))).collect() } else { Vec::new() };
+        let colors = if has_colors {
+            mesh.colors.iter().map(|c| Vector3::from(c.map(f64::from))).collect()
+        } else {
+            Vec::new()
+        };
         let count = mesh.vertices.len();
         let mut work = Self {
+            // Quadrics lose digits far from the origin.
             origin,
             positions: mesh.vertices.iter().map(|p| p.coords.cast() - origin).collect(),
             colors,
@@ -128,10 +134,7 @@ impl Collapse {
 
     /// Adds planes through open sides, across their triangle, and queues all edges.
     fn hold_borders(&mut self, mesh: &TriangleMesh) {
-        let mut sides: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
-        for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
-            sides.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), t as u32)));
-        }
+        let mut sides: Vec<(u32, u32, u32)> = mesh.sides().map(|(p, q, t)| (p.min(q), p.max(q), t)).collect();
         sides.sort_unstable();
         for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
             let (a, b, t) = same[0];
@@ -145,7 +148,8 @@ impl Collapse {
                 }
             }
         }
-        let edges: Vec<[u32; 2]> = sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)).map(|same| [same[0].0, same[0].1]).collect();
+        let edges: Vec<[u32; 2]> =
+            sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)).map(|same| [same[0].0, same[0].1]).collect();
         for edge in edges {
             self.enqueue(edge);
         }
@@ -172,7 +176,7 @@ impl Collapse {
         self.queue.push(Reverse(Candidate { cost_bits: quadric.error(&place).to_bits(), ends, versions }));
     }
 
-    /// Neighbours of a vertex, ascending.
+    /// Neighbors of a vertex, ascending.
     fn neighbors(&self, v: u32) -> Vec<u32> {
         let corners = self.rings[v as usize].iter().filter_map(|&t| self.triangles[t as usize]).flatten();
         let mut found: Vec<u32> = corners.filter(|&u| u != v).collect();
@@ -227,18 +231,26 @@ impl Collapse {
 
     /// Whether moving a vertex turns a triangle that stays (one without `gone`) too far.
     fn turns_over(&self, moved: u32, gone: u32, place: &Vector3<f64>) -> bool {
-        self.rings[moved as usize].iter().filter_map(|&t| self.triangles[t as usize]).filter(|c| !c.contains(&gone)).any(|corners| {
-            let before = self.area_normal(&corners);
-            let [p, q, r] = corners.map(|v| if v == moved { *place } else { self.positions[v as usize] });
-            let after = (q - p).cross(&(r - p));
-            after.dot(&before) <= MIN_TURN_COSINE * after.norm() * before.norm()
-        })
+        self.rings[moved as usize]
+            .iter()
+            .filter_map(|&t| self.triangles[t as usize])
+            .filter(|c| !c.contains(&gone))
+            .any(|corners| {
+                let before = self.area_normal(&corners);
+                let [p, q, r] = corners.map(|v| if v == moved { *place } else { self.positions[v as usize] });
+                let after = (q - p).cross(&(r - p));
+                after.dot(&before) <= MIN_TURN_COSINE * after.norm() * before.norm()
+            })
     }
 
     fn finish(self) -> TriangleMesh {
         let vertices = self.positions.iter().map(|p| Point3::from((p + self.origin).cast::<f32>())).collect();
         let colors = self.colors.iter().map(|c| [c.x, c.y, c.z].map(|v| v.round() as u8)).collect();
-        drop_unused_vertices(&TriangleMesh { vertices, triangles: self.triangles.into_iter().flatten().collect(), colors })
+        drop_unused_vertices(&TriangleMesh {
+            vertices,
+            triangles: self.triangles.into_iter().flatten().collect(),
+            colors,
+        })
     }
 }
 

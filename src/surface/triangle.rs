@@ -13,7 +13,8 @@ pub(super) enum Feature {
     Corner(u8),
 }
 
-/// Closest point of the triangle with corners `a, b, c`, and where it lies. A triangle without area has only sides.
+/// Closest point of the triangle with corners `a, b, c`, and where it lies. A triangle without area has only
+/// sides.
 pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3]) -> (Vector3<f32>, Feature) {
     let [a, b, c] = corners;
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -44,7 +45,8 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
         return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), Feature::Edge(1));
     }
     let sum = va + vb + vc;
-    // Without area, rounding decides which of the regions above a point falls into; the sides are then all there is.
+    // Without area, rounding decides which of the regions above a point falls into; the sides are then all
+    // there is.
     let area2 = ab.cross(&ac).norm_squared();
     if sum > 0.0 && area2 > 1e-12 * ab.norm_squared() * ac.norm_squared() {
         (a + ab * (vb / sum) + ac * (vc / sum), Feature::Face)

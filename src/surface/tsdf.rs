@@ -1,7 +1,7 @@
 //! Fusion of depth maps into a truncated signed distance volume (Curless and Levoy 1996).
 //!
-//! Per node this is the weighted least-squares solution of the same targets that the field's losses set: projective
-//! distance near a surface, 1 in front of it (method.md 2.5 and 10.4).
+//! Per node this is the weighted least-squares solution of the same targets that the field's losses set:
+//! projective distance near a surface, 1 in front of it (docs/method.md 3.2).
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -12,10 +12,11 @@ use crate::{
     geometry::{Grid3, Pose},
 };
 
-/// Depth at which a reading has weight 1, metres.
+/// Depth at which a reading has weight 1, meters.
 const REFERENCE_DEPTH_M: f64 = 1.0;
-/// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise push
-/// its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight 1 and 0.01 at 0.05.)
+/// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
+/// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
+/// 1 and 0.01 at 0.05.)
 const FREE_WEIGHT: f32 = 0.1;
 
 /// What a pixel says about the volume.
@@ -23,17 +24,21 @@ const FREE_WEIGHT: f32 = 0.1;
 pub enum PixelRole {
     /// Its depth is a surface of the volume's object: carves in front and sets distances.
     Surface,
-    /// It shows something else: space in front of its depth is free, or the whole ray where its depth is unknown.
+    /// It shows something else: space in front of its depth is free, or the whole ray where its depth is
+    /// unknown.
     FreeOnly,
     /// It says nothing.
     Skip,
 }
 
-/// The roles for a whole object: object pixels with a positive weight are its surface, pixels off the mask are free
-/// space, object pixels without a usable depth are skipped.
+/// The roles for a whole object: object pixels with a positive weight are its surface, pixels off the mask
+/// are free space, object pixels without a usable depth are skipped.
 #[must_use]
 pub fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
-    let role = |(pixel, &weight): (usize, &f32)| match (frame.is_object(pixel), weight > 0.0 && frame.depth_m[pixel] > 0.0) {
+    let role = |(pixel, &weight): (usize, &f32)| match (
+        frame.is_object(pixel),
+        weight > 0.0 && frame.depth_m[pixel] > 0.0,
+    ) {
         (false, _) => PixelRole::FreeOnly,
         (true, true) => PixelRole::Surface,
         (true, false) => PixelRole::Skip,
@@ -50,13 +55,18 @@ pub struct TsdfView<'a> {
     pub weights: &'a [f32],
     /// What each pixel says, e.g. of [`object_roles`].
     pub roles: &'a [PixelRole],
-    /// Moves the view before it is fused: the identity, or the motion of a part from the frame's state to the volume's.
+    /// Moves the view before it is fused: the identity, or the motion of a part from the frame's state to the
+    /// volume's.
     pub volume_from_world: Pose,
 }
 
 /// The views of a whole object in its own world, with the weights and roles of their pixels.
 #[must_use]
-pub fn object_views<'a>(frames: &'a [RgbdFrame], weights: &'a [Vec<f32>], roles: &'a [Vec<PixelRole>]) -> Vec<TsdfView<'a>> {
+pub fn object_views<'a>(
+    frames: &'a [RgbdFrame],
+    weights: &'a [Vec<f32>],
+    roles: &'a [Vec<PixelRole>],
+) -> Vec<TsdfView<'a>> {
     let pixels = weights.iter().zip(roles);
     let view = |(frame, (weights, roles)): (&'a RgbdFrame, (&'a Vec<f32>, &'a Vec<PixelRole>))| TsdfView {
         frame,
@@ -98,8 +108,8 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses one view. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one metre. The result does not depend
-    /// on the number of threads.
+    /// Fuses one view. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
+    /// depend on the number of threads. See docs/method.md (3.2).
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.
@@ -107,9 +117,10 @@ impl TsdfVolume {
         self.add(view, noise, None);
     }
 
-    /// Fuses the same views again, near the surface, each node by those alone that see the side of the surface that it is on: in
-    /// a plate that is thinner than the truncation the readings of one side push the other outwards, by half its thickness at
-    /// most. (Splietker and Behnke 2019 keep a volume for each of six directions instead.) Nodes that no view sees so stay.
+    /// Fuses the same views again, near the surface, each node by those alone that see the side of the
+    /// surface that it is on: in a plate that is thinner than the truncation the readings of one side push
+    /// the other outwards, by half its thickness at most. (Splietker and Behnke 2019 keep a volume for each
+    /// of six directions instead.) Nodes that no view sees so stay. See docs/method.md (3.4).
     ///
     /// # Panics
     /// As [`Self::integrate`].
@@ -119,64 +130,88 @@ impl TsdfVolume {
         views.iter().for_each(|view| faced.add(view, noise, Some(&first)));
         let old = self.sums.values.par_iter_mut().zip(&mut self.weights).zip(&mut self.colors);
         let new = faced.sums.values.par_iter().zip(&faced.weights).zip(&faced.colors);
-        old.zip(new).with_min_len(1 << 14).for_each(|(((sum, weight), color), ((new_sum, new_weight), new_color))| {
-            if *new_weight > 0.0 {
-                (*sum, *weight, *color) = (*new_sum, *new_weight, *new_color);
-            }
-        });
+        old.zip(new).with_min_len(1 << 14).for_each(
+            |(((sum, weight), color), ((new_sum, new_weight), new_color))| {
+                if *new_weight > 0.0 {
+                    (*sum, *weight, *color) = (*new_sum, *new_weight, *new_color);
+                }
+            },
+        );
     }
 
-    /// Adds a view; with distances of a first fusion at nodes near its surface only, where the view sees that side.
+    /// Adds a view; with distances of a first fusion at nodes near its surface only, where the view sees that
+    /// side.
     fn add(&mut self, view: &TsdfView, noise: &NoiseConfig, first: Option<&Grid3<f32>>) {
         let readings = readings(view, noise);
         let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
         let eye = volume_from_camera.translation.vector.cast();
         let grid = &mut self.sums;
-        let camera = RowCamera::new(&view.frame.intrinsics, &volume_from_camera.inverse(), &grid.origin, grid.spacing_m);
+        let camera = RowCamera::new(
+            &view.frame.intrinsics,
+            &volume_from_camera.inverse(),
+            &grid.origin,
+            grid.spacing_m,
+        );
         let [nx, ny, _] = grid.dims;
         let truncation_m = self.truncation_m;
         // Even weights about the surface leave it where noisy readings have their mean.
         let steepness = if first.is_some() { 2.0 } else { 1.0 };
         let planes = grid.values.par_chunks_mut(nx * ny).zip(self.weights.par_chunks_mut(nx * ny));
-        planes.zip(self.colors.par_chunks_mut(nx * ny)).enumerate().for_each(|(z, ((sums, weights), colors))| {
-            for y in 0..ny {
-                let row = camera.row(y, z, nx);
-                for x in row.range.clone() {
-                    if first.is_some_and(|f| !(f.values[f.index(x, y, z)].abs() < 0.999 * truncation_m)) {
-                        continue;
-                    }
-                    let p = row.at(x);
-                    let pixel = camera.pixel(&p);
-                    let reading = readings[pixel];
-                    let ahead_m = reading.depth_m - p.z;
-                    if reading.weight <= 0.0 || ahead_m <= -truncation_m {
-                        continue;
-                    }
-                    let i = y * nx + x;
-                    if ahead_m >= truncation_m {
-                        sums[i] += FREE_WEIGHT * reading.weight;
-                        weights[i] += FREE_WEIGHT * reading.weight;
-                    } else if reading.is_surface {
-                        let depth_m = interpolated_depth(&readings, &view.frame.intrinsics, camera.project(&p), truncation_m);
-                        let s = (depth_m.unwrap_or(reading.depth_m) - p.z) / truncation_m;
-                        if s > -1.0 && first.is_none_or(|f| faces(f, [x, y, z], &eye)) {
-                            // Falls to zero behind the surface, so that both sides of a thin wall survive.
-                            let w = reading.weight * (steepness * (1.0 + s)).min(1.0);
-                            sums[i] += w * s.min(1.0);
-                            weights[i] += w;
-                            add_color(&mut colors[i], view.frame.rgb[pixel], w * (1.0 - s.abs()).max(0.0));
+        planes.zip(self.colors.par_chunks_mut(nx * ny)).enumerate().for_each(
+            |(z, ((sums, weights), colors))| {
+                for y in 0..ny {
+                    let row = camera.row(y, z, nx);
+                    for x in row.range.clone() {
+                        if first.is_some_and(|f| !(f.values[f.index(x, y, z)].abs() < 0.999 * truncation_m)) {
+                            continue;
+                        }
+                        let p = row.at(x);
+                        let pixel = camera.pixel(&p);
+                        let reading = readings[pixel];
+                        let ahead_m = reading.depth_m - p.z;
+                        if reading.weight <= 0.0 || ahead_m <= -truncation_m {
+                            continue;
+                        }
+                        let i = y * nx + x;
+                        // In front of the truncation no distance is measured, only that space is free.
+                        if ahead_m >= truncation_m {
+                            sums[i] += FREE_WEIGHT * reading.weight;
+                            weights[i] += FREE_WEIGHT * reading.weight;
+                        } else if reading.is_surface {
+                            let depth_m = interpolated_depth(
+                                &readings,
+                                &view.frame.intrinsics,
+                                camera.project(&p),
+                                truncation_m,
+                            );
+                            let s = (depth_m.unwrap_or(reading.depth_m) - p.z) / truncation_m;
+                            if s > -1.0 && first.is_none_or(|f| faces(f, [x, y, z], &eye)) {
+                                // Falls to zero behind the surface, so that both sides of a thin wall
+                                // survive.
+                                let w = reading.weight * (steepness * (1.0 + s)).min(1.0);
+                                sums[i] += w * s.min(1.0);
+                                weights[i] += w;
+                                add_color(
+                                    &mut colors[i],
+                                    view.frame.rgb[pixel],
+                                    w * (1.0 - s.abs()).max(0.0),
+                                );
+                            }
                         }
                     }
                 }
-            }
-        });
+            },
+        );
     }
 
-    /// Distances in metres, cut at the truncation; NaN where the weight is at most `min_weight`.
+    /// Distances in meters, cut at the truncation; NaN where the weight is at most `min_weight`.
     #[must_use]
     pub fn tsdf(&self, min_weight: f32) -> Grid3<f32> {
-        let value = |(&sum, &weight): (&f32, &f32)| if weight > min_weight { sum / weight * self.truncation_m } else { f32::NAN };
-        let values = self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14).map(value).collect();
+        let value = |(&sum, &weight): (&f32, &f32)| {
+            if weight > min_weight { sum / weight * self.truncation_m } else { f32::NAN }
+        };
+        let values =
+            self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14).map(value).collect();
         Grid3 { origin: self.sums.origin, spacing_m: self.sums.spacing_m, dims: self.sums.dims, values }
     }
 
@@ -186,7 +221,8 @@ impl TsdfVolume {
         &self.weights
     }
 
-    /// Mean color at a point in the world, interpolated between the nodes that have one; `None` where none has.
+    /// Mean color at a point in the world, interpolated between the nodes that have one; `None` where none
+    /// has.
     #[must_use]
     pub fn color_at(&self, point: &Point3<f64>) -> Option<[u8; 3]> {
         let grid = &self.sums;
@@ -226,7 +262,8 @@ impl TsdfVolume {
     }
 }
 
-/// Whether a node is on the side of the surface that an eye sees, by the slope of the distance there; true where that is unknown.
+/// Whether a node is on the side of the surface that an eye sees, by the slope of the distance there; true
+/// where that is unknown.
 fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
     let slope = Vector3::from_fn(|k, _| {
         let at = |step: isize| {
@@ -244,14 +281,21 @@ fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
 /// Depth and weight of each pixel as fusion uses them.
 fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
     let frame = view.frame;
-    assert!(view.weights.len() == frame.depth_m.len() && view.roles.len() == frame.depth_m.len(), "one weight and role a pixel");
+    assert!(
+        view.weights.len() == frame.depth_m.len() && view.roles.len() == frame.depth_m.len(),
+        "one weight and role a pixel"
+    );
     let reference_m = noise.sigma_m(REFERENCE_DEPTH_M);
     let reading = |pixel: usize| {
         let depth_m = frame.depth_m[pixel];
         let precision = (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
         match view.roles[pixel] {
-            PixelRole::Surface if depth_m > 0.0 => Reading { depth_m, weight: view.weights[pixel] * precision, is_surface: true },
-            PixelRole::FreeOnly if depth_m > 0.0 => Reading { depth_m, weight: precision.min(1.0), is_surface: false },
+            PixelRole::Surface if depth_m > 0.0 => {
+                Reading { depth_m, weight: view.weights[pixel] * precision, is_surface: true }
+            }
+            PixelRole::FreeOnly if depth_m > 0.0 => {
+                Reading { depth_m, weight: precision.min(1.0), is_surface: false }
+            }
             PixelRole::FreeOnly => Reading { depth_m: f32::INFINITY, weight: 1.0, is_surface: false },
             _ => Reading { depth_m: 0.0, weight: 0.0, is_surface: false },
         }
@@ -261,7 +305,12 @@ fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
 
 /// Depth between four pixels of one surface, linear in inverse depth (exact on planes); `None` at its edges.
 /// `shifted` is the pixel position plus one half.
-fn interpolated_depth(readings: &[Reading], k: &crate::geometry::Intrinsics, shifted: [f32; 2], truncation_m: f32) -> Option<f32> {
+fn interpolated_depth(
+    readings: &[Reading],
+    k: &crate::geometry::Intrinsics,
+    shifted: [f32; 2],
+    truncation_m: f32,
+) -> Option<f32> {
     let (u, v) = (shifted[0] - 0.5, shifted[1] - 0.5);
     if u < 0.0 || v < 0.0 || u >= (k.width - 1) as f32 || v >= (k.height - 1) as f32 {
         return None;
@@ -311,7 +360,10 @@ mod tests {
         for frame in frames {
             let weights = pixel_weights(frame, &noise);
             let roles = object_roles(frame, &weights);
-            volume.integrate(&TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: motion }, &noise);
+            volume.integrate(
+                &TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: motion },
+                &noise,
+            );
         }
         volume
     }
@@ -319,7 +371,10 @@ mod tests {
     /// Largest and root mean square distance of the mesh's vertices to the shape.
     fn errors(mesh: &TriangleMesh, distance: impl Fn(&Point3<f64>) -> f64) -> (f64, f64) {
         let d: Vec<f64> = mesh.vertices.iter().map(|p| distance(&p.cast()).abs()).collect();
-        (d.iter().copied().fold(0.0, f64::max), (d.iter().map(|d| d * d).sum::<f64>() / d.len() as f64).sqrt())
+        (
+            d.iter().copied().fold(0.0, f64::max),
+            (d.iter().map(|d| d * d).sum::<f64>() / d.len() as f64).sqrt(),
+        )
     }
 
     #[test]
@@ -354,7 +409,8 @@ mod tests {
     #[test]
     fn a_box_keeps_its_faces() {
         let shape = cuboid(Vector3::new(0.15, 0.1, 0.12));
-        let (largest, rms) = errors(&fuse(&orbit(&shape, 24, 0.8), 0.01, 0.03, Pose::identity()).mesh(0.0), &shape);
+        let (largest, rms) =
+            errors(&fuse(&orbit(&shape, 24, 0.8), 0.01, 0.03, Pose::identity()).mesh(0.0), &shape);
         assert!(largest < 0.003 && rms < 0.0005, "{largest} {rms}");
     }
 
@@ -362,7 +418,8 @@ mod tests {
     fn a_moved_view_fuses_where_its_part_was() {
         let motion = Pose::new(Vector3::new(0.03, -0.02, 0.01), Vector3::new(0.2, 0.5, -0.3));
         let shape = cuboid(Vector3::new(0.15, 0.1, 0.12));
-        let moved = move |p: &Point3<f64>| cuboid(Vector3::new(0.15, 0.1, 0.12))(&motion.inverse_transform_point(p));
+        let moved =
+            move |p: &Point3<f64>| cuboid(Vector3::new(0.15, 0.1, 0.12))(&motion.inverse_transform_point(p));
         let mesh = fuse(&orbit(&moved, 24, 0.8), 0.01, 0.03, motion.inverse()).mesh(0.0);
         let (largest, rms) = errors(&mesh, &shape);
         assert!(largest < 0.003 && rms < 0.0005, "{largest} {rms}");
@@ -376,7 +433,10 @@ mod tests {
         let fused = |role: PixelRole| {
             let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.02, [31; 3], 0.04);
             let roles = vec![role; weights.len()];
-            volume.integrate(&TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() }, &noise);
+            volume.integrate(
+                &TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() },
+                &noise,
+            );
             volume
         };
         assert!(fused(PixelRole::Skip).weights().iter().all(|&w| w == 0.0));
@@ -394,8 +454,10 @@ mod tests {
         frames.retain(|f| f.world_from_camera.translation.vector.z.abs() > 0.2);
         let mesh = fuse(&frames, 0.005, 0.015, Pose::identity()).mesh(0.0);
         let (_, rms) = errors(&mesh, &shape);
-        let above = mesh.vertices.iter().filter(|p| p.x.abs() < 0.18 && p.y.abs() < 0.13 && p.z > 0.004).count();
-        let below = mesh.vertices.iter().filter(|p| p.x.abs() < 0.18 && p.y.abs() < 0.13 && p.z < -0.004).count();
+        let above =
+            mesh.vertices.iter().filter(|p| p.x.abs() < 0.18 && p.y.abs() < 0.13 && p.z > 0.004).count();
+        let below =
+            mesh.vertices.iter().filter(|p| p.x.abs() < 0.18 && p.y.abs() < 0.13 && p.z < -0.004).count();
         assert!(rms < 0.002 && above > 3000 && below > 3000, "{rms} {above} {below}");
     }
 
@@ -418,7 +480,8 @@ mod tests {
         views.iter().for_each(|v| volume.integrate(v, &noise));
         let off_m = |volume: &TsdfVolume, side: f32| {
             let mesh = volume.mesh(0.0);
-            let inner = mesh.vertices.iter().filter(|p| p.x.abs() < 0.17 && p.y.abs() < 0.12 && p.z * side > 0.0);
+            let inner =
+                mesh.vertices.iter().filter(|p| p.x.abs() < 0.17 && p.y.abs() < 0.12 && p.z * side > 0.0);
             let heights: Vec<f32> = inner.map(|p| p.z * side - 0.006).collect();
             heights.iter().sum::<f32>() / heights.len() as f32
         };

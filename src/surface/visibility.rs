@@ -15,7 +15,7 @@ pub struct FreeSpaceRule {
     pub noise: NoiseConfig,
     /// A node is in front of a reading if it is nearer by this many standard deviations of the reading ...
     pub margin_sigmas: f64,
-    /// ... and by at least this, metres.
+    /// ... and by at least this, meters.
     pub margin_m: f64,
     /// Views that must see through the node.
     pub min_views: u8,
@@ -27,20 +27,22 @@ impl Default for FreeSpaceRule {
     }
 }
 
-/// Whether each node of `nodes` is visible (method.md 4.5, Eq. 15): in at least one view it projects onto an object
-/// pixel with known depth and is not further behind that depth than `epsilon_m`.
+/// Whether each node of `nodes` is visible by docs/method.md (3.5): in at least one view it projects onto an
+/// object pixel with known depth and is not further behind that depth than `epsilon_m`.
 #[must_use]
 pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64) -> Grid3<bool> {
     let reach = |frame: &RgbdFrame| {
-        let reach = |(i, &d): (usize, &f32)| if d > 0.0 && frame.is_object(i) { d + epsilon_m as f32 } else { 0.0 };
+        let reach =
+            |(i, &d): (usize, &f32)| if d > 0.0 && frame.is_object(i) { d + epsilon_m as f32 } else { 0.0 };
         frame.depth_m.iter().enumerate().map(reach).collect()
     };
     views_in_front(frames, nodes, 1, reach)
 }
 
-/// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front of a known
-/// depth, or on a ray without known depth that misses the object (off the mask). The nearest of the 3x3 readings
-/// around a pixel counts, so that depth bleeding and masks that are a pixel off carve nothing.
+/// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
+/// of a known depth, or on a ray without known depth that misses the object (off the mask). The nearest of
+/// the 3x3 readings around a pixel counts, so that depth bleeding and masks that are a pixel off carve
+/// nothing.
 #[must_use]
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
@@ -60,28 +62,39 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
         }
     };
     let single: Vec<f32> = (0..w * h).map(reach).collect();
-    // A pixel without reach says nothing, but does not silence its neighbours.
+    // A pixel without reach says nothing, but does not silence its neighbors.
     let nearest = |a: f32, b: f32| if b > 0.0 { a.min(b) } else { a };
     let mut across = single.clone();
     for y in 0..h {
         for x in 0..w {
             let row = &single[y * w..(y + 1) * w];
-            across[y * w + x] = (x.saturating_sub(1)..(x + 2).min(w)).fold(f32::INFINITY, |a, x| nearest(a, row[x]));
+            across[y * w + x] =
+                (x.saturating_sub(1)..(x + 2).min(w)).fold(f32::INFINITY, |a, x| nearest(a, row[x]));
         }
     }
     let around = |i: usize| {
         let (x, y) = (i % w, i / w);
-        let least = (y.saturating_sub(1)..(y + 2).min(h)).fold(f32::INFINITY, |a, y| a.min(across[y * w + x]));
+        let least =
+            (y.saturating_sub(1)..(y + 2).min(h)).fold(f32::INFINITY, |a, y| a.min(across[y * w + x]));
         if single[i] > 0.0 { least } else { 0.0 }
     };
     (0..w * h).map(around).collect()
 }
 
 /// Nodes that at least `min_views` frames see nearer than the reach of the pixel they fall on.
-fn views_in_front<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, min_views: u8, reach: impl Fn(&RgbdFrame) -> Vec<f32> + Sync) -> Grid3<bool> {
+fn views_in_front<T>(
+    frames: &[RgbdFrame],
+    nodes: &Grid3<T>,
+    min_views: u8,
+    reach: impl Fn(&RgbdFrame) -> Vec<f32> + Sync,
+) -> Grid3<bool> {
     let (origin, spacing_m, [nx, ny, nz]) = (nodes.origin, nodes.spacing_m, nodes.dims);
-    let views: Vec<(RowCamera, Vec<f32>)> =
-        frames.par_iter().map(|f| (RowCamera::new(&f.intrinsics, &f.world_from_camera.inverse(), &origin, spacing_m), reach(f))).collect();
+    let views: Vec<(RowCamera, Vec<f32>)> = frames
+        .par_iter()
+        .map(|f| {
+            (RowCamera::new(&f.intrinsics, &f.world_from_camera.inverse(), &origin, spacing_m), reach(f))
+        })
+        .collect();
     let mut votes = vec![0u8; nx * ny * nz];
     votes.par_chunks_mut((nx * ny).max(1)).enumerate().for_each(|(z, plane)| {
         for (y, votes) in plane.chunks_mut(nx).enumerate() {

@@ -41,8 +41,8 @@ pub fn merge(meshes: &[&TriangleMesh]) -> TriangleMesh {
     all
 }
 
-/// Joins vertices that fall into the same cell of a lattice of the given spacing (0: same position exactly), at the
-/// first of them; triangles that lose a corner and unused vertices go.
+/// Joins vertices that fall into the same cell of a lattice of the given spacing (0: same position exactly),
+/// at the first of them; triangles that lose a corner and unused vertices go.
 #[must_use]
 pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
     let representative = representatives(&mesh.vertices, spacing_m);
@@ -54,11 +54,11 @@ pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
 /// For each vertex, the first vertex of its lattice cell.
 fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     // Adding 0 turns -0 into +0, so that equal positions have equal keys.
-    let key = |p: &Point3<f32>| {
-        let coordinate = |x: f32| if spacing_m > 0.0 { (x / spacing_m).floor() as i64 } else { i64::from((x + 0.0).to_bits()) };
-        [coordinate(p.x), coordinate(p.y), coordinate(p.z)]
+    let key = |x: f32| {
+        if spacing_m > 0.0 { (x / spacing_m).floor() as i64 } else { i64::from((x + 0.0).to_bits()) }
     };
-    let mut order: Vec<([i64; 3], u32)> = vertices.iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
+    let mut order: Vec<([i64; 3], u32)> =
+        vertices.iter().enumerate().map(|(i, p)| ([p.x, p.y, p.z].map(key), i as u32)).collect();
     order.sort_unstable();
     let mut representative = vec![0; vertices.len()];
     let mut first = 0;
@@ -71,8 +71,9 @@ fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     representative
 }
 
-/// Sides of the triangles that do not belong to exactly one triangle in each direction: the open sides have one
-/// triangle, the non-manifold ones more than two or two that turn against each other.
+/// Sides of the triangles that do not belong to exactly one triangle in each direction: the open sides have
+/// one triangle, the non-manifold ones more than two or two that turn against each other.
+#[cfg(test)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EdgeDefects {
     /// Sides of one triangle only.
@@ -82,12 +83,11 @@ pub struct EdgeDefects {
 }
 
 /// Counts open and non-manifold sides.
+#[cfg(test)]
 #[must_use]
 pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
-    let mut sides: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * mesh.triangles.len());
-    for &[a, b, c] in &mesh.triangles {
-        sides.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), p < q)));
-    }
+    let mut sides: Vec<(u32, u32, bool)> =
+        mesh.sides().map(|(p, q, _)| (p.min(q), p.max(q), p < q)).collect();
     sides.sort_unstable();
     let mut defects = EdgeDefects::default();
     for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
@@ -101,6 +101,7 @@ pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
 }
 
 /// Whether the mesh has triangles and each side of them belongs to exactly two, of consistent winding.
+#[cfg(test)]
 #[must_use]
 pub fn is_watertight(mesh: &TriangleMesh) -> bool {
     !mesh.is_empty() && edge_defects(mesh) == EdgeDefects::default()

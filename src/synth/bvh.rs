@@ -8,9 +8,9 @@ const LEAF: usize = 2;
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bounds {
-    /// Lower corner, metres.
+    /// Lower corner, meters.
     pub lower: Point3<f64>,
-    /// Upper corner, metres.
+    /// Upper corner, meters.
     pub upper: Point3<f64>,
 }
 
@@ -75,8 +75,15 @@ impl Bvh {
         self.build(boxes, middle, end);
     }
 
-    /// Calls `visit` with every box that the ray may meet before the farthest hit known, which `visit` returns.
-    pub fn visit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, mut farthest: f64, mut visit: impl FnMut(usize) -> f64) {
+    /// Calls `visit` with every box that the ray may meet before the farthest hit known, which `visit`
+    /// returns.
+    pub fn visit(
+        &self,
+        origin: &Point3<f64>,
+        ray: &Vector3<f64>,
+        mut farthest: f64,
+        mut visit: impl FnMut(usize) -> f64,
+    ) {
         let inverse = ray.map(f64::recip);
         let mut stack = [0usize; 64];
         let mut height = usize::from(!self.nodes.is_empty());

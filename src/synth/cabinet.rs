@@ -4,45 +4,12 @@ use rand_core::Rng;
 
 use super::{
     Material, Part, PartJointKind, Solid, cabinet_front,
-    draw::{below, chance, range},
-    generate::{Look, fixed, moving},
+    carcass::{Carcass, Cell},
+    look::Look,
 };
+use crate::random::{below, chance, range};
 
-/// An opening of the front, between the boards around it; metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Cell {
-    /// From left to right as the object sees it.
-    pub y: [f64; 2],
-    /// From bottom to top.
-    pub z: [f64; 2],
-}
-
-impl Cell {
-    pub fn width(&self) -> f64 {
-        self.y[1] - self.y[0]
-    }
-
-    pub fn height(&self) -> f64 {
-        self.z[1] - self.z[0]
-    }
-}
-
-/// Measures of a carcass, metres. It stands on z = 0, its middle at x = y = 0; its front looks along +x.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Carcass {
-    /// Half its depth: the front lies at `x = front`.
-    pub front: f64,
-    /// Half its width.
-    pub side: f64,
-    /// Lower side of the bottom board.
-    pub bottom: f64,
-    /// Upper side of the top board.
-    pub top: f64,
-    /// Thickness of the boards.
-    pub board: f64,
-}
-
-/// Narrowest opening, metres.
+/// Narrowest opening, meters.
 const MIN_CELL_M: f64 = 0.09;
 /// Most a lid turns, radians.
 const LID_LIMITS_RAD: [f64; 2] = [0.05, 1.75];
@@ -55,7 +22,13 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
     let height = (range(rng, 0.28, 0.5) * grow).min(1.4);
     let width = (range(rng, 0.28, 0.5) * grow).min(1.2);
     let bottom = if chance(rng, 0.4) { range(rng, 0.03, 0.12) } else { 0.0 };
-    let carcass = Carcass { front: 0.5 * range(rng, 0.25, 0.45), side: 0.5 * width, bottom, top: bottom + height, board };
+    let carcass = Carcass {
+        front: 0.5 * range(rng, 0.25, 0.45),
+        side: 0.5 * width,
+        bottom,
+        top: bottom + height,
+        board,
+    };
     look.scale_m = width.max(height);
     let wood = look.material(rng);
     let trim = look.trim(rng);
@@ -77,7 +50,7 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
         let number = moved.len() + 1;
         moved.push(cabinet_front::front(&carcass, cell, number, look, &trim, &mut solids, rng));
     }
-    std::iter::once(fixed("carcass", solids)).chain(moved).collect()
+    std::iter::once(Part::fixed("carcass", solids)).chain(moved).collect()
 }
 
 fn boards(c: &Carcass, wood: &Material) -> Vec<Solid> {
@@ -92,12 +65,20 @@ fn boards(c: &Carcass, wood: &Material) -> Vec<Solid> {
 }
 
 /// Splits the largest opening until there are enough, with a board at every split.
-fn divide(c: &Carcass, count: usize, wood: &Material, cells: &mut Vec<Cell>, solids: &mut Vec<Solid>, rng: &mut impl Rng) {
+fn divide(
+    c: &Carcass,
+    count: usize,
+    wood: &Material,
+    cells: &mut Vec<Cell>,
+    solids: &mut Vec<Solid>,
+    rng: &mut impl Rng,
+) {
     let t = c.board;
     cells.push(Cell { y: [-c.side + t, c.side - t], z: [c.bottom + t, c.top - t] });
     while cells.len() < count {
         let area = |cell: &Cell| cell.width() * cell.height();
-        let largest = (0..cells.len()).max_by(|a, b| area(&cells[*a]).total_cmp(&area(&cells[*b]))).unwrap_or_default();
+        let largest =
+            (0..cells.len()).max_by(|a, b| area(&cells[*a]).total_cmp(&area(&cells[*b]))).unwrap_or_default();
         let cell = cells.swap_remove(largest);
         let ratio = cell.width() / cell.height();
         let upright = if (0.7..1.4).contains(&ratio) { chance(rng, 0.5) } else { ratio > 1.0 };
@@ -120,7 +101,11 @@ fn legs(c: &Carcass, trim: &Material, solids: &mut Vec<Solid>) {
     let size = 2.0 * c.board;
     for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
         let corner = [x * (c.front - size) - 0.5 * size, y * (c.side - size) - 0.5 * size];
-        solids.push(Solid::between([corner[0], corner[1], 0.0], [corner[0] + size, corner[1] + size, c.bottom], trim));
+        solids.push(Solid::between(
+            [corner[0], corner[1], 0.0],
+            [corner[0] + size, corner[1] + size, c.bottom],
+            trim,
+        ));
     }
 }
 
@@ -138,5 +123,13 @@ fn add_lid(c: &Carcass, look: &Look, wood: &Material, solids: &mut Vec<Solid>, r
     let material = look.material(rng);
     let slab = Solid::between([-x, -y, rim + gap], [x, y, rim + gap + t], &material);
     let grip = Solid::between([x, -0.05, rim + gap], [x + 0.02, 0.05, rim + gap + 0.6 * t], &look.trim(rng));
-    moving("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], [-x, 0.0, rim + gap], LID_LIMITS_RAD, vec![slab, grip])
+    Part::moving(
+        "lid".into(),
+        0,
+        PartJointKind::Revolute,
+        [0.0, -1.0, 0.0],
+        [-x, 0.0, rim + gap],
+        LID_LIMITS_RAD,
+        vec![slab, grip],
+    )
 }

@@ -5,22 +5,22 @@ use rand_core::Rng;
 
 use super::{
     Material, Part, PartJointKind, Solid,
-    cabinet::{Carcass, Cell},
-    draw::{below, chance, range},
-    generate::{Look, moving},
+    carcass::{Carcass, Cell},
+    look::Look,
 };
 use crate::geometry::Pose;
+use crate::random::{below, chance, range};
 
-/// Air between a moving part and what it must not touch, metres.
+/// Air between a moving part and what it must not touch, meters.
 const GAP_M: f64 = 0.002;
 /// How far a door or flap turns, radians; a shut one leaves a slit.
 const HINGE_LIMITS_RAD: [f64; 2] = [0.02, 2.0];
-/// Narrowest opening for a sliding panel, metres.
+/// Narrowest opening for a sliding panel, meters.
 const MIN_SLIDE_M: f64 = 0.2;
-/// Walls of a drawer, metres.
+/// Walls of a drawer, meters.
 const WALL_M: f64 = 0.008;
 
-/// A plate at the front of an opening, metres.
+/// A plate at the front of an opening, meters.
 #[derive(Clone, Copy)]
 struct Slab {
     x: [f64; 2],
@@ -61,7 +61,8 @@ pub(super) fn front(
     } else {
         ([c.front + GAP_M, c.front + GAP_M + 0.8 * c.board], 0.5 * c.board - 0.75 * GAP_M)
     };
-    let slab = Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
+    let slab =
+        Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
     let wide = cell.width() / cell.height();
     let kind = range(rng, 0.0, 1.0);
     if cell.width() > MIN_SLIDE_M && kind < 0.15 {
@@ -90,7 +91,14 @@ pub(super) fn front(
 }
 
 /// A door or flap that turns about an edge of its outer face.
-fn hinged(slab: Slab, edge: Edge, number: usize, material: &Material, trim: &Material, rng: &mut impl Rng) -> Part {
+fn hinged(
+    slab: Slab,
+    edge: Edge,
+    number: usize,
+    material: &Material,
+    trim: &Material,
+    rng: &mut impl Rng,
+) -> Part {
     let (axis, origin) = match edge {
         Edge::Left => ([0.0, 0.0, -1.0], [slab.x[1], slab.y[0], 0.0]),
         Edge::Right => ([0.0, 0.0, 1.0], [slab.x[1], slab.y[1], 0.0]),
@@ -106,11 +114,27 @@ fn hinged(slab: Slab, edge: Edge, number: usize, material: &Material, trim: &Mat
     let span = if upright { slab.z[1] - slab.z[0] } else { slab.y[1] - slab.y[0] };
     let handle = handle(slab.x[1], at, upright, span, trim, rng);
     let name = if upright { format!("door_{number}") } else { format!("flap_{number}") };
-    moving(name, 0, PartJointKind::Revolute, axis, origin, HINGE_LIMITS_RAD, vec![slab.solid(material), handle])
+    Part::moving(
+        name,
+        0,
+        PartJointKind::Revolute,
+        axis,
+        origin,
+        HINGE_LIMITS_RAD,
+        vec![slab.solid(material), handle],
+    )
 }
 
 /// A drawer: front plate, bottom, two sides and a back.
-fn drawer(c: &Carcass, cell: Cell, slab: Slab, number: usize, material: &Material, trim: &Material, rng: &mut impl Rng) -> Part {
+fn drawer(
+    c: &Carcass,
+    cell: Cell,
+    slab: Slab,
+    number: usize,
+    material: &Material,
+    trim: &Material,
+    rng: &mut impl Rng,
+) -> Part {
     let length = range(rng, 0.6, 0.85) * (2.0 * c.front - c.board);
     let (x0, x1) = (slab.x[0] - length, slab.x[0]);
     let (y0, y1) = (cell.y[0] + 2.0 * GAP_M, cell.y[1] - 2.0 * GAP_M);
@@ -121,13 +145,29 @@ fn drawer(c: &Carcass, cell: Cell, slab: Slab, number: usize, material: &Materia
         Solid::between([x0, y0, z0 + WALL_M], [x1, y0 + WALL_M, z1], material),
         Solid::between([x0, y1 - WALL_M, z0 + WALL_M], [x1, y1, z1], material),
         Solid::between([x0, y0 + WALL_M, z0 + WALL_M], [x0 + WALL_M, y1 - WALL_M, z1], material),
-        handle(slab.x[1], [0.5 * (cell.y[0] + cell.y[1]), 0.5 * (cell.z[0] + cell.z[1])], false, cell.width(), trim, rng),
+        handle(
+            slab.x[1],
+            [0.5 * (cell.y[0] + cell.y[1]), 0.5 * (cell.z[0] + cell.z[1])],
+            false,
+            cell.width(),
+            trim,
+            rng,
+        ),
     ];
     let limits = [0.0, 0.75 * length];
-    moving(format!("drawer_{number}"), 0, PartJointKind::Prismatic, [1.0, 0.0, 0.0], [slab.x[1], 0.0, z0], limits, solids)
+    Part::moving(
+        format!("drawer_{number}"),
+        0,
+        PartJointKind::Prismatic,
+        [1.0, 0.0, 0.0],
+        [slab.x[1], 0.0, z0],
+        limits,
+        solids,
+    )
 }
 
-/// A panel flush with the frame that slides across its opening; half of the openings have a fixed panel behind it.
+/// A panel flush with the frame that slides across its opening; half of the openings have a fixed panel
+/// behind it.
 fn sliding(
     c: &Carcass,
     cell: Cell,
@@ -149,10 +189,22 @@ fn sliding(
     }
     let at = [y[0] + 0.15 * width, 0.5 * (z[0] + z[1])];
     // A grip that is let in would be seen by nobody: a flat one stands out by 4 mm.
-    let grip = Solid::between([c.front, at[0] - 0.008, at[1] - 0.03], [c.front + 0.004, at[0] + 0.008, at[1] + 0.03], trim);
+    let grip = Solid::between(
+        [c.front, at[0] - 0.008, at[1] - 0.03],
+        [c.front + 0.004, at[0] + 0.008, at[1] + 0.03],
+        trim,
+    );
     let limits = [0.0, cell.width() - width - 2.0 * GAP_M];
     let solids = vec![slab.solid(material), grip];
-    moving(format!("panel_{number}"), 0, PartJointKind::Prismatic, [0.0, 1.0, 0.0], [c.front, y[0], z[0]], limits, solids)
+    Part::moving(
+        format!("panel_{number}"),
+        0,
+        PartJointKind::Prismatic,
+        [0.0, 1.0, 0.0],
+        [c.front, y[0], z[0]],
+        limits,
+        solids,
+    )
 }
 
 /// A bar or a knob on a plate whose outer face lies at `x`; `at` is its (y, z).
@@ -160,7 +212,8 @@ fn handle(x: f64, at: [f64; 2], upright: bool, span: f64, trim: &Material, rng: 
     let out = range(rng, 0.018, 0.03);
     if below(rng, 3) == 0 {
         let radius_m = range(rng, 0.01, 0.018);
-        let pose = Pose::new(Vector3::new(x + 0.5 * out, at[0], at[1]), Vector3::y() * std::f64::consts::FRAC_PI_2);
+        let pose =
+            Pose::new(Vector3::new(x + 0.5 * out, at[0], at[1]), Vector3::y() * std::f64::consts::FRAC_PI_2);
         return Solid::cylinder(radius_m, 0.5 * out, pose, trim);
     }
     let half = (0.5 * range(rng, 0.2, 0.5) * span).min(0.09);

@@ -3,12 +3,9 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::{
-    Part, PartJointKind, Solid,
-    draw::{chance, range},
-    generate::{Look, fixed, moving},
-};
+use super::{Part, PartJointKind, Solid, look::Look};
 use crate::geometry::Pose;
+use crate::random::{chance, range};
 
 /// A lamp: a foot, a post and `parts - 1` links that turn. The links stand upright, side by side, at rest.
 pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
@@ -21,7 +18,7 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
         Solid::cylinder(range(rng, 0.1, 0.15), 0.012, Pose::translation(0.0, 0.0, 0.012), &foot),
         Solid::between([-0.6 * thick, -thick, 0.02], [0.6 * thick, 0.0, post], &foot),
     ];
-    let mut all = vec![fixed("foot", base)];
+    let mut all = vec![Part::fixed("foot", base)];
     // A first link that turns about the post lies level; all others turn about level axes.
     let turntable = links > 1 && chance(rng, 0.4);
     let (mut x, mut z) = (0.0, post - 0.5 * thick);
@@ -31,32 +28,65 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
         let name = format!("arm_{link}");
         if link == 1 && turntable {
             let solids = vec![
-                Solid::between([-thick, -1.2 * thick, post + 0.001], [length + 0.5 * thick, 0.0, post + thick], &material),
-                Solid::between([-2.2 * thick, -1.5 * thick, post + 0.001], [-thick, 0.3 * thick, post + 1.4 * thick], &material),
+                Solid::between(
+                    [-thick, -1.2 * thick, post + 0.001],
+                    [length + 0.5 * thick, 0.0, post + thick],
+                    &material,
+                ),
+                Solid::between(
+                    [-2.2 * thick, -1.5 * thick, post + 0.001],
+                    [-thick, 0.3 * thick, post + 1.4 * thick],
+                    &material,
+                ),
             ];
             let origin = [0.0, -0.5 * thick, post];
-            all.push(moving(name, 0, PartJointKind::Revolute, [0.0, 0.0, 1.0], origin, [-1.5, 1.5], solids));
+            all.push(Part::moving(
+                name,
+                0,
+                PartJointKind::Revolute,
+                [0.0, 0.0, 1.0],
+                origin,
+                [-1.5, 1.5],
+                solids,
+            ));
             (x, z) = (length, post + 0.5 * thick);
             continue;
         }
-        // Neighbours in the chain lie on either side of y = 0; the post and a turntable lie below it.
+        // Neighbors in the chain lie on either side of y = 0; the post and a turntable lie below it.
         let y = if (link % 2 == 1) == turntable { [-thick, -0.001] } else { [0.001, thick] };
         let reach = 0.5 * thick;
-        let mut solids = vec![Solid::between([x - reach, y[0], z - reach], [x + reach, y[1], z + length + reach], &material)];
+        let mut solids = vec![Solid::between(
+            [x - reach, y[0], z - reach],
+            [x + reach, y[1], z + length + reach],
+            &material,
+        )];
         let tip = z + length;
         if link == links {
             let (wide, tall) = (range(rng, 0.03, 0.05), range(rng, 0.03, 0.05));
             let middle = 0.5 * (y[0] + y[1]);
-            solids.push(Solid::between([x - wide, middle - wide, tip], [x + 1.6 * wide, middle + wide, tip + tall], &look.material(rng)));
+            solids.push(Solid::between(
+                [x - wide, middle - wide, tip],
+                [x + 1.6 * wide, middle + wide, tip + tall],
+                &look.material(rng),
+            ));
         }
         let limits = if link == 1 { [-0.9, 1.1] } else { [-2.0, 2.0] };
-        all.push(moving(name, link - 1, PartJointKind::Revolute, [0.0, 1.0, 0.0], [x, 0.0, z], limits, solids));
+        all.push(Part::moving(
+            name,
+            link - 1,
+            PartJointKind::Revolute,
+            [0.0, 1.0, 0.0],
+            [x, 0.0, z],
+            limits,
+            solids,
+        ));
         z = tip;
     }
     all
 }
 
-/// A folding door: a post on a plate and `parts - 1` panels, hinged at front and back in turn; straight at rest.
+/// A folding door: a post on a plate and `parts - 1` panels, hinged at front and back in turn; straight at
+/// rest.
 pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let panels = parts - 1;
     let width = range(rng, 0.14, 0.26);
@@ -70,7 +100,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
         Solid::between([-0.14, -half - 0.05, 0.0], [0.14, half + 0.05, 0.025], &frame),
         Solid::between([-0.04, -half - 0.05, 0.025], [0.5 * thick, -half, top + 0.03], &frame),
     ];
-    let mut all = vec![fixed("frame", base)];
+    let mut all = vec![Part::fixed("frame", base)];
     let trim = look.trim(rng);
     for panel in 1..=panels {
         let material = look.material(rng);
@@ -79,14 +109,27 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
         let mut solids = vec![Solid::between([-0.5 * thick, y0, bottom], [0.5 * thick, y1, top], &material)];
         let forward = panel % 2 == 1;
         if panel == panels {
-            let out = if forward { [0.5 * thick, 0.5 * thick + 0.02] } else { [-0.5 * thick - 0.02, -0.5 * thick] };
+            let out =
+                if forward { [0.5 * thick, 0.5 * thick + 0.02] } else { [-0.5 * thick - 0.02, -0.5 * thick] };
             let middle = 0.5 * (bottom + top);
-            solids.push(Solid::between([out[0], y1 - 0.03, middle - 0.04], [out[1], y1 - 0.02, middle + 0.04], &trim));
+            solids.push(Solid::between(
+                [out[0], y1 - 0.03, middle - 0.04],
+                [out[1], y1 - 0.02, middle + 0.04],
+                &trim,
+            ));
         }
         let (axis, x) = if forward { (-1.0, 0.5 * thick) } else { (1.0, -0.5 * thick) };
         let limits = if panel == 1 { [0.02, 1.6] } else { [0.05, 2.6] };
         let origin = Vector3::new(x, y0 - 0.5 * gap, 0.0);
-        all.push(moving(format!("panel_{panel}"), panel - 1, PartJointKind::Revolute, [0.0, 0.0, axis], origin.into(), limits, solids));
+        all.push(Part::moving(
+            format!("panel_{panel}"),
+            panel - 1,
+            PartJointKind::Revolute,
+            [0.0, 0.0, axis],
+            origin.into(),
+            limits,
+            solids,
+        ));
     }
     all
 }

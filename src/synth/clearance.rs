@@ -5,25 +5,32 @@ use nalgebra::Vector3;
 use super::{Object, Solid};
 use crate::geometry::Pose;
 
-/// Depth to which solids may touch, metres.
+/// Depth to which solids may touch, meters.
 const TOUCH_M: f64 = 0.0005;
 /// Steps between the states at which the parts are looked at.
 const STEPS: usize = 6;
 
-/// Whether no part meets another or the floor in either state or between them, every joint moving evenly. Cylinders
-/// count as the boxes around them. Solids of a part and of its parent may meet where `hinge` tells so.
-pub(super) fn is_free(object: &Object, hinge: &dyn Fn(usize, usize) -> bool) -> bool {
+/// Whether no part meets another or the floor in either state or between them, every joint moving evenly.
+/// Cylinders count as the boxes around them. Solids of a part and of its parent may meet where links are
+/// pinned to each other, or caps hold their necks.
+pub(super) fn is_free(object: &Object) -> bool {
     (0..=STEPS).all(|step| {
         let poses = object.rest_from_parts(step as f64 / STEPS as f64);
-        let above = |k: usize| object.parts[k].solids.iter().all(|s| lowest(&(poses[k] * s.part_from_solid), s) > -TOUCH_M);
-        let apart = |a: usize, b: usize| {
-            hinge(a, b)
-                || object.parts[a].solids.iter().all(|s| {
-                    let pose_a = poses[a] * s.part_from_solid;
-                    object.parts[b].solids.iter().all(|t| !overlap(&pose_a, s, &(poses[b] * t.part_from_solid), t))
-                })
-        };
-        (0..object.parts.len()).all(|a| above(a) && (0..a).all(|b| apart(a, b)))
+        (0..object.parts.len()).all(|a| {
+            is_above_floor(object, &poses, a)
+                && (0..a).all(|b| object.are_pinned(a, b) || are_apart(object, &poses, a, b))
+        })
+    })
+}
+
+fn is_above_floor(object: &Object, poses: &[Pose], part: usize) -> bool {
+    object.parts[part].solids.iter().all(|s| lowest(&(poses[part] * s.part_from_solid), s) > -TOUCH_M)
+}
+
+fn are_apart(object: &Object, poses: &[Pose], a: usize, b: usize) -> bool {
+    object.parts[a].solids.iter().all(|s| {
+        let pose_a = poses[a] * s.part_from_solid;
+        object.parts[b].solids.iter().all(|t| !overlap(&pose_a, s, &(poses[b] * t.part_from_solid), t))
     })
 }
 
@@ -47,7 +54,8 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
         (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
     };
     let separated = |along: Vector3<f64>| {
-        along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
+        along.norm_squared() > 1e-12
+            && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
     };
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
     !axes_a.iter().chain(&axes_b).copied().chain(crosses).any(separated)
@@ -66,7 +74,10 @@ mod tests {
         let meet = |p: Pose| overlap(&Pose::identity(), &cube, &p, &cube);
         assert!(meet(at(0.19, 0.0, 0.0)) && !meet(at(0.2, 0.0, 0.0)));
         // A cube on its edge reaches farther along x and less at the corner.
-        assert!(meet(at(0.23, 0.0, std::f64::consts::FRAC_PI_4)) && !meet(at(0.245, 0.0, std::f64::consts::FRAC_PI_4)));
+        assert!(
+            meet(at(0.23, 0.0, std::f64::consts::FRAC_PI_4))
+                && !meet(at(0.245, 0.0, std::f64::consts::FRAC_PI_4))
+        );
         assert!(meet(at(0.19, 0.19, 0.0)) && !meet(at(0.19, 0.19, std::f64::consts::FRAC_PI_4)));
         assert!((lowest(&at(0.0, 0.0, 1.0), &cube) + 0.1).abs() < 1e-12);
     }

@@ -19,7 +19,8 @@ pub enum Family {
 
 impl Family {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Cabinet, Self::Lamp, Self::FoldingDoor, Self::CappedBox, Self::Clamshell];
+    pub const ALL: [Self; 5] =
+        [Self::Cabinet, Self::Lamp, Self::FoldingDoor, Self::CappedBox, Self::Clamshell];
 
     /// Name on the command line and in files.
     #[must_use]
@@ -55,7 +56,7 @@ impl Family {
 /// Size of a random rigid motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseSpread {
-    /// Metres.
+    /// Meters.
     pub translation_m: f64,
     /// Radians.
     pub rotation_rad: f64,
@@ -73,7 +74,11 @@ impl FromStr for PoseSpread {
     fn from_str(text: &str) -> Result<Self, ParseSpreadError> {
         let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
         match numbers[..] {
-            [mm, deg] if text.split(',').count() == 2 && (0.0..1e6).contains(&mm) && (0.0..=180.0).contains(&deg) => {
+            [mm, deg]
+                if text.split(',').count() == 2
+                    && (0.0..1e6).contains(&mm)
+                    && (0.0..=180.0).contains(&deg) =>
+            {
                 Ok(Self { translation_m: mm / 1000.0, rotation_rad: deg.to_radians() })
             }
             _ => Err(ParseSpreadError),
@@ -94,13 +99,15 @@ pub struct SynthConfig {
     pub textured: Option<bool>,
     /// Factor on the noise of depth and color; 0 is a perfect sensor.
     pub noise: f64,
-    /// Root mean square error of the camera poses told, drawn for every frame by itself.
+    /// Root mean square error of the reported camera poses, drawn for every frame by itself.
     pub pose_noise: PoseSpread,
-    /// By how much the world of state 1 is off that of state 0, in a random direction and about a random axis.
+    /// By how much the world of state 1 is off that of state 0, in a random direction and about a random
+    /// axis.
     pub drift: PoseSpread,
     /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same.
     pub motion_scale: f64,
-    /// Angle by which every axis leans from square, in a random direction, degrees; parts may then touch a little.
+    /// Angle by which every axis is tilted from square, in a random direction, degrees; parts may then touch
+    /// a little.
     pub skew_deg: f64,
     /// States filmed beyond the first two, at other positions of the joints.
     pub further: usize,
@@ -132,39 +139,79 @@ impl Default for SynthConfig {
     }
 }
 
+/// A setting out of its range: what it is, and what to give.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SynthConfigError {
+    /// More or fewer parts than the family has.
+    #[error("{what} has {fewest} to {most} parts, the static one included, not {parts}")]
+    Parts {
+        /// The family.
+        what: &'static str,
+        /// Fewest.
+        fewest: usize,
+        /// Most.
+        most: usize,
+        /// What was asked for.
+        parts: usize,
+    },
+    /// Views of a state.
+    #[error("{0} views: give 2 to 1000")]
+    Views(usize),
+    /// States in all.
+    #[error("{0} states: give 2 to 100")]
+    States(usize),
+    /// Size of the images.
+    #[error("images of {width}x{height}: give 64 to 4096 pixels a side")]
+    Images {
+        /// Pixels.
+        width: usize,
+        /// Pixels.
+        height: usize,
+    },
+    /// Factor on the noise.
+    #[error("noise {0}: give a factor from 0 to 20")]
+    Noise(f64),
+    /// Factor on the motions.
+    #[error("motion scale {0}: give a factor from 0.01 to 1")]
+    MotionScale(f64),
+    /// Tilt of the axes, degrees.
+    #[error("skew {0}: give 0 to 10 degrees")]
+    Skew(f64),
+}
+
 impl SynthConfig {
     /// Most parts of any family.
     pub const MAX_PARTS: usize = 7;
 
-    /// What is wrong with the settings, as a sentence.
+    /// Refuses settings that no object can be made with.
     ///
     /// # Errors
     /// A number out of its range; a family that cannot have so many parts.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), SynthConfigError> {
         if let Some(parts) = self.parts {
             let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::parts);
             if !(fewest..=most).contains(&parts) {
                 let what = self.family.map_or("an object", Family::name);
-                return Err(format!("{what} has {fewest} to {most} parts, the static one included, not {parts}"));
+                return Err(SynthConfigError::Parts { what, fewest, most, parts });
             }
         }
         if !(2..=1000).contains(&self.views) {
-            return Err(format!("{} views: give 2 to 1000", self.views));
+            return Err(SynthConfigError::Views(self.views));
         }
         if self.further > 98 {
-            return Err(format!("{} states: give 2 to 100", self.further + 2));
+            return Err(SynthConfigError::States(self.further + 2));
         }
         if ![self.width, self.height].iter().all(|s| (64..=4096).contains(s)) {
-            return Err(format!("images of {}x{}: give 64 to 4096 pixels a side", self.width, self.height));
+            return Err(SynthConfigError::Images { width: self.width, height: self.height });
         }
         if !(0.0..=20.0).contains(&self.noise) {
-            return Err(format!("noise {}: give a factor from 0 to 20", self.noise));
+            return Err(SynthConfigError::Noise(self.noise));
         }
         if !(0.01..=1.0).contains(&self.motion_scale) {
-            return Err(format!("motion scale {}: give a factor from 0.01 to 1", self.motion_scale));
+            return Err(SynthConfigError::MotionScale(self.motion_scale));
         }
         if !(0.0..=10.0).contains(&self.skew_deg) {
-            return Err(format!("skew {}: give 0 to 10 degrees", self.skew_deg));
+            return Err(SynthConfigError::Skew(self.skew_deg));
         }
         Ok(())
     }
@@ -177,7 +224,10 @@ mod tests {
     #[test]
     fn spreads_are_read() {
         let spread: PoseSpread = "5, 0.5".parse().unwrap();
-        assert!((spread.translation_m - 0.005).abs() < 1e-12 && (spread.rotation_rad - 0.5f64.to_radians()).abs() < 1e-12);
+        assert!(
+            (spread.translation_m - 0.005).abs() < 1e-12
+                && (spread.rotation_rad - 0.5f64.to_radians()).abs() < 1e-12
+        );
         for wrong in ["5", "5,", "5,x,1", "-1,0", "1,200", "nan,0", "1,2,3"] {
             assert!(wrong.parse::<PoseSpread>().is_err(), "{wrong}");
         }
@@ -192,9 +242,18 @@ mod tests {
         };
         assert_eq!(check(|_| {}), Ok(()));
         assert!(check(|c| c.parts = Some(1)).is_err() && check(|c| c.parts = Some(8)).is_err());
-        assert!(check(|c| (c.parts, c.family) = (Some(3), Some(Family::Clamshell))).unwrap_err().contains("clamshell has 2 to 2"));
+        assert!(
+            check(|c| (c.parts, c.family) = (Some(3), Some(Family::Clamshell)))
+                .unwrap_err()
+                .to_string()
+                .contains("clamshell has 2 to 2")
+        );
         assert!(check(|c| c.motion_scale = 1.5).is_err());
         assert!(check(|c| c.skew_deg = -1.0).is_err());
-        assert!(check(|c| c.noise = f64::NAN).is_err() && check(|c| c.views = 1).is_err() && check(|c| c.width = 10).is_err());
+        assert!(
+            check(|c| c.noise = f64::NAN).is_err()
+                && check(|c| c.views = 1).is_err()
+                && check(|c| c.width = 10).is_err()
+        );
     }
 }

@@ -4,13 +4,16 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Scene, View, draw};
-use crate::geometry::{Intrinsics, Pose};
+use super::{Scene, View};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    random,
+};
 
 /// A stereo depth camera; the defaults are near those of a D435 at its default setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthCamera {
-    /// Distance between its two imagers, metres; the second stands at +x.
+    /// Distance between its two imagers, meters; the second stands at +x.
     pub baseline_m: f64,
     /// One standard deviation of the disparity, pixels.
     pub disparity_sigma_px: f64,
@@ -24,15 +27,15 @@ pub struct DepthCamera {
     pub dropout: f64,
     /// Whether what only one imager sees, and pixels on depth edges, have no reading.
     pub shadows: bool,
-    /// One standard deviation of the colour's noise, of 255.
+    /// One standard deviation of the color's noise, of 255.
     pub color_sigma: f64,
 }
 
-/// A jump between neighbours above this share of the depth is an edge.
+/// A jump between neighbors above this share of the depth is an edge.
 const EDGE_SHARE: f64 = 0.025;
 /// Width of the transition at grazing angles, in cosines.
 const GRAZING_WIDTH: f64 = 0.03;
-/// What a shadow ray leaves free at the surface, metres.
+/// What a shadow ray leaves free at the surface, meters.
 const SHADOW_MARGIN_M: f64 = 1e-4;
 
 impl Default for DepthCamera {
@@ -51,7 +54,7 @@ impl Default for DepthCamera {
 }
 
 impl DepthCamera {
-    /// The default with its noise, hole rates and colour noise multiplied by a factor; 0 is a perfect sensor.
+    /// The default with its noise, hole rates and color noise multiplied by a factor; 0 is a perfect sensor.
     #[must_use]
     pub fn scaled(factor: f64) -> Self {
         let base = Self::default();
@@ -74,13 +77,24 @@ impl DepthCamera {
         }
     }
 
-    /// Depth readings of a view in millimetres, 0 = none, row-major.
+    /// Depth readings of a view in millimeters, 0 = none, row-major.
     #[must_use]
-    pub fn depth_mm(&self, view: &View, scene: &Scene, k: &Intrinsics, world_from_camera: &Pose, rng: &mut impl Rng) -> Vec<u16> {
+    pub fn depth_mm(
+        &self,
+        view: &View,
+        scene: &Scene,
+        k: &Intrinsics,
+        world_from_camera: &Pose,
+        rng: &mut impl Rng,
+    ) -> Vec<u16> {
         let pixels = k.width * k.height;
-        let white: Vec<f64> = (0..pixels).map(|_| draw::normal(rng)).collect();
-        let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [draw::unit(rng), draw::unit(rng)]).collect();
-        let noise = if self.disparity_sigma_px > 0.0 { smooth(&white, k.width, k.height, self.correlation_px) } else { white };
+        let white: Vec<f64> = (0..pixels).map(|_| random::normal(rng)).collect();
+        let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [random::unit(rng), random::unit(rng)]).collect();
+        let noise = if self.disparity_sigma_px > 0.0 {
+            smooth(&white, k.width, k.height, self.correlation_px)
+        } else {
+            white
+        };
         let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
         let reading = |i: usize| {
             let depth_m = view.depth_m[i];
@@ -92,7 +106,8 @@ impl DepthCamera {
                 return 0;
             }
             if self.shadows {
-                let seen = world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
+                let seen =
+                    world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
                 if on_depth_edge(view, k, i) || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M) {
                     return 0;
                 }
@@ -109,18 +124,18 @@ impl DepthCamera {
         (0..pixels).into_par_iter().with_min_len(k.width).map(reading).collect()
     }
 
-    /// Colours of a view in sRGB with the camera's noise, row-major.
+    /// Colors of a view in sRGB with the camera's noise, row-major.
     #[must_use]
     pub fn rgb(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
         let mut channel = |linear: f64| {
             let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
-            (encoded + self.color_sigma * draw::normal(rng)).round().clamp(0.0, 255.0) as u8
+            (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
         };
         view.color.iter().map(|c| [channel(c.x), channel(c.y), channel(c.z)]).collect()
     }
 }
 
-/// Whether a neighbour lies at another depth.
+/// Whether a neighbor lies at another depth.
 fn on_depth_edge(view: &View, k: &Intrinsics, i: usize) -> bool {
     let (x, y, d) = (i % k.width, i / k.width, view.depth_m[i]);
     let mut around = [i; 4];
@@ -145,11 +160,14 @@ fn on_depth_edge(view: &View, k: &Intrinsics, i: usize) -> bool {
 /// White noise smoothed by a Gaussian, of variance one again.
 fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
     let reach = (3.0 * sigma_px).ceil() as isize;
-    let mut kernel: Vec<f64> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
+    let mut kernel: Vec<f64> =
+        (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
     let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
     kernel.iter_mut().for_each(|w| *w /= norm);
     // The border repeats by reflection, which keeps the variance near one.
-    let reflect = |at: isize, n: usize| (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1);
+    let reflect = |at: isize, n: usize| {
+        (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
+    };
     let along = |from: &[f64], at: &(dyn Fn(usize, isize) -> usize + Sync)| -> Vec<f64> {
         (0..from.len())
             .into_par_iter()
@@ -164,13 +182,13 @@ fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::stage_rng;
+    use crate::random::stage_rng;
 
     #[test]
     fn smoothed_noise_keeps_its_variance_and_is_correlated() {
         let rng = &mut stage_rng(5, "noise", 0);
         let (w, h) = (200, 150);
-        let white: Vec<f64> = (0..w * h).map(|_| draw::normal(rng)).collect();
+        let white: Vec<f64> = (0..w * h).map(|_| random::normal(rng)).collect();
         let noise = smooth(&white, w, h, 0.58);
         let n = (w * h) as f64;
         let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;

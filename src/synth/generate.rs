@@ -2,33 +2,49 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
-    Family, Material, Object, Part, PartJoint, PartJointKind, Solid, SynthConfig, cabinet, chain, clearance, draw, observable, tabletop,
+    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, look::Look, observable,
+    tabletop,
 };
-use crate::{geometry::Pose, run::stage_rng};
+use crate::{
+    geometry::Pose,
+    random::{self, stage_rng},
+};
 
 /// Shapes that are tried.
 const SHAPES: u64 = 100;
 /// Positions of the joints that are tried with each shape.
 const POSITIONS: usize = 60;
-/// Largest distance of the object's foot from the world's origin along x and y, metres.
+/// Largest distance of the object's foot from the world's origin along x and y, meters.
 const FOOT_M: f64 = 0.3;
+
+/// No object of a family was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "no {family} of {parts} parts that keep clear of each other and can be seen in both states was found for \
+     seed {seed}; give another seed"
+)]
+pub struct NoShape {
+    family: &'static str,
+    parts: usize,
+    seed: u64,
+}
 
 /// Makes the object of a configuration that [`SynthConfig::check`] accepts.
 ///
 /// # Errors
-/// A sentence where no shape was found whose parts keep clear of each other and can be seen.
-pub fn generate(config: &SynthConfig) -> Result<Object, String> {
+/// Where no shape was found whose parts keep clear of each other and can be seen.
+pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
     let [fewest, most] = config.family.map_or([2, 6], Family::parts);
-    let parts = config.parts.unwrap_or_else(|| fewest + draw::below(rng, most - fewest + 1));
+    let parts = config.parts.unwrap_or_else(|| fewest + random::below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
-    let textured = config.textured.unwrap_or_else(|| draw::chance(rng, 0.75));
-    let yaw = draw::range(rng, 0.0, TAU);
-    let foot = Vector3::new(draw::range(rng, -FOOT_M, FOOT_M), draw::range(rng, -FOOT_M, FOOT_M), 0.0);
+    let textured = config.textured.unwrap_or_else(|| random::chance(rng, 0.75));
+    let yaw = random::range(rng, 0.0, TAU);
+    let foot = Vector3::new(random::range(rng, -FOOT_M, FOOT_M), random::range(rng, -FOOT_M, FOOT_M), 0.0);
     for shape in 0..SHAPES {
         let rng = &mut stage_rng(config.seed, "synth/shape", shape);
         let mut look = Look { textured, scale_m: 1.0 };
@@ -39,28 +55,22 @@ pub fn generate(config: &SynthConfig) -> Result<Object, String> {
             Family::CappedBox => tabletop::capped_box(parts, &mut look, rng),
             Family::Clamshell => tabletop::clamshell(&mut look, rng),
         };
-        let mut object = Object { family: family.name(), parts, world_from_rest: Pose::new(foot, Vector3::z() * yaw) };
-        // Links of a chain overlap at their pins, and caps hold their necks.
-        let joined = family != Family::Cabinet;
+        let mut object =
+            Object { family: family.name(), parts, world_from_rest: Pose::new(foot, Vector3::z() * yaw) };
         for _ in 0..POSITIONS {
             for joint in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
                 joint.positions = positions(joint, rng);
             }
-            let parent = |part: usize| object.parts[part].joint.map(|j| j.parent);
-            let hinge = |a: usize, b: usize| joined && (parent(a) == Some(b) || parent(b) == Some(a));
-            if clearance::is_free(&object, &hinge) && observable::is_observable(&object, config, rng) {
+            if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
         }
     }
-    Err(format!(
-        "no {} of {parts} parts that keep clear of each other and can be seen in both states was found for seed {}; give another seed",
-        family.name(),
-        config.seed
-    ))
+    Err(NoShape { family: family.name(), parts, seed: config.seed })
 }
 
-/// The object with joints that go only a share of their way; what was clear on the whole way is clear on part of it.
+/// The object with joints that go only a share of their way; what was clear on the whole way is clear on part
+/// of it.
 fn scaled(mut object: Object, share: f64) -> Object {
     for [from, to] in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.positions) {
         *to = *from + share * (*to - *from);
@@ -68,11 +78,11 @@ fn scaled(mut object: Object, share: f64) -> Object {
     object
 }
 
-/// The object with axes that lean from square.
+/// The object with axes tilted from square.
 fn skewed(mut object: Object, config: &SynthConfig) -> Object {
     let rng = &mut stage_rng(config.seed, "synth/skew", 0);
     for axis in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.axis) {
-        let aside = Unit::new_normalize(draw::direction(rng).cross(axis));
+        let aside = Unit::new_normalize(random::direction(rng).cross(axis));
         *axis = UnitQuaternion::from_axis_angle(&aside, config.skew_deg.to_radians()) * *axis;
     }
     object
@@ -82,7 +92,11 @@ fn skewed(mut object: Object, config: &SynthConfig) -> Object {
 fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
     let able = |f: &Family| (f.parts()[0]..=f.parts()[1]).contains(&parts);
     let others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet && able(f)).collect();
-    if others.is_empty() || draw::chance(rng, 0.5) { Family::Cabinet } else { others[draw::below(rng, others.len())] }
+    if others.is_empty() || random::chance(rng, 0.5) {
+        Family::Cabinet
+    } else {
+        others[random::below(rng, others.len())]
+    }
 }
 
 /// Two positions within the limits that are far enough apart to be a motion.
@@ -94,65 +108,9 @@ fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
         PartJointKind::Prismatic => [0.3 * span, 0.9 * span],
         PartJointKind::Screw { .. } => [1.0f64.min(0.5 * span), 2.6f64.min(0.9 * span)],
     };
-    let motion = draw::range(rng, least, most);
-    let near = draw::range(rng, low, high - motion);
-    if draw::chance(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
-}
-
-/// How the surfaces of an object look.
-pub(super) struct Look {
-    /// Textured or plain.
-    pub textured: bool,
-    /// Length to which the texture is scaled, metres.
-    pub scale_m: f64,
-}
-
-impl Look {
-    /// A material of random hue.
-    pub fn material(&self, rng: &mut impl Rng) -> Material {
-        let base = color(rng);
-        if !self.textured {
-            return Material::plain(base);
-        }
-        let second = base.lerp(&color(rng), 0.35) * draw::range(rng, 0.25, 0.5);
-        let mut wavelength_m = Vector3::repeat(self.scale_m * draw::range(rng, 0.1, 0.25));
-        // Some textures run along one axis, as wood does.
-        if draw::chance(rng, 0.4) {
-            wavelength_m[draw::below(rng, 3)] *= draw::range(rng, 2.0, 4.0);
-        }
-        Material { base, second, wavelength_m: Some(wavelength_m), seed: draw::below(rng, 1 << 30) as u32 }
-    }
-
-    /// The material of handles and fittings: grey.
-    pub fn trim(&self, rng: &mut impl Rng) -> Material {
-        Material::plain(Vector3::repeat(draw::range(rng, 0.05, 0.5)))
-    }
-}
-
-/// A colour neither black nor white, linear.
-fn color(rng: &mut impl Rng) -> Vector3<f64> {
-    let tone = draw::range(rng, 0.25, 0.8);
-    Vector3::from_fn(|_, _| tone * draw::range(rng, 0.35, 1.0))
-}
-
-/// A part that moves on part `parent`; `axis` in the rest frame, positions still open.
-pub(super) fn moving(
-    name: String,
-    parent: usize,
-    kind: PartJointKind,
-    axis: [f64; 3],
-    origin: [f64; 3],
-    limits: [f64; 2],
-    solids: Vec<Solid>,
-) -> Part {
-    let joint =
-        PartJoint { parent, kind, axis: Unit::new_normalize(axis.into()), origin: Point3::from(origin), limits, positions: [0.0; 2] };
-    Part { name, joint: Some(joint), solids }
-}
-
-/// The static part.
-pub(super) fn fixed(name: &str, solids: Vec<Solid>) -> Part {
-    Part { name: name.to_owned(), joint: None, solids }
+    let motion = random::range(rng, least, most);
+    let near = random::range(rng, low, high - motion);
+    if random::chance(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
 }
 
 #[cfg(test)]
@@ -164,7 +122,12 @@ mod tests {
         for family in Family::ALL {
             for parts in family.parts()[0]..=family.parts()[1] {
                 for seed in 0..5 {
-                    let config = SynthConfig { seed, parts: Some(parts), family: Some(family), ..SynthConfig::default() };
+                    let config = SynthConfig {
+                        seed,
+                        parts: Some(parts),
+                        family: Some(family),
+                        ..SynthConfig::default()
+                    };
                     let object = generate(&config).unwrap();
                     assert_eq!(object.parts.len(), parts);
                     assert!(object.parts[0].joint.is_none());
@@ -172,8 +135,14 @@ mod tests {
                         let joint = part.joint.unwrap();
                         assert!(joint.parent < k);
                         let motion = (joint.positions[1] - joint.positions[0]).abs();
-                        assert!(motion > if joint.kind == PartJointKind::Prismatic { 0.015 } else { 0.2 }, "{} {motion}", part.name);
-                        assert!(joint.positions.iter().all(|q| (joint.limits[0]..=joint.limits[1]).contains(q)));
+                        assert!(
+                            motion > if joint.kind == PartJointKind::Prismatic { 0.015 } else { 0.2 },
+                            "{} {motion}",
+                            part.name
+                        );
+                        assert!(
+                            joint.positions.iter().all(|q| (joint.limits[0]..=joint.limits[1]).contains(q))
+                        );
                     }
                 }
             }
@@ -182,7 +151,9 @@ mod tests {
 
     #[test]
     fn a_smaller_motion_is_that_of_the_same_object() {
-        let of = |motion_scale| generate(&SynthConfig { seed: 4, motion_scale, ..SynthConfig::default() }).unwrap();
+        let of = |motion_scale| {
+            generate(&SynthConfig { seed: 4, motion_scale, ..SynthConfig::default() }).unwrap()
+        };
         let (whole, half) = (of(1.0), of(0.5));
         for (a, b) in whole.parts.iter().zip(&half.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
             let moved = |j: PartJoint| j.positions[1] - j.positions[0];
@@ -192,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn skewed_axes_lean_by_the_angle_and_nothing_else_changes() {
+    fn skewed_axes_are_tilted_by_the_angle_and_nothing_else_changes() {
         let of = |skew_deg| generate(&SynthConfig { seed: 4, skew_deg, ..SynthConfig::default() }).unwrap();
         let (square, skewed) = (of(0.0), of(1.5));
         for (a, b) in square.parts.iter().zip(&skewed.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
@@ -203,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_tells_the_object() {
+    fn a_seed_determines_the_object() {
         let of = |seed| generate(&SynthConfig { seed, ..SynthConfig::default() }).unwrap();
         assert_eq!(of(4), of(4));
         assert_ne!(of(4), of(5));

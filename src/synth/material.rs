@@ -1,15 +1,15 @@
-//! Procedural colour: plain, or noise in several octaves fixed to the part.
+//! Procedural color: plain, or noise in several octaves fixed to the part.
 
 use nalgebra::{Point3, Vector3};
 
 /// What a surface looks like.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Colour, linear in `[0, 1]`.
+    /// Color, linear in `[0, 1]`.
     pub base: Vector3<f64>,
-    /// Second colour that the texture runs to; equal to `base` on a plain surface.
+    /// Second color that the texture runs to; equal to `base` on a plain surface.
     pub second: Vector3<f64>,
-    /// Longest wavelength of the texture along each axis of the part, metres; `None` is plain.
+    /// Longest wavelength of the texture along each axis of the part, meters; `None` is plain.
     pub wavelength_m: Option<Vector3<f64>>,
     /// Number of the noise.
     pub seed: u32,
@@ -21,13 +21,14 @@ const OCTAVES: u32 = 6;
 const FALL: f64 = 0.8;
 
 impl Material {
-    /// A surface of one colour.
+    /// A surface of one color.
     #[must_use]
     pub fn plain(base: Vector3<f64>) -> Self {
         Self { base, second: base, wavelength_m: None, seed: 0 }
     }
 
-    /// Colour at a point of the part's frame; octaves that a pixel of `footprint_m` cannot resolve are left out.
+    /// Color at a point of the part's frame; octaves that a pixel of `footprint_m` cannot resolve are left
+    /// out.
     #[must_use]
     pub fn color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let Some(wavelength_m) = self.wavelength_m else { return self.base };
@@ -41,7 +42,8 @@ impl Material {
             amplitude *= FALL;
             scale *= 0.5;
         }
-        // A sum of octaves has a spread of about 0.45; a steep curve spends most of the range between the colours.
+        // A sum of octaves has a spread of about 0.45; a steep curve spends most of the range between the
+        // colors.
         let share = 0.5 + 0.5 * (1.3 * sum).tanh();
         self.base.lerp(&self.second, share)
     }
@@ -62,7 +64,10 @@ fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
 
 /// A value in `[-1, 1]` for a lattice node (the mixing steps are those of MurmurHash3's finaliser).
 fn hash(at: Vector3<u32>, seed: u32) -> f64 {
-    let mut h = at.x.wrapping_mul(0x8da6_b343) ^ at.y.wrapping_mul(0xd816_3841) ^ at.z.wrapping_mul(0xcb1a_b31f) ^ seed;
+    let mut h = at.x.wrapping_mul(0x8da6_b343)
+        ^ at.y.wrapping_mul(0xd816_3841)
+        ^ at.z.wrapping_mul(0xcb1a_b31f)
+        ^ seed;
     h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
     h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
     f64::from(h ^ (h >> 16)) / f64::from(u32::MAX) * 2.0 - 1.0
@@ -74,13 +79,21 @@ mod tests {
 
     #[test]
     fn texture_is_continuous_varied_and_loses_what_a_pixel_cannot_hold() {
-        let material = Material { base: Vector3::zeros(), second: Vector3::repeat(1.0), wavelength_m: Some(Vector3::repeat(0.1)), seed: 7 };
+        let material = Material {
+            base: Vector3::zeros(),
+            second: Vector3::repeat(1.0),
+            wavelength_m: Some(Vector3::repeat(0.1)),
+            seed: 7,
+        };
         let at = |x: f64, footprint_m: f64| material.color(&Point3::new(x, -0.3, 0.2), footprint_m).x;
         let values: Vec<f64> = (0..4000).map(|i| at(f64::from(i) * 1e-3, 0.0)).collect();
         let mean = values.iter().sum::<f64>() / 4000.0;
         let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 4000.0).sqrt();
         assert!((mean - 0.5).abs() < 0.1 && spread > 0.2, "{mean} {spread}");
-        assert!((0..1000).all(|i| (at(f64::from(i) * 1e-3, 0.0) - at(f64::from(i) * 1e-3 + 1e-7, 0.0)).abs() < 1e-3));
+        assert!(
+            (0..1000)
+                .all(|i| (at(f64::from(i) * 1e-3, 0.0) - at(f64::from(i) * 1e-3 + 1e-7, 0.0)).abs() < 1e-3)
+        );
         assert!((at(0.123, 0.2) - 0.5).abs() < 1e-12);
         assert_eq!(Material::plain(Vector3::x()).color(&Point3::origin(), 0.0), Vector3::x());
     }

@@ -2,9 +2,9 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::Solid;
+use super::{Family, Solid};
 use crate::{
-    geometry::{Pose, Screw},
+    geometry::{Pose, Screw, bounding_box},
     surface::{TriangleMesh, merge},
 };
 
@@ -17,7 +17,7 @@ pub enum PartJointKind {
     Prismatic,
     /// Turns, and advances with the turn.
     Screw {
-        /// Metres a radian.
+        /// Meters a radian.
         pitch_m_per_rad: f64,
     },
 }
@@ -34,7 +34,7 @@ impl PartJointKind {
     }
 }
 
-/// The joint between a part and its parent. Positions are radians, or metres for a prismatic joint.
+/// The joint between a part and its parent. Positions are radians, or meters for a prismatic joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartJoint {
     /// Part that carries it.
@@ -43,7 +43,7 @@ pub struct PartJoint {
     pub kind: PartJointKind,
     /// Direction in the object's rest frame.
     pub axis: Unit<Vector3<f64>>,
-    /// A point of the axis in the object's rest frame, metres.
+    /// A point of the axis in the object's rest frame, meters.
     pub origin: Point3<f64>,
     /// Lower and upper limit.
     pub limits: [f64; 2],
@@ -75,6 +75,34 @@ pub struct Part {
     pub solids: Vec<Solid>,
 }
 
+impl Part {
+    /// A part that moves on part `parent`; `axis` in the rest frame, positions still open.
+    pub(super) fn moving(
+        name: String,
+        parent: usize,
+        kind: PartJointKind,
+        axis: [f64; 3],
+        origin: [f64; 3],
+        limits: [f64; 2],
+        solids: Vec<Solid>,
+    ) -> Self {
+        let joint = PartJoint {
+            parent,
+            kind,
+            axis: Unit::new_normalize(axis.into()),
+            origin: Point3::from(origin),
+            limits,
+            positions: [0.0; 2],
+        };
+        Self { name, joint: Some(joint), solids }
+    }
+
+    /// The static part.
+    pub(super) fn fixed(name: &str, solids: Vec<Solid>) -> Self {
+        Self { name: name.to_owned(), joint: None, solids }
+    }
+}
+
 /// An articulated object; parents stand before their children.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
@@ -87,16 +115,21 @@ pub struct Object {
 }
 
 impl Object {
+    /// Whether one of two parts carries the other so that they overlap: links of a chain at their pins, caps
+    /// over their necks. Parts of a cabinet do not.
+    pub(super) fn are_pinned(&self, a: usize, b: usize) -> bool {
+        let parent = |part: usize| self.parts[part].joint.map(|j| j.parent);
+        self.family != Family::Cabinet.name() && (parent(a) == Some(b) || parent(b) == Some(a))
+    }
+
     /// Motion of every part in the rest frame with each joint at `share` of its way from state 0 to state 1.
     #[must_use]
     pub fn rest_from_parts(&self, share: f64) -> Vec<Pose> {
         let mut poses: Vec<Pose> = Vec::with_capacity(self.parts.len());
         for part in &self.parts {
-            poses.push(
-                part.joint.map_or_else(Pose::identity, |j| {
-                    poses[j.parent] * j.motion(j.positions[0] + (j.positions[1] - j.positions[0]) * share)
-                }),
-            );
+            poses.push(part.joint.map_or_else(Pose::identity, |j| {
+                poses[j.parent] * j.motion(j.positions[0] + (j.positions[1] - j.positions[0]) * share)
+            }));
         }
         poses
     }
@@ -112,17 +145,21 @@ impl Object {
     pub fn axis_in_world(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.parts[part].joint.as_ref()?;
         let world_from_parent = self.world_from_parts(0)[joint.parent];
-        Some((Unit::new_unchecked(world_from_parent * joint.axis.into_inner()), world_from_parent * joint.origin))
+        Some((
+            Unit::new_unchecked(world_from_parent * joint.axis.into_inner()),
+            world_from_parent * joint.origin,
+        ))
     }
 
     /// Mesh of a part in its own frame.
     #[must_use]
     pub fn mesh(&self, part: usize) -> TriangleMesh {
-        let meshes: Vec<TriangleMesh> = self.parts[part].solids.iter().map(|s| s.shape.mesh().transformed(&s.part_from_solid)).collect();
+        let meshes: Vec<TriangleMesh> =
+            self.parts[part].solids.iter().map(|s| s.shape.mesh().transformed(&s.part_from_solid)).collect();
         merge(&meshes.iter().collect::<Vec<_>>())
     }
 
-    /// Centre and radius of a sphere in the world that holds the object in both states, metres.
+    /// Center and radius of a sphere in the world that holds the object in both states, meters.
     #[must_use]
     pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
         let mut points: Vec<Point3<f64>> = Vec::new();
@@ -131,8 +168,7 @@ impl Object {
                 points.extend(self.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
             }
         }
-        let first = points.first().copied().unwrap_or_default();
-        let (lower, upper) = points.iter().fold((first, first), |(lower, upper), p| (lower.inf(p), upper.sup(p)));
+        let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();
         let center = nalgebra::center(&lower, &upper);
         (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max))
     }

@@ -13,8 +13,8 @@ const POINTS: usize = 300;
 /// Share of a part's surface that must be seen in both states.
 const MIN_SHARE: f64 = 0.1;
 
-/// Whether of every part some of the same surface is seen in both states: of one that shows another side in each, nothing
-/// can be said from the recordings.
+/// Whether of every part some of the same surface is seen in both states: of one that shows another side in
+/// each, nothing can be said from the recordings.
 pub(super) fn is_observable(object: &Object, config: &SynthConfig, rng: &mut impl Rng) -> bool {
     let k = recording::intrinsics(config);
     let (floor, _) = recording::surroundings(config.seed);

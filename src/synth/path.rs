@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
-use super::draw;
-use crate::geometry::Pose;
+use crate::{geometry::Pose, random};
 
 /// Half the sweep about the object's front, radians.
 const HALF_SWEEP_RAD: f64 = 1.75;
@@ -14,7 +13,7 @@ const HALF_SWEEP_RAD: f64 = 1.75;
 const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
 /// Share of the half field of view that the object's sphere fills.
 const FILL: f64 = 0.95;
-/// Nearest distance to the sphere's centre, metres, besides 1.5 radii: where stereo still measures.
+/// Nearest distance to the sphere's center, meters, besides 1.5 radii: where stereo still measures.
 const MIN_DISTANCE_M: f64 = 0.4;
 
 /// A wave in time: amplitude, frequency and phase.
@@ -36,20 +35,30 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// A sweep about `center` for an object of `radius_m` whose front faces the azimuth `front_rad`; `half_view_rad` is
-    /// half the smaller field of view.
+    /// A sweep about `center` for an object of `radius_m` whose front faces the azimuth `front_rad`;
+    /// `half_view_rad` is half the smaller field of view.
     #[must_use]
-    pub fn new(center: Point3<f64>, radius_m: f64, front_rad: f64, half_view_rad: f64, rng: &mut impl Rng) -> Self {
+    pub fn new(
+        center: Point3<f64>,
+        radius_m: f64,
+        front_rad: f64,
+        half_view_rad: f64,
+        rng: &mut impl Rng,
+    ) -> Self {
         let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
         let mut wave = |amplitude: f64, low: f64, high: f64| {
-            (amplitude * draw::range(rng, 0.7, 1.0), draw::range(rng, low, high), draw::range(rng, 0.0, TAU))
+            (
+                amplitude * random::range(rng, 0.7, 1.0),
+                random::range(rng, low, high),
+                random::range(rng, 0.0, TAU),
+            )
         };
         let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
         let azimuth = wave(0.08, 2.0, 5.0);
         let range = wave(0.06, 1.0, 4.0);
         let look = [0; 3].map(|_| wave(0.06, 1.0, 5.0));
         let roll = wave(0.07, 1.0, 4.0);
-        let start = if draw::chance(rng, 0.5) { 1.0 } else { -1.0 };
+        let start = if random::chance(rng, 0.5) { 1.0 } else { -1.0 };
         Self { center, radius_m, distance_m, front_rad, start, elevation, azimuth, range, look, roll }
     }
 
@@ -59,8 +68,10 @@ impl CameraPath {
         let at = |(amplitude, frequency, phase): Wave| amplitude * (TAU * frequency * time + phase).sin();
         let azimuth = self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + at(self.azimuth);
         let [low, high] = ELEVATION_RAD;
-        let elevation = 0.5 * (low + high) + 0.5 * (high - low) * (at(self.elevation[0]) + at(self.elevation[1]));
-        let outward = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
+        let elevation =
+            0.5 * (low + high) + 0.5 * (high - low) * (at(self.elevation[0]) + at(self.elevation[1]));
+        let outward =
+            Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
         let mut eye = self.center + outward * (self.distance_m * (1.0 + at(self.range)));
         // A low view of a flat thing must not sink into the floor.
         eye.z = eye.z.max(self.center.z + 0.1 * self.radius_m);
@@ -77,7 +88,7 @@ impl CameraPath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::stage_rng;
+    use crate::random::stage_rng;
 
     #[test]
     fn the_object_stays_in_view_and_the_path_is_smooth() {

@@ -2,15 +2,15 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::{CameraPath, DepthCamera, Material, Object, Scene, SeenSample, SynthConfig, View, draw, seen_points};
+use super::{CameraPath, DepthCamera, Material, Object, Scene, SeenSample, SynthConfig, View, seen_points};
 use crate::{
     geometry::{Intrinsics, Pose},
-    run::stage_rng,
+    random::{self, stage_rng},
 };
 
 /// Focal length over image width: 58 degrees across.
 const FOCAL_SHARE: f64 = 0.902;
-/// Radius of the floor in radii of the object, metres at least.
+/// Radius of the floor in radii of the object, meters at least.
 const FLOOR_RADII: f64 = 6.0;
 const MIN_FLOOR_M: f64 = 1.5;
 /// Points drawn on the true surface of each state.
@@ -21,12 +21,13 @@ const SURFACE_POINTS: usize = 40_000;
 pub struct SynthFrame {
     /// sRGB, row-major.
     pub rgb: Vec<[u8; 3]>,
-    /// Depth readings, millimetres; 0 = none.
+    /// Depth readings, millimeters; 0 = none.
     pub depth_mm: Vec<u16>,
     /// Whether the object is seen.
     pub mask: Vec<bool>,
-    /// Poses told a little before and after the view: optical frame in the recording's world, with its errors.
-    pub told: [Pose; 2],
+    /// Poses reported a little before and after the view: optical frame in the recording's world, with its
+    /// errors.
+    pub reported: [Pose; 2],
     /// True pose at the view: optical frame in the true world.
     pub world_from_camera: Pose,
     /// Velocity of the camera in its optical frame: translation, m/s, and rotation, rad/s.
@@ -36,7 +37,8 @@ pub struct SynthFrame {
 impl SynthFrame {
     /// Time between views, nanoseconds.
     pub const PERIOD_NANOS: i64 = 200_000_000;
-    /// Poses are told this long before and after each view, nanoseconds, so that the one at the view is interpolated.
+    /// Poses are reported this long before and after each view, nanoseconds, so that the one at the view is
+    /// interpolated.
     pub const POSE_OFFSET_NANOS: i64 = 1_000_000;
 }
 
@@ -62,7 +64,8 @@ pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState
 /// Films take number `take` of an object in a state: every take has a camera path and noise of its own.
 #[must_use]
 pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
-    let rng = |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
+    let rng =
+        |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
     let intrinsics = intrinsics(config);
     let (_, radius_m) = object.bounding_sphere();
     let path = camera_path(object, take, config);
@@ -71,18 +74,20 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let scene = Scene::new(object, state, &floor, (FLOOR_RADII * radius_m).max(MIN_FLOOR_M));
     let sensor = DepthCamera::scaled(config.noise);
     let recorded_from_world = if take == 0 { Pose::identity() } else { drift(config) };
-    let time = |i: usize, offset: i64| (i as f64 + 0.5 + offset as f64 / SynthFrame::PERIOD_NANOS as f64) / config.views as f64;
+    let time = |i: usize, offset: i64| {
+        (i as f64 + 0.5 + offset as f64 / SynthFrame::PERIOD_NANOS as f64) / config.views as f64
+    };
     let frame = |i: usize| {
         let world_from_camera = path.pose(time(i, 0));
         let view = View::cast(&scene, &intrinsics, &world_from_camera, &lamp);
         let error = error(config, &mut rng("pose", i));
-        let told =
-            [-SynthFrame::POSE_OFFSET_NANOS, SynthFrame::POSE_OFFSET_NANOS].map(|o| recorded_from_world * path.pose(time(i, o)) * error);
+        let reported = [-SynthFrame::POSE_OFFSET_NANOS, SynthFrame::POSE_OFFSET_NANOS]
+            .map(|o| recorded_from_world * path.pose(time(i, o)) * error);
         SynthFrame {
             rgb: sensor.rgb(&view, &mut rng("color", i)),
             depth_mm: sensor.depth_mm(&view, &scene, &intrinsics, &world_from_camera, &mut rng("depth", i)),
             mask: view.part.iter().map(Option::is_some).collect(),
-            told,
+            reported,
             world_from_camera,
             velocity: velocity(&path, time(i, 0), config.views),
         }
@@ -127,28 +132,28 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
 /// Material of the floor, and the direction of the lamp.
 pub(super) fn surroundings(seed: u64) -> (Material, Vector3<f64>) {
     let rng = &mut stage_rng(seed, "synth/surroundings", 0);
-    let tone = draw::range(rng, 0.2, 0.5);
+    let tone = random::range(rng, 0.2, 0.5);
     let floor = Material {
         base: Vector3::new(tone, 0.9 * tone, 0.75 * tone),
         second: Vector3::new(0.5 * tone, 0.52 * tone, 0.55 * tone),
-        wavelength_m: Some(Vector3::repeat(draw::range(rng, 0.2, 0.5))),
-        seed: draw::below(rng, 1 << 30) as u32,
+        wavelength_m: Some(Vector3::repeat(random::range(rng, 0.2, 0.5))),
+        seed: random::below(rng, 1 << 30) as u32,
     };
-    let lamp = Vector3::new(draw::range(rng, -1.0, 1.0), draw::range(rng, -1.0, 1.0), 1.0);
+    let lamp = Vector3::new(random::range(rng, -1.0, 1.0), random::range(rng, -1.0, 1.0), 1.0);
     (floor, Unit::new_normalize(lamp).into_inner())
 }
 
 /// The error of a frame's pose, in the camera's frame.
 fn error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     let spread = &config.pose_noise;
-    Pose::new(draw::isotropic(rng, spread.translation_m), draw::isotropic(rng, spread.rotation_rad))
+    Pose::new(random::isotropic(rng, spread.translation_m), random::isotropic(rng, spread.rotation_rad))
 }
 
-/// How far the world of state 1 is off: the whole amount, in a random direction and about a random axis through the
-/// object's foot, which is near the world's origin.
+/// How far the world of state 1 is off: the whole amount, in a random direction and about a random axis
+/// through the object's foot, which is near the world's origin.
 fn drift(config: &SynthConfig) -> Pose {
     let rng = &mut stage_rng(config.seed, "synth/drift", 0);
-    let shift = draw::direction(rng).into_inner() * config.drift.translation_m;
-    let turn = draw::direction(rng).into_inner() * config.drift.rotation_rad;
+    let shift = random::direction(rng).into_inner() * config.drift.translation_m;
+    let turn = random::direction(rng).into_inner() * config.drift.rotation_rad;
     Pose::new(shift, turn)
 }

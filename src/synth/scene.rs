@@ -63,7 +63,14 @@ impl<'a> Scene<'a> {
         }
         let boxes: Vec<Bounds> = placed.iter().map(bounds).collect();
         let foot = object.world_from_rest.translation.vector;
-        Self { bvh: Bvh::new(&boxes), placed, floor, floor_z_m: foot.z, floor_center: Point3::from(foot), floor_radius_m }
+        Self {
+            bvh: Bvh::new(&boxes),
+            placed,
+            floor,
+            floor_z_m: foot.z,
+            floor_center: Point3::from(foot),
+            floor_radius_m,
+        }
     }
 
     /// The first surface on a ray between the multiples 0 and `farthest` of its direction.
@@ -74,7 +81,13 @@ impl<'a> Scene<'a> {
         if to_floor > 0.0 && to_floor < farthest {
             let point_in_part = origin + ray * to_floor;
             if (point_in_part - self.floor_center).xy().norm() < self.floor_radius_m {
-                best = Some(Sight { at: to_floor, normal: Vector3::z(), part: None, solid: self.placed.len(), point_in_part });
+                best = Some(Sight {
+                    at: to_floor,
+                    normal: Vector3::z(),
+                    part: None,
+                    solid: self.placed.len(),
+                    point_in_part,
+                });
             }
         }
         let nearest = best.as_ref().map_or(farthest, |b| b.at);
@@ -107,7 +120,8 @@ impl<'a> Scene<'a> {
         self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
-    /// Colour of what a sight saw, in light from above and `lamp` (unit, towards the lamp); linear in `[0, 1]`.
+    /// Color of what a sight saw, in light from above and `lamp` (unit, towards the lamp); linear in `[0,
+    /// 1]`.
     #[must_use]
     pub fn color(&self, sight: &Sight, lamp: &Vector3<f64>, footprint_m: f64) -> Vector3<f64> {
         let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
@@ -117,7 +131,8 @@ impl<'a> Scene<'a> {
 }
 
 fn bounds(placed: &Placed) -> Bounds {
-    let reach = placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
+    let reach =
+        placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
     let center = Point3::from(placed.world_from_solid.translation.vector);
     Bounds { lower: center - reach, upper: center + reach }
 }
@@ -126,8 +141,8 @@ fn bounds(placed: &Placed) -> Bounds {
 mod tests {
     use super::*;
     use crate::{
-        run::stage_rng,
-        synth::{SynthConfig, draw, generate},
+        random::{self, stage_rng},
+        synth::{SynthConfig, generate},
     };
 
     #[test]
@@ -140,9 +155,11 @@ mod tests {
         let rng = &mut stage_rng(1, "rays", 0);
         let mut hits = 0;
         for _ in 0..2000 {
-            let origin = center + draw::direction(rng).into_inner() * (3.0 * radius_m);
-            let ray = center + draw::direction(rng).into_inner() * (0.7 * radius_m) - origin;
-            let full = scene.placed.iter().filter_map(|p| p.shape.hit(&(p.solid_from_world * origin), &(p.solid_from_world * ray), 0.0));
+            let origin = center + random::direction(rng).into_inner() * (3.0 * radius_m);
+            let ray = center + random::direction(rng).into_inner() * (0.7 * radius_m) - origin;
+            let full = scene.placed.iter().filter_map(|p| {
+                p.shape.hit(&(p.solid_from_world * origin), &(p.solid_from_world * ray), 0.0)
+            });
             let full = full.map(|h| h.at).fold(f64::INFINITY, f64::min);
             let found = scene.sight(&origin, &ray, f64::INFINITY).filter(|s| s.part.is_some());
             if let Some(s) = found {

@@ -11,13 +11,13 @@ const CYLINDER_SIDES: u32 = 64;
 /// A convex shape about its own origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// Half sides, metres.
+    /// Half sides, meters.
     Cuboid(Vector3<f64>),
     /// About z.
     Cylinder {
-        /// Metres.
+        /// Meters.
         radius_m: f64,
-        /// Half the height, metres.
+        /// Half the height, meters.
         half_m: f64,
     },
 }
@@ -43,7 +43,7 @@ pub struct Hit {
 }
 
 impl Solid {
-    /// An axis-aligned box between two corners of the part's frame, metres.
+    /// An axis-aligned box between two corners of the part's frame, meters.
     #[must_use]
     pub fn between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
         let (lower, upper) = (Vector3::from(lower), Vector3::from(upper));
@@ -63,7 +63,7 @@ impl Solid {
 }
 
 impl Shape {
-    /// Half sides of the smallest box about the origin that holds it, metres.
+    /// Half sides of the smallest box about the origin that holds it, meters.
     #[must_use]
     pub fn half_sides(&self) -> Vector3<f64> {
         match *self {
@@ -102,7 +102,10 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
             }
             continue;
         }
-        let (enter, leave) = ((-half[k].copysign(ray[k]) - origin[k]) / ray[k], (half[k].copysign(ray[k]) - origin[k]) / ray[k]);
+        let (enter, leave) = (
+            (-half[k].copysign(ray[k]) - origin[k]) / ray[k],
+            (half[k].copysign(ray[k]) - origin[k]) / ray[k],
+        );
         if enter > near {
             (near, axis) = (enter, k);
         }
@@ -142,14 +145,21 @@ fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64
     }
     (near <= far).then(|| {
         let p = origin + ray * near;
-        let normal = if side { Vector3::new(p.x / radius_m, p.y / radius_m, 0.0) } else { Vector3::new(0.0, 0.0, -ray.z.signum()) };
+        let normal = if side {
+            Vector3::new(p.x / radius_m, p.y / radius_m, 0.0)
+        } else {
+            Vector3::new(0.0, 0.0, -ray.z.signum())
+        };
         Hit { at: near, normal }
     })
 }
 
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
-    let corner = |i: usize| Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast();
-    let quads: [[u32; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let corner = |i: usize| {
+        Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast()
+    };
+    let quads: [[u32; 4]; 6] =
+        [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     TriangleMesh { vertices: (0..8).map(corner).collect(), triangles, colors: Vec::new() }
 }
@@ -180,7 +190,8 @@ mod tests {
 
     #[test]
     fn hits_lie_on_the_surface_and_face_the_ray() {
-        let shapes = [Shape::Cuboid(Vector3::new(0.3, 0.2, 0.1)), Shape::Cylinder { radius_m: 0.25, half_m: 0.15 }];
+        let shapes =
+            [Shape::Cuboid(Vector3::new(0.3, 0.2, 0.1)), Shape::Cylinder { radius_m: 0.25, half_m: 0.15 }];
         for shape in shapes {
             let mesh = shape.mesh();
             assert!(is_watertight(&mesh));
@@ -195,7 +206,9 @@ mod tests {
                 let p = origin + ray * hit.at;
                 let off = match shape {
                     Shape::Cuboid(half) => (p.coords.abs() - half).max(),
-                    Shape::Cylinder { radius_m, half_m } => (p.coords.xy().norm() - radius_m).max(p.z.abs() - half_m),
+                    Shape::Cylinder { radius_m, half_m } => {
+                        (p.coords.xy().norm() - radius_m).max(p.z.abs() - half_m)
+                    }
                 };
                 assert!(off.abs() < 1e-9);
             }
@@ -208,7 +221,9 @@ mod tests {
                 .sum();
             let exact = match shape {
                 Shape::Cuboid(half) => 8.0 * half.product(),
-                Shape::Cylinder { radius_m, half_m } => std::f64::consts::PI * radius_m * radius_m * 2.0 * half_m,
+                Shape::Cylinder { radius_m, half_m } => {
+                    std::f64::consts::PI * radius_m * radius_m * 2.0 * half_m
+                }
             };
             assert!((f64::from(volume) / exact - 1.0).abs() < 0.002);
         }

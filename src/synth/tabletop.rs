@@ -3,12 +3,9 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::{
-    Part, PartJointKind, Solid,
-    draw::range,
-    generate::{Look, fixed, moving},
-};
+use super::{Part, PartJointKind, Solid, look::Look};
 use crate::geometry::Pose;
+use crate::random::range;
 
 /// A box with `parts - 1` screw caps on top, side by side. A bar across each cap shows how it is turned.
 pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
@@ -44,9 +41,17 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
             ),
         ];
         let kind = PartJointKind::Screw { pitch_m_per_rad: range(rng, 0.004, 0.012) };
-        moved.push(moving(format!("cap_{}", i + 1), 0, kind, [0.0, 0.0, 1.0], [center[0], center[1], height], [0.0, 3.0], solids));
+        moved.push(Part::moving(
+            format!("cap_{}", i + 1),
+            0,
+            kind,
+            [0.0, 0.0, 1.0],
+            [center[0], center[1], height],
+            [0.0, 3.0],
+            solids,
+        ));
     }
-    std::iter::once(fixed("body", base)).chain(moved).collect()
+    std::iter::once(Part::fixed("body", base)).chain(moved).collect()
 }
 
 /// Two flat shells, hinged at the back of the lower one, with keys on it.
@@ -68,10 +73,17 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let screen = look.material(rng);
     let lid = vec![
         Solid::between([-half_x, -half_y, bottom], [half_x, half_y, bottom + lid_thick], &upper),
-        Solid::between([-0.85 * half_x, -0.9 * half_y, bottom - 0.001], [0.9 * half_x, 0.9 * half_y, bottom], &screen),
+        Solid::between(
+            [-0.85 * half_x, -0.9 * half_y, bottom - 0.001],
+            [0.9 * half_x, 0.9 * half_y, bottom],
+            &screen,
+        ),
     ];
     let origin = [-half_x, 0.0, bottom];
-    vec![fixed("base", base), moving("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid)]
+    vec![
+        Part::fixed("base", base),
+        Part::moving("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid),
+    ]
 }
 
 #[cfg(test)]
@@ -82,7 +94,9 @@ mod tests {
     #[test]
     fn closed_caps_hold_their_necks() {
         for seed in 0..20 {
-            let object = generate(&SynthConfig { seed, family: Some(Family::CappedBox), ..SynthConfig::default() }).unwrap();
+            let object =
+                generate(&SynthConfig { seed, family: Some(Family::CappedBox), ..SynthConfig::default() })
+                    .unwrap();
             let top_m = |s: &Solid| s.part_from_solid.translation.z + s.shape.half_sides().z;
             let necks = object.parts[0].solids.iter().filter(|s| matches!(s.shape, Shape::Cylinder { .. }));
             for (neck, cap) in necks.zip(&object.parts[1..]) {

@@ -13,7 +13,7 @@ use crate::{
 /// A true surface point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenSample {
-    /// World point, metres.
+    /// World point, meters.
     pub point: Point3<f64>,
     /// Its part.
     pub part: usize,
@@ -23,19 +23,27 @@ pub struct SeenSample {
 const MIN_VIEWS: usize = 3;
 /// A view at a smaller cosine between ray and normal does not count.
 const MIN_COSINE: f64 = 0.2;
-/// Room left at the point for the rounding of its position, metres.
+/// Room left at the point for the rounding of its position, meters.
 const MARGIN_M: f64 = 1e-4;
 
 /// Whether a camera sees a point of the true surface at no grazing angle.
-pub(super) fn sees(scene: &Scene, k: &Intrinsics, camera: &Pose, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+pub(super) fn sees(
+    scene: &Scene,
+    k: &Intrinsics,
+    camera: &Pose,
+    point: &Point3<f64>,
+    normal: &Vector3<f64>,
+) -> bool {
     let eye = Point3::from(camera.translation.vector);
     let to_eye = eye - point;
     let facing = to_eye.dot(normal) > MIN_COSINE * to_eye.norm();
-    facing && k.pixel(&(camera.inverse() * point)).is_some() && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
+    facing
+        && k.pixel(&(camera.inverse() * point)).is_some()
+        && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
-/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras saw at no
-/// grazing angle in a state.
+/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras
+/// saw at no grazing angle in a state.
 #[must_use]
 pub fn seen_points(
     object: &Object,
@@ -57,7 +65,8 @@ pub fn seen_points(
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
             let sees = |camera: &&Pose| sees(scene, k, camera, &point, &normal);
-            (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
+            (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS)
+                .then_some(SeenSample { point, part })
         });
         seen.extend(found.collect::<Vec<_>>());
     }

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use super::{Scene, scene::Sight};
 use crate::geometry::{Intrinsics, Pose};
 
-/// Colour samples along each side of a pixel on an edge.
+/// Color samples along each side of a pixel on an edge.
 const EDGE_SAMPLES: usize = 3;
-/// Colour where no surface is near, 8 bits.
+/// Color where no surface is near, 8 bits.
 const NOTHING: f64 = 0.15;
-/// No surface is seen beyond this, metres.
+/// No surface is seen beyond this, meters.
 const FARTHEST_M: f64 = 20.0;
 /// Smallest cosine between ray and normal that widens a pixel's footprint.
 const LEAST_COSINE: f64 = 0.1;
@@ -18,9 +18,9 @@ const LEAST_COSINE: f64 = 0.1;
 /// A view without noise; all lists are row-major, one value a pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// Linear colour in `[0, 1]`.
+    /// Linear color in `[0, 1]`.
     pub color: Vec<Vector3<f64>>,
-    /// z-depth, metres; 0 where there is no surface.
+    /// z-depth, meters; 0 where there is no surface.
     pub depth_m: Vec<f64>,
     /// Cosine between the ray and the surface's normal; 0 where there is no surface.
     pub cosine: Vec<f64>,
@@ -29,51 +29,94 @@ pub struct View {
 }
 
 impl View {
-    /// Casts a ray through the centre of every pixel; colours of pixels on an edge are means over several rays.
+    /// Casts a ray through the center of every pixel; colors of pixels on an edge are means over several
+    /// rays.
     #[must_use]
-    pub fn cast(scene: &Scene, intrinsics: &Intrinsics, world_from_camera: &Pose, lamp: &Vector3<f64>) -> Self {
-        let width = intrinsics.width;
+    pub fn cast(
+        scene: &Scene,
+        intrinsics: &Intrinsics,
+        world_from_camera: &Pose,
+        lamp: &Vector3<f64>,
+    ) -> Self {
         let eye = Point3::from(world_from_camera.translation.vector);
-        let ray = |u: f64, v: f64| world_from_camera.rotation * intrinsics.ray(u, v);
-        let sight = |u: f64, v: f64| scene.sight(&eye, &ray(u, v), FARTHEST_M);
-        let pixels = width * intrinsics.height;
-        let at = |i: usize| ((i % width) as f64, (i / width) as f64);
-        let sights: Vec<Option<Sight>> = (0..pixels).into_par_iter().with_min_len(width).map(|i| sight(at(i).0, at(i).1)).collect();
-        let color = |s: &Option<Sight>, u: f64, v: f64, samples: usize| {
-            s.map_or(Vector3::repeat(NOTHING), |s| {
-                let ray = ray(u, v);
-                let cosine = (ray.dot(&s.normal).abs() / ray.norm()).max(LEAST_COSINE);
-                scene.color(&s, lamp, s.at / intrinsics.fx / cosine / samples as f64)
-            })
-        };
-        let surface = |s: &Option<Sight>| s.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)));
-        let on_edge = |i: usize| {
-            let (x, y) = (i % width, i / width);
-            let around = [(x > 0, 1, false), (x + 1 < width, 1, true), (y > 0, width, false), (y + 1 < intrinsics.height, width, true)];
-            around.iter().any(|&(inside, step, up)| inside && surface(&sights[if up { i + step } else { i - step }]) != surface(&sights[i]))
-        };
-        let colors = (0..pixels).into_par_iter().with_min_len(width).map(|i| {
-            let (u, v) = at(i);
-            if !on_edge(i) {
-                return color(&sights[i], u, v, 1);
-            }
-            let offset = |k: usize| (k as f64 + 0.5) / EDGE_SAMPLES as f64 - 0.5;
-            let samples = (0..EDGE_SAMPLES * EDGE_SAMPLES).map(|k| {
-                let (u, v) = (u + offset(k % EDGE_SAMPLES), v + offset(k / EDGE_SAMPLES));
-                color(&sight(u, v), u, v, EDGE_SAMPLES)
-            });
-            samples.sum::<Vector3<f64>>() / (EDGE_SAMPLES * EDGE_SAMPLES) as f64
-        });
-        let cosine = |i: usize| {
-            let ray = ray(at(i).0, at(i).1);
-            sights[i].map_or(0.0, |s| ray.dot(&s.normal).abs() / ray.norm())
-        };
+        let rays = Rays { scene, intrinsics, world_from_camera, lamp, eye };
+        let (width, pixels) = (intrinsics.width, intrinsics.width * intrinsics.height);
+        let sights: Vec<Option<Sight>> =
+            (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.sight(rays.center(i))).collect();
+        let colors = (0..pixels).into_par_iter().with_min_len(width);
         Self {
-            color: colors.collect(),
+            color: colors.map(|i| rays.pixel_color(&sights, i)).collect(),
             // The rays have z = 1 in the camera's frame, so the multiple is the depth.
             depth_m: sights.iter().map(|s| s.map_or(0.0, |s| s.at)).collect(),
-            cosine: (0..pixels).map(cosine).collect(),
+            cosine: (0..pixels)
+                .map(|i| sights[i].map_or(0.0, |s| cosine(&rays.ray(rays.center(i)), &s)))
+                .collect(),
             part: sights.iter().map(|s| s.and_then(|s| s.part).map(|p| p as u16)).collect(),
         }
     }
+}
+
+/// A camera in a scene. Places in the image are `[u, v]`, pixels.
+struct Rays<'a> {
+    scene: &'a Scene<'a>,
+    intrinsics: &'a Intrinsics,
+    world_from_camera: &'a Pose,
+    lamp: &'a Vector3<f64>,
+    eye: Point3<f64>,
+}
+
+impl Rays<'_> {
+    fn center(&self, pixel: usize) -> [f64; 2] {
+        [(pixel % self.intrinsics.width) as f64, (pixel / self.intrinsics.width) as f64]
+    }
+
+    fn ray(&self, [u, v]: [f64; 2]) -> Vector3<f64> {
+        self.world_from_camera.rotation * self.intrinsics.ray(u, v)
+    }
+
+    fn sight(&self, at: [f64; 2]) -> Option<Sight> {
+        self.scene.sight(&self.eye, &self.ray(at), FARTHEST_M)
+    }
+
+    /// Color of a sample of which there are so many along a side of a pixel.
+    fn color(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Vector3<f64> {
+        let Some(sight) = sight else { return Vector3::repeat(NOTHING) };
+        let cosine = cosine(&self.ray(at), &sight).max(LEAST_COSINE);
+        self.scene.color(&sight, self.lamp, sight.at / self.intrinsics.fx / cosine / samples as f64)
+    }
+
+    fn pixel_color(&self, sights: &[Option<Sight>], pixel: usize) -> Vector3<f64> {
+        let [u, v] = self.center(pixel);
+        if !self.is_on_edge(sights, pixel) {
+            return self.color(sights[pixel], [u, v], 1);
+        }
+        let offset = |k: usize| (k as f64 + 0.5) / EDGE_SAMPLES as f64 - 0.5;
+        let samples = (0..EDGE_SAMPLES * EDGE_SAMPLES).map(|k| {
+            let at = [u + offset(k % EDGE_SAMPLES), v + offset(k / EDGE_SAMPLES)];
+            self.color(self.sight(at), at, EDGE_SAMPLES)
+        });
+        samples.sum::<Vector3<f64>>() / (EDGE_SAMPLES * EDGE_SAMPLES) as f64
+    }
+
+    /// Whether a pixel beside this one shows another surface.
+    fn is_on_edge(&self, sights: &[Option<Sight>], pixel: usize) -> bool {
+        let (width, height) = (self.intrinsics.width, self.intrinsics.height);
+        let (x, y) = (pixel % width, pixel / width);
+        let beside = [
+            (x > 0).then(|| pixel - 1),
+            (x + 1 < width).then(|| pixel + 1),
+            (y > 0).then(|| pixel - width),
+            (y + 1 < height).then(|| pixel + width),
+        ];
+        beside.into_iter().flatten().any(|other| surface(&sights[other]) != surface(&sights[pixel]))
+    }
+}
+
+fn cosine(ray: &Vector3<f64>, sight: &Sight) -> f64 {
+    ray.dot(&sight.normal).abs() / ray.norm()
+}
+
+/// The solid that is seen, and about how it faces.
+fn surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
+    sight.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)))
 }

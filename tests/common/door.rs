@@ -21,7 +21,8 @@ pub struct Sample {
     pub effort: Vec<f64>,
 }
 
-/// The door under a mixture of slow and fast pushes, with noise of a milliradian. Intervals vary by the share `uneven`.
+/// The door under a mixture of slow and fast pushes, with noise of a milliradian. Intervals vary by the share
+/// `uneven`.
 pub fn door(run: usize, seconds: f64, uneven: f64, damping: f64) -> Vec<Sample> {
     let (mut q, mut v) = (0.4f64, 0.0f64);
     let mut state = 77 + run as u64;
@@ -37,7 +38,8 @@ pub fn door(run: usize, seconds: f64, uneven: f64, damping: f64) -> Vec<Sample> 
     for k in 0..(seconds * RATE_HZ as f64) as usize {
         let interval_s = (1.0 + uneven * (1.7 * k as f64).sin()) / RATE_HZ as f64;
         let phase = run as f64;
-        let wave = 3.0 * (0.9 * t + phase).sin() + 2.0 * (2.7 * t + 2.0 * phase).sin() + 1.5 * (7.1 * t).cos();
+        let wave =
+            3.0 * (0.9 * t + phase).sin() + 2.0 * (2.7 * t + 2.0 * phase).sin() + 1.5 * (7.1 * t).cos();
         let effort = wave - 2.5 * (q - 0.6);
         samples.push(Sample { time_s: t, position: vec![q + noise()], effort: vec![effort] });
         for _ in 0..STEPS {
@@ -53,17 +55,21 @@ pub fn door(run: usize, seconds: f64, uneven: f64, damping: f64) -> Vec<Sample> 
 
 /// A mass of two kilograms a meter from the hinge.
 pub const INERTIAL: &str = "<inertial><origin xyz=\"1 0 0\"/><mass value=\"2\"/>\
-                            <inertia ixx=\"1e-9\" ixy=\"0\" ixz=\"0\" iyy=\"1e-9\" iyz=\"0\" izz=\"1e-9\"/></inertial>";
+                            <inertia ixx=\"1e-9\" ixy=\"0\" ixz=\"0\" iyy=\"1e-9\" iyz=\"0\" izz=\"1e-9\"/>\
+                            </inertial>";
 
 /// The twin: a door on a post, its hinge half a meter from the world's origin, with a handle a meter from it.
 pub fn twin(folder: &TempDir, inertial: &str) -> PathBuf {
     let path = folder.join("twin.urdf");
     let text = format!(
-        "<robot name=\"twin\"><link name=\"base\"/><link name=\"door\">{inertial}</link><link name=\"handle\"/>\
-         <joint name=\"door_joint\" type=\"revolute\"><parent link=\"base\"/><child link=\"door\"/><origin xyz=\"0.5 0 0\"/>\
+        "<robot name=\"twin\"><link name=\"base\"/><link name=\"door\">{inertial}</link>\
+         <link name=\"handle\"/>\
+         <joint name=\"door_joint\" type=\"revolute\"><parent link=\"base\"/><child link=\"door\"/>\
+         <origin xyz=\"0.5 0 0\"/>\
          <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"3\" effort=\"9\" velocity=\"9\"/>\
          <dynamics damping=\"{DAMPING}\" friction=\"0\"/></joint>\
-         <joint name=\"grip\" type=\"fixed\"><parent link=\"door\"/><child link=\"handle\"/><origin xyz=\"1 0 0\"/></joint></robot>"
+         <joint name=\"grip\" type=\"fixed\"><parent link=\"door\"/><child link=\"handle\"/>\
+         <origin xyz=\"1 0 0\"/></joint></robot>"
     );
     std::fs::write(&path, text).unwrap();
     path

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use artitwin::io::ros2msg::{Header, JointState, Time};
+use artitwin::internal::io::ros2msg::{Header, JointState, Time};
 
 use crate::common::{BagWriter, START, TempDir};
 
@@ -20,12 +20,19 @@ pub fn write(folder: &TempDir, runs: usize, seconds: f64) -> (PathBuf, Vec<PathB
     let twin = folder.join("doors.urdf");
     let door = |name: &str, mass: f64| {
         format!(
-            "<link name=\"{name}\"><inertial><origin xyz=\"1 0 0\"/><mass value=\"{mass}\"/><inertia ixx=\"1e-9\" ixy=\"0\" ixz=\"0\" \
-             iyy=\"1e-9\" iyz=\"0\" izz=\"1e-9\"/></inertial></link><joint name=\"{name}_hinge\" type=\"revolute\"><parent link=\"wall\"/>\
-             <child link=\"{name}\"/><axis xyz=\"0 0 1\"/><limit lower=\"-3\" upper=\"3\" effort=\"9\" velocity=\"9\"/></joint>"
+            "<link name=\"{name}\"><inertial><origin xyz=\"1 0 0\"/><mass value=\"{mass}\"/>\
+             <inertia ixx=\"1e-9\" ixy=\"0\" ixz=\"0\" \
+             iyy=\"1e-9\" iyz=\"0\" izz=\"1e-9\"/></inertial></link>\
+             <joint name=\"{name}_hinge\" type=\"revolute\"><parent link=\"wall\"/>\
+             <child link=\"{name}\"/><axis xyz=\"0 0 1\"/>\
+             <limit lower=\"-3\" upper=\"3\" effort=\"9\" velocity=\"9\"/></joint>"
         )
     };
-    let text = format!("<robot name=\"doors\"><link name=\"wall\"/>{}{}</robot>", door("left", INERTIA[0]), door("right", INERTIA[1]));
+    let text = format!(
+        "<robot name=\"doors\"><link name=\"wall\"/>{}{}</robot>",
+        door("left", INERTIA[0]),
+        door("right", INERTIA[1])
+    );
     std::fs::write(&twin, text).unwrap();
     (twin, (0..runs).map(|run| write_run(folder, run, seconds)).collect())
 }
@@ -42,7 +49,9 @@ fn write_run(folder: &TempDir, run: usize, seconds: f64) -> PathBuf {
         let mut measured = vec![0.0; 2];
         for d in 0..2 {
             let phase = (run + 2 * d) as f64;
-            let push = 3.0 * (0.8 * t + phase).sin() + 2.0 * (2.9 * t + 2.0 * phase).sin() + 1.5 * (6.7 * t + phase).cos();
+            let push = 3.0 * (0.8 * t + phase).sin()
+                + 2.0 * (2.9 * t + 2.0 * phase).sin()
+                + 1.5 * (6.7 * t + phase).cos();
             effort[d] = push - 2.5 * (angle[d] - 0.5);
             measured[d] = angle[d] + 1e-3 * noise.normal();
             for _ in 0..SMALL_STEPS {

@@ -1,5 +1,5 @@
-//! Recordings made for tests: a box with a smaller box beside it on a floor, ray-cast from a ring of cameras, written as
-//! rosbag2 folders in any of the supported encodings, or broken on purpose.
+//! Recordings made for tests: a box with a smaller box beside it on a floor, ray-cast from a ring of cameras,
+//! written as rosbag2 folders in any of the supported encodings, or broken on purpose.
 
 #![allow(dead_code, reason = "every test binary uses its own part of this")]
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
@@ -11,11 +11,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use artitwin::{
+use artitwin::internal::{
     geometry::{Intrinsics, Pose},
     io::{
         ros2msg::{
-            CameraInfo, CompressedImage, Header, Image, Odometry, PoseStamped, TfMessage, Time, Transform, TransformStamped, encode,
+            CameraInfo, CompressedImage, Header, Image, Odometry, PoseStamped, TfMessage, Time, Transform,
+            TransformStamped, encode,
         },
         rvl,
     },
@@ -47,7 +48,8 @@ impl Drop for TempDir {
 }
 
 /// Camera of the made recordings.
-pub const CAMERA: Intrinsics = Intrinsics { width: 120, height: 90, fx: 100.0, fy: 101.0, cx: 60.3, cy: 44.2 };
+pub const CAMERA: Intrinsics =
+    Intrinsics { width: 120, height: 90, fx: 100.0, fy: 101.0, cx: 60.3, cy: 44.2 };
 /// Stamp of the first image, nanoseconds.
 pub const START: i64 = 1_760_000_000_000_000_000;
 /// Time between images, nanoseconds.
@@ -91,10 +93,16 @@ pub fn camera_pose(state: usize, i: f64) -> Pose {
 pub fn render(state: usize, i: usize) -> Rendered {
     let world_from_camera = camera_pose(state, i as f64);
     let pixels = CAMERA.width * CAMERA.height;
-    let mut view = Rendered { world_from_camera, rgb: vec![[0; 3]; pixels], depth_mm: vec![0; pixels], mask: vec![false; pixels] };
+    let mut view = Rendered {
+        world_from_camera,
+        rgb: vec![[0; 3]; pixels],
+        depth_mm: vec![0; pixels],
+        mask: vec![false; pixels],
+    };
     let origin = Point3::from(world_from_camera.translation.vector);
     for p in 0..pixels {
-        let ray = world_from_camera.rotation * CAMERA.ray((p % CAMERA.width) as f64, (p / CAMERA.width) as f64);
+        let ray =
+            world_from_camera.rotation * CAMERA.ray((p % CAMERA.width) as f64, (p / CAMERA.width) as f64);
         let floor = (ray.z < 0.0).then(|| -origin.z / ray.z).filter(|d| *d < 5.0);
         let hits = boxes(state).map(|b| hit(&origin, &ray, &b));
         let object = hits.into_iter().flatten().fold(f64::INFINITY, f64::min);
@@ -206,8 +214,11 @@ pub struct BagWriter {
 impl BagWriter {
     /// `chunk_bytes` 0: no chunks, hence no checksums.
     pub fn create(path: &Path, compression: Option<mcap::Compression>, chunk_bytes: u64) -> Self {
-        let options =
-            mcap::WriteOptions::new().profile("ros2").compression(compression).chunk_size(Some(chunk_bytes)).use_chunks(chunk_bytes > 0);
+        let options = mcap::WriteOptions::new()
+            .profile("ros2")
+            .compression(compression)
+            .chunk_size(Some(chunk_bytes))
+            .use_chunks(chunk_bytes > 0);
         let writer = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
         Self { writer, channels: BTreeMap::new(), count: 0 }
     }
@@ -225,7 +236,8 @@ impl BagWriter {
             writer.add_channel(schema, topic, encoding, &BTreeMap::new()).unwrap()
         });
         let time = log_nanos as u64;
-        let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
         self.writer.write_to_known_channel(&header, data).unwrap();
         self.count += 1;
     }
@@ -240,7 +252,8 @@ pub fn write_metadata(folder: &Path, files: &[&str], compression_mode: &str) {
     let list: String = files.iter().map(|f| format!("    - {f}\n")).collect();
     let format = if compression_mode.is_empty() { "" } else { "zstd" };
     let text = format!(
-        "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  compression_format: '{format}'\n  \
+        "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  compression_format: \
+         '{format}'\n  \
          compression_mode: '{compression_mode}'\n  relative_file_paths:\n{list}"
     );
     std::fs::write(folder.join("metadata.yaml"), text).unwrap();
@@ -271,17 +284,32 @@ pub fn add_state(writer: &mut BagWriter, state: usize, start: i64, options: &Opt
         let stamp = start + i as i64 * PERIOD;
         add_poses(writer, state, i, stamp, options);
         if options.info {
-            writer.message(COLOR_INFO, "sensor_msgs/msg/CameraInfo", stamp, &info(stamp, options, CAMERA.width as u32));
+            writer.message(
+                COLOR_INFO,
+                "sensor_msgs/msg/CameraInfo",
+                stamp,
+                &info(stamp, options, CAMERA.width as u32),
+            );
         }
         if options.depth_info {
             let late = stamp + options.depth_delay;
-            writer.message(DEPTH_INFO, "sensor_msgs/msg/CameraInfo", stamp, &info(late, options, options.depth_info_width));
+            writer.message(
+                DEPTH_INFO,
+                "sensor_msgs/msg/CameraInfo",
+                stamp,
+                &info(late, options, options.depth_info_width),
+            );
         }
         add_color(writer, &view, stamp, options, i >= options.shrink_from);
         add_depth(writer, &view, stamp + options.depth_delay, stamp, options);
         if options.mask {
             let data = view.mask.iter().map(|m| u8::from(*m) * 255).collect();
-            writer.message(MASK, "sensor_msgs/msg/Image", stamp, &raw(stamp + 600_000, "mono8", CAMERA.width, CAMERA.height, 1, data));
+            writer.message(
+                MASK,
+                "sensor_msgs/msg/Image",
+                stamp,
+                &raw(stamp + 600_000, "mono8", CAMERA.width, CAMERA.height, 1, data),
+            );
         }
     }
 }
@@ -324,12 +352,21 @@ fn compressed(stamp: i64, format: &str, data: Vec<u8>) -> CompressedImage {
 
 /// The optical frame in camera_link (REP-103).
 pub fn link_from_optical() -> Pose {
-    Pose::from_parts(Vector3::new(0.0, 0.015, 0.0).into(), UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(0.5, -0.5, 0.5, -0.5)))
+    Pose::from_parts(
+        Vector3::new(0.0, 0.015, 0.0).into(),
+        UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(0.5, -0.5, 0.5, -0.5)),
+    )
 }
 
 fn transform(stamp: i64, parent: &str, child: &str, pose: &Pose) -> TfMessage {
     let transform = Transform::from_pose(pose);
-    TfMessage { transforms: vec![TransformStamped { header: header(stamp, parent), child_frame_id: child.into(), transform }] }
+    TfMessage {
+        transforms: vec![TransformStamped {
+            header: header(stamp, parent),
+            child_frame_id: child.into(),
+            transform,
+        }],
+    }
 }
 
 fn add_static(writer: &mut BagWriter, start: i64, options: &Options) {
@@ -348,19 +385,25 @@ fn add_poses(writer: &mut BagWriter, state: usize, i: usize, stamp: i64, options
         match options.poses {
             PoseKind::None | PoseKind::Static => {}
             PoseKind::TfHalf if i >= COUNT / 2 => {}
-            PoseKind::Tf | PoseKind::TfHalf => writer.message("/tf", type_tf, at, &transform(at, "world", "camera_link", &link)),
+            PoseKind::Tf | PoseKind::TfHalf => {
+                writer.message("/tf", type_tf, at, &transform(at, "world", "camera_link", &link))
+            }
             PoseKind::TfNan => {
                 let mut message = transform(at, "world", "camera_link", &link);
                 message.transforms[0].transform.translation.x = f64::NAN;
                 writer.message("/tf", type_tf, at, &message);
             }
             PoseKind::PoseStamped => {
-                let message = PoseStamped { header: header(at, "world"), pose: Transform::from_pose(&optical) };
+                let message =
+                    PoseStamped { header: header(at, "world"), pose: Transform::from_pose(&optical) };
                 writer.message("/camera_pose", "geometry_msgs/msg/PoseStamped", at, &message);
             }
             PoseKind::Odometry => {
-                let message =
-                    Odometry { header: header(at, "world"), child_frame_id: "camera_link".into(), pose: Transform::from_pose(&link) };
+                let message = Odometry {
+                    header: header(at, "world"),
+                    child_frame_id: "camera_link".into(),
+                    pose: Transform::from_pose(&link),
+                };
                 writer.message("/odom", "nav_msgs/msg/Odometry", at, &message);
             }
         }
@@ -379,7 +422,8 @@ pub fn rgb_image(view: &Rendered) -> DynamicImage {
 }
 
 pub fn depth_png(view: &Rendered) -> Vec<u8> {
-    let image = ImageBuffer::from_raw(CAMERA.width as u32, CAMERA.height as u32, view.depth_mm.clone()).unwrap();
+    let image =
+        ImageBuffer::from_raw(CAMERA.width as u32, CAMERA.height as u32, view.depth_mm.clone()).unwrap();
     file(DynamicImage::ImageLuma16(image), ImageFormat::Png)
 }
 
@@ -395,11 +439,15 @@ fn add_color(writer: &mut BagWriter, view: &Rendered, stamp: i64, options: &Opti
         }
         ColorKind::Rgb8 => writer.message(COLOR, image, stamp, &raw(stamp, "rgb8", w, h, 3, bytes())),
         ColorKind::Bgra8Padded => {
-            let row = |row: &[[u8; 3]]| row.iter().flat_map(|p| [p[2], p[1], p[0], 9]).chain([77; 12]).collect::<Vec<_>>();
+            let row = |row: &[[u8; 3]]| {
+                row.iter().flat_map(|p| [p[2], p[1], p[0], 9]).chain([77; 12]).collect::<Vec<_>>()
+            };
             let data = view.rgb.chunks(w).flat_map(row).collect();
             writer.message(COLOR, image, stamp, &raw(stamp, "bgra8", w, h, 4, data));
         }
-        ColorKind::Rgb16 => writer.message(COLOR, image, stamp, &raw(stamp, "rgb16", w, h, 6, vec![0; w * h * 6])),
+        ColorKind::Rgb16 => {
+            writer.message(COLOR, image, stamp, &raw(stamp, "rgb16", w, h, 6, vec![0; w * h * 6]))
+        }
         ColorKind::Jpeg | ColorKind::Png => {
             let (format, name) = if options.color == ColorKind::Jpeg {
                 (ImageFormat::Jpeg, "rgb8; jpeg compressed bgr8")
@@ -410,7 +458,12 @@ fn add_color(writer: &mut BagWriter, view: &Rendered, stamp: i64, options: &Opti
             if shrink {
                 picture = picture.crop_imm(0, 0, w as u32 / 2, h as u32 / 2);
             }
-            writer.message(&jpeg, "sensor_msgs/msg/CompressedImage", stamp, &compressed(stamp, name, file(picture, format)));
+            writer.message(
+                &jpeg,
+                "sensor_msgs/msg/CompressedImage",
+                stamp,
+                &compressed(stamp, name, file(picture, format)),
+            );
         }
     }
 }
@@ -423,10 +476,15 @@ fn add_depth(writer: &mut BagWriter, view: &Rendered, stamp: i64, log: i64, opti
     let front = [0u8; 12];
     match options.depth {
         DepthKind::None => {}
-        DepthKind::Raw16 => writer.message(DEPTH, image, log, &raw(stamp, "16UC1", w, h, 2, little(&view.depth_mm))),
-        DepthKind::Empty => writer.message(DEPTH, image, log, &raw(stamp, "16UC1", w, h, 2, vec![0; w * h * 2])),
+        DepthKind::Raw16 => {
+            writer.message(DEPTH, image, log, &raw(stamp, "16UC1", w, h, 2, little(&view.depth_mm)))
+        }
+        DepthKind::Empty => {
+            writer.message(DEPTH, image, log, &raw(stamp, "16UC1", w, h, 2, vec![0; w * h * 2]))
+        }
         DepthKind::Raw16BigEndian => {
-            let mut message = raw(stamp, "mono16", w, h, 2, view.depth_mm.iter().flat_map(|v| v.to_be_bytes()).collect());
+            let mut message =
+                raw(stamp, "mono16", w, h, 2, view.depth_mm.iter().flat_map(|v| v.to_be_bytes()).collect());
             message.is_bigendian = 1;
             writer.message(DEPTH, image, log, &message);
         }
@@ -437,31 +495,45 @@ fn add_depth(writer: &mut BagWriter, view: &Rendered, stamp: i64, log: i64, opti
         }
         DepthKind::CompressedPng => {
             let data = [&front[..], &depth_png(view)].concat();
-            writer.message(&topic, "sensor_msgs/msg/CompressedImage", log, &compressed(stamp, "16UC1; compressedDepth png", data));
+            writer.message(
+                &topic,
+                "sensor_msgs/msg/CompressedImage",
+                log,
+                &compressed(stamp, "16UC1; compressedDepth png", data),
+            );
         }
         DepthKind::CompressedRvl => {
             let code = rvl::encode(&view.depth_mm);
             let data = [&front[..], &(w as u32).to_le_bytes(), &(h as u32).to_le_bytes(), &code].concat();
-            writer.message(&topic, "sensor_msgs/msg/CompressedImage", log, &compressed(stamp, "16UC1; compressedDepth rvl", data));
+            writer.message(
+                &topic,
+                "sensor_msgs/msg/CompressedImage",
+                log,
+                &compressed(stamp, "16UC1; compressedDepth rvl", data),
+            );
         }
     }
 }
 
-/// Writes the keyframe dataset layout (method.md 1.1).
+/// Writes the keyframe dataset layout (docs/method.md 2.1).
 pub fn write_keyframes(folder: &Path) {
     use std::fmt::Write as _;
     for part in ["color_segmented", "depth_filtered", "mask"] {
         std::fs::create_dir_all(folder.join(part)).unwrap();
     }
     let k = CAMERA;
-    std::fs::write(folder.join("cam_K.txt"), format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy)).unwrap();
+    std::fs::write(folder.join("cam_K.txt"), format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy))
+        .unwrap();
     let mut yaml = String::new();
     for (state, i) in (0..2).flat_map(|s| (0..COUNT).map(move |i| (s, i))) {
         let (view, id) = (render(state, i), format!("{state}_{i:04}"));
         rgb_image(&view).save(folder.join(format!("color_segmented/{id}.png"))).unwrap();
         std::fs::write(folder.join(format!("depth_filtered/{id}.png")), depth_png(&view)).unwrap();
         let mask = view.mask.iter().map(|m| u8::from(*m) * 255).collect();
-        image::GrayImage::from_raw(k.width as u32, k.height as u32, mask).unwrap().save(folder.join(format!("mask/{id}.png"))).unwrap();
+        image::GrayImage::from_raw(k.width as u32, k.height as u32, mask)
+            .unwrap()
+            .save(folder.join(format!("mask/{id}.png")))
+            .unwrap();
         let numbers: Vec<String> = opengl(&view.world_from_camera).iter().map(f64::to_string).collect();
         write!(yaml, "frame_{id}:\n  cam_in_ob: [{}]\n  time: {state}\n", numbers.join(", ")).unwrap();
     }
@@ -474,7 +546,7 @@ pub fn opengl(world_from_camera: &Pose) -> Vec<f64> {
     (world_from_camera.to_homogeneous() * flip).transpose().iter().copied().collect()
 }
 
-/// Writes the start/end dataset layout (method.md 1.2), with depth if asked for.
+/// Writes the start/end dataset layout (docs/method.md 2.1), with depth if asked for.
 pub fn write_start_end(folder: &Path, with_depth: bool) {
     for (state, name) in ["start", "end"].iter().enumerate() {
         let part = folder.join(name);
@@ -482,12 +554,20 @@ pub fn write_start_end(folder: &Path, with_depth: bool) {
         let k = CAMERA;
         let mut cameras = serde_json::Map::new();
         // Pixel centers at half integers.
-        cameras.insert("K".into(), serde_json::json!([[k.fx, 0.0, k.cx + 0.5], [0.0, k.fy, k.cy + 0.5], [0.0, 0.0, 1.0]]));
+        cameras.insert(
+            "K".into(),
+            serde_json::json!([[k.fx, 0.0, k.cx + 0.5], [0.0, k.fy, k.cy + 0.5], [0.0, 0.0, 1.0]]),
+        );
         for i in 0..COUNT {
             let view = render(state, i);
             let m = opengl(&view.world_from_camera);
             cameras.insert(format!("{i:04}"), serde_json::json!(m.chunks(4).collect::<Vec<_>>()));
-            let data = view.rgb.iter().zip(&view.mask).flat_map(|(c, m)| [c[0], c[1], c[2], u8::from(*m) * 255]).collect();
+            let data = view
+                .rgb
+                .iter()
+                .zip(&view.mask)
+                .flat_map(|(c, m)| [c[0], c[1], c[2], u8::from(*m) * 255])
+                .collect();
             let picture = image::RgbaImage::from_raw(k.width as u32, k.height as u32, data).unwrap();
             picture.save(part.join(format!("train/{i:04}.png"))).unwrap();
             if with_depth {

@@ -4,18 +4,18 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
-use artitwin::{
+use artitwin::internal::{
     geometry::Pose,
     io::{Place, ResultKind, RunDir, read_mesh},
     model::{
-        ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link, ModelConfig, MovingPart,
-        build, validate,
+        ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
+        ModelConfig, MovingPart, TypeScores, build, validate,
     },
     surface::TriangleMesh,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
 
-/// Axis-aligned box with outward triangles, metres; every side is cut into `cells * cells` squares.
+/// Axis-aligned box with outward triangles, meters; every side is cut into `cells * cells` squares.
 pub fn box_mesh(lower: [f64; 3], upper: [f64; 3], color: [u8; 3], cells: u32) -> TriangleMesh {
     let (lower, side) = (Vector3::from(lower), Vector3::from(upper) - Vector3::from(lower));
     let mut mesh = TriangleMesh::default();
@@ -33,7 +33,11 @@ pub fn box_mesh(lower: [f64; 3], upper: [f64; 3], color: [u8; 3], cells: u32) ->
             let at = |i: u32, j: u32| first + i * (cells + 1) + j;
             for (i, j) in (0..cells).flat_map(|i| (0..cells).map(move |j| (i, j))) {
                 let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                mesh.triangles.extend(if top > 0.5 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+                mesh.triangles.extend(if top > 0.5 {
+                    [[a, b, c], [a, c, d]]
+                } else {
+                    [[a, c, b], [a, d, c]]
+                });
             }
         }
     }
@@ -46,7 +50,11 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let (lower, upper) = visual.bounds().expect("a mesh");
     let side = (upper - lower).cast::<f64>();
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
-    let inertia = Matrix3::from_diagonal(&Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y)));
+    let inertia = Matrix3::from_diagonal(&Vector3::new(
+        moment(side.y, side.z),
+        moment(side.x, side.z),
+        moment(side.x, side.y),
+    ));
     let inertial = Inertial {
         mass_kg,
         center_of_mass: nalgebra::center(&lower, &upper).cast(),
@@ -58,7 +66,15 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
 }
 
 /// A joint with evidence of no meaning.
-pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_from_joint: Pose, axis: [f64; 3], range: [f64; 2]) -> Joint {
+pub fn joint(
+    name: &str,
+    kind: JointKind,
+    parent: usize,
+    child: usize,
+    parent_from_joint: Pose,
+    axis: [f64; 3],
+    range: [f64; 2],
+) -> Joint {
     let evidence = JointEvidence {
         covariance: SMatrix::identity() * 1e-8,
         state1_from_state0: Pose::identity(),
@@ -68,13 +84,20 @@ pub fn joint(name: &str, kind: JointKind, parent: usize, child: usize, parent_fr
         position_std: Vec::new(),
         pitch_std_m_per_rad: 0.0,
         dispersion: 1.0,
-        type_scores: BTreeMap::new(),
+        type_scores: TypeScores::default(),
         parents: BTreeMap::new(),
         axis_alone: None,
         cautions: vec![],
         not_observable: Vec::new(),
     };
-    let limit = Limit { lower: range[0], upper: range[1], effort: 20.0, velocity: 2.0, source: LimitSource::Observed, swept: None };
+    let limit = Limit {
+        lower: range[0],
+        upper: range[1],
+        effort: 20.0,
+        velocity: 2.0,
+        source: LimitSource::Observed,
+        swept: None,
+    };
     Joint {
         name: name.into(),
         kind,
@@ -102,8 +125,24 @@ pub fn desk() -> ArticulatedModel {
             link("drawer", box_mesh([-0.15, -0.08, 0.02], [0.15, 0.08, 0.3], [60, 100, 190], 4), 2.0),
         ],
         joints: vec![
-            joint("arm_joint", JointKind::Revolute, 0, 1, turned([-0.2, 0.3, 0.5], [0.1, -0.2, 0.3]), [0.0, 1.0, 0.0], [-0.5, 1.1]),
-            joint("head_joint", JointKind::Revolute, 1, 2, turned([0.0, 0.0, 0.4], [0.2, 0.1, -0.4]), [0.6, 0.0, 0.8], [-1.0, 1.2]),
+            joint(
+                "arm_joint",
+                JointKind::Revolute,
+                0,
+                1,
+                turned([-0.2, 0.3, 0.5], [0.1, -0.2, 0.3]),
+                [0.0, 1.0, 0.0],
+                [-0.5, 1.1],
+            ),
+            joint(
+                "head_joint",
+                JointKind::Revolute,
+                1,
+                2,
+                turned([0.0, 0.0, 0.4], [0.2, 0.1, -0.4]),
+                [0.6, 0.0, 0.8],
+                [-1.0, 1.2],
+            ),
             joint(
                 "drawer_joint",
                 JointKind::Prismatic,
@@ -123,12 +162,22 @@ pub fn true_drawer() -> ArticulatedModel {
     let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0");
     let mesh = |part: usize| read_mesh(&truth.join(format!("part_{part}.ply"))).expect("a true mesh");
     // The drawer slides along x; its frame is turned so that this is the joint's z axis.
-    let world_from_joint =
-        Pose::from_parts(Vector3::new(0.1, -0.2, 0.3).into(), UnitQuaternion::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.0));
+    let world_from_joint = Pose::from_parts(
+        Vector3::new(0.1, -0.2, 0.3).into(),
+        UnitQuaternion::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.0),
+    );
     let mut model = ArticulatedModel {
         name: "drawer".into(),
         links: vec![link("carcass", mesh(0), 5.0), link("drawer", mesh(1), 1.0)],
-        joints: vec![joint("drawer_joint", JointKind::Prismatic, 0, 1, world_from_joint, [0.0, 0.0, 1.0], [0.03, 0.19])],
+        joints: vec![joint(
+            "drawer_joint",
+            JointKind::Prismatic,
+            0,
+            1,
+            world_from_joint,
+            [0.0, 0.0, 1.0],
+            [0.03, 0.19],
+        )],
         states: vec![vec![0.03], vec![0.19]],
     };
     let world_from_drawer = model.world_from_link(1, &model.states[0]);
@@ -136,7 +185,7 @@ pub fn true_drawer() -> ArticulatedModel {
     model
 }
 
-/// Boxes in one mesh: lower and upper corners, metres.
+/// Boxes in one mesh: lower and upper corners, meters.
 fn boards(boards: &[[[f64; 3]; 2]], color: [u8; 3]) -> TriangleMesh {
     let mut all = TriangleMesh::default();
     for [lower, upper] in boards {
@@ -164,8 +213,9 @@ fn part(kind: JointKind, axis: [f64; 3], point: [f64; 3], motion: f64, surface: 
     }
 }
 
-/// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its models. The
-/// drawer's front is wider than the opening: it overlaps the boards behind it by 2 mm, as noisy surfaces do.
+/// A chest of five boards with a drawer of five that stands 2 cm open, built as reconstruction builds its
+/// models. The drawer's front is wider than the opening: it overlaps the boards behind it by 2 mm, as noisy
+/// surfaces do.
 pub fn chest() -> ArticulatedModel {
     chest_with(&ModelConfig::default())
 }
@@ -207,12 +257,14 @@ pub fn lamp() -> ArticulatedModel {
 /// Writes a model as a run: URDF, meshes and the states of the report.
 pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
     assert_eq!(validate(model), []);
-    let run = RunDir::open(&Place::named(out, &model.name), ResultKind::Reconstruct).expect("an output folder");
-    for file in artitwin::export::urdf_package(model) {
+    let run =
+        RunDir::open(&Place::named(out, &model.name), ResultKind::Reconstruct).expect("an output folder");
+    for file in artitwin::internal::export::urdf_package(model) {
         run.put(&file.path, &file.bytes).expect("a written file");
     }
     let state = |q: &Vec<f64>| {
-        let joints: BTreeMap<&str, f64> = model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
+        let joints: BTreeMap<&str, f64> =
+            model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
         serde_json::json!({ "joints": joints })
     };
     let report = serde_json::json!({ "states": model.states.iter().map(state).collect::<Vec<_>>() });
@@ -222,12 +274,15 @@ pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
 
 /// Writes a model as ground truth, without seen points.
 pub fn write_truth(model: &ArticulatedModel, folder: &Path) {
-    let mut parts = vec![serde_json::json!({ "index": 0, "name": model.links[0].name, "parent": -1, "type": "fixed" })];
+    let mut parts =
+        vec![serde_json::json!({ "index": 0, "name": model.links[0].name, "parent": -1, "type": "fixed" })];
     for joint in &model.joints {
         let [q0, q1] = [&model.states[0], &model.states[1]];
-        let motion = model.world_from_link(joint.child, q1) * model.world_from_link(joint.child, q0).inverse();
+        let motion =
+            model.world_from_link(joint.child, q1) * model.world_from_link(joint.child, q0).inverse();
         let world_from_joint = model.world_from_link(joint.parent, q0) * joint.parent_from_joint;
-        let rows: Vec<Vec<f64>> = motion.to_homogeneous().row_iter().map(|r| r.iter().copied().collect()).collect();
+        let rows: Vec<Vec<f64>> =
+            motion.to_homogeneous().row_iter().map(|r| r.iter().copied().collect()).collect();
         parts.push(serde_json::json!({
             "index": joint.child, "name": model.links[joint.child].name, "parent": joint.parent,
             "type": if joint.kind == JointKind::Revolute { "revolute" } else { "prismatic" },
@@ -236,23 +291,26 @@ pub fn write_truth(model: &ArticulatedModel, folder: &Path) {
         }));
     }
     fs::create_dir_all(folder).expect("a folder");
-    fs::write(folder.join("truth.json"), serde_json::json!({ "parts": parts }).to_string()).expect("a written file");
+    fs::write(folder.join("truth.json"), serde_json::json!({ "parts": parts }).to_string())
+        .expect("a written file");
     for (s, positions) in model.states.iter().enumerate() {
         let state = folder.join(format!("truth/state{s}"));
         fs::create_dir_all(&state).expect("a folder");
-        let placed: Vec<TriangleMesh> =
-            (0..model.links.len()).map(|l| model.links[l].visual.transformed(&model.world_from_link(l, positions))).collect();
+        let placed: Vec<TriangleMesh> = (0..model.links.len())
+            .map(|l| model.links[l].visual.transformed(&model.world_from_link(l, positions)))
+            .collect();
         for (l, mesh) in placed.iter().enumerate() {
             fs::write(state.join(format!("part_{l}.ply")), ply(mesh)).expect("a written file");
         }
-        let whole = artitwin::surface::merge(&placed.iter().collect::<Vec<_>>());
+        let whole = artitwin::internal::surface::merge(&placed.iter().collect::<Vec<_>>());
         fs::write(state.join("whole.ply"), ply(&whole)).expect("a written file");
     }
 }
 
 fn ply(mesh: &TriangleMesh) -> String {
     let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
         mesh.vertices.len(),
         mesh.triangles.len()
     );

@@ -106,11 +106,14 @@ pub fn rewrite(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> b
     write_metadata(to, &[&name], "");
 }
 
-/// A copy of `bags/drawer` in `folder/drawer` whose states went through `change`, which is also told the state.
+/// A copy of `bags/drawer` in `folder/drawer` whose states went through `change`, which is also told the
+/// state.
 pub fn drawer(folder: &TempDir, mut change: impl FnMut(usize, &mut Message) -> bool) -> PathBuf {
     let bag = folder.join("drawer");
     for state in 0..2 {
-        rewrite(&shipped(&format!("drawer/state{state}")), &bag.join(format!("state{state}")), |m| change(state, m));
+        rewrite(&shipped(&format!("drawer/state{state}")), &bag.join(format!("state{state}")), |m| {
+            change(state, m)
+        });
     }
     bag
 }

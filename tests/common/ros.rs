@@ -1,4 +1,4 @@
-//! The node as a process, and what its neighbours do.
+//! The node as a process, and what its neighbors do.
 
 #![allow(dead_code, reason = "every test binary uses its own part of this")]
 
@@ -16,7 +16,7 @@ pub fn serial() -> MutexGuard<'static, ()> {
     SERIAL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Whether the neighbours are made of Fast DDS (`tests/fastdds/run.sh`), not of Cyclone DDS.
+/// Whether the neighbors are made of Fast DDS (`tests/fastdds/run.sh`), not of Cyclone DDS.
 pub fn with_fastdds() -> bool {
     std::env::var_os("DDS_PEER").is_some_and(|peer| peer == "fastdds")
 }
@@ -105,7 +105,12 @@ pub fn scenario(python: &Path, domain: u16, arguments: &[&str]) -> serde_json::V
 }
 
 /// The same, where so many of a thousand packets are dropped on sending.
-pub fn lossy_scenario(python: &Path, domain: u16, loss_per_mille: u32, arguments: &[&str]) -> serde_json::Value {
+pub fn lossy_scenario(
+    python: &Path,
+    domain: u16,
+    loss_per_mille: u32,
+    arguments: &[&str],
+) -> serde_json::Value {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/scenario.py");
     let start = Instant::now();
     let mut command = Command::new(python);

@@ -8,10 +8,11 @@ use std::{
     sync::OnceLock,
 };
 
-/// The interpreter; `None`, with a line that says why, where there is none and none can be made.
+/// The interpreter; `None`, with a line that says why, where there is none and none can be made. With
+/// `CI=true` a failure, see [`without`].
 ///
-/// `ARTITWIN_VENV` names a virtual environment to use, which then must be there. Else `.venv` in the repository is made
-/// once; that needs python3 with venv and pip, and a package index.
+/// `ARTITWIN_VENV` names a virtual environment to use, which then must hold every package of the file. Else
+/// `.venv` in the repository is made once; that needs python3 with venv and pip, and a package index.
 pub fn python() -> Option<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     interpreter(&FOUND, "ARTITWIN_VENV", ".venv", "tests/python/requirements.txt")
@@ -23,19 +24,40 @@ pub fn ros_python() -> Option<PathBuf> {
     interpreter(&FOUND, "ARTITWIN_ROS_VENV", ".venv-ros", "tests/python/ros/requirements.txt")
 }
 
-fn interpreter(found: &OnceLock<Result<PathBuf, String>>, variable: &str, folder: &str, requirements: &str) -> Option<PathBuf> {
+/// What a test does without a peer or tool that it needs: it is skipped, with a line that says why. In CI,
+/// which has all of them, it fails: a test that did not run is no pass.
+pub fn without<T>(why: &str) -> Option<T> {
+    assert!(std::env::var_os("CI").is_none_or(|ci| ci != "true"), "CI=true, but {why}");
+    eprintln!("skipped: {why}");
+    None
+}
+
+fn interpreter(
+    found: &OnceLock<Result<PathBuf, String>>,
+    variable: &str,
+    folder: &str,
+    requirements: &str,
+) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     if let Some(venv) = std::env::var_os(variable) {
-        let python = Path::new(&venv).join("bin/python");
-        assert!(python.exists(), "{} does not exist ({variable})", python.display());
-        return Some(python);
+        let named = || whole(Path::new(&venv).join("bin/python"), &root.join(requirements));
+        let python = found.get_or_init(named).as_ref();
+        return Some(python.unwrap_or_else(|why| panic!("{variable}: {why}")).clone());
     }
     match found.get_or_init(|| lock().and_then(|_guard| find_or_make(folder, requirements))) {
         Ok(path) => Some(path.clone()),
-        Err(why) => {
-            eprintln!("skipped: {why}");
-            None
-        }
+        Err(why) => without(why),
     }
+}
+
+/// The interpreter, if every package of the file is installed in the version that the file names.
+fn whole(python: PathBuf, requirements: &Path) -> Result<PathBuf, String> {
+    let compare = "import sys\nfrom importlib.metadata import version\n\
+                   for line in open(sys.argv[1]):\n    name, _, wanted = \
+                   line.split('#')[0].strip().partition('==')\n    \
+                   assert not name or version(name) == wanted, f'{name} is {version(name)}, not {wanted}'";
+    succeed(Command::new(&python).args(["-c", compare]).arg(requirements))?;
+    Ok(python)
 }
 
 fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
@@ -43,12 +65,17 @@ fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
     let requirements = root.join(requirements);
     let venv = root.join(folder);
     let (python, stamp) = (venv.join("bin/python"), venv.join("artitwin-requirements.txt"));
-    let wanted = std::fs::read_to_string(&requirements).map_err(|e| format!("{}: {e}", requirements.display()))?;
+    let wanted =
+        std::fs::read_to_string(&requirements).map_err(|e| format!("{}: {e}", requirements.display()))?;
     if python.exists() && std::fs::read_to_string(&stamp).is_ok_and(|text| text == wanted) {
         return Ok(python);
     }
     succeed(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
-    succeed(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
+    succeed(
+        Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"])
+            .arg(&requirements),
+    )?;
     std::fs::write(&stamp, wanted).map_err(|e| format!("{}: {e}", stamp.display()))?;
     Ok(python)
 }
@@ -64,5 +91,9 @@ fn lock() -> Result<std::fs::File, String> {
 
 fn succeed(command: &mut Command) -> Result<(), String> {
     let output = command.output().map_err(|e| format!("{command:?}: {e}"))?;
-    if output.status.success() { Ok(()) } else { Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr).trim())) }
+    if output.status.success() {
+        Ok(())
+    } else {
+        Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr).trim()))
+    }
 }

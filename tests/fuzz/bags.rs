@@ -1,8 +1,8 @@
 //! Recordings: MCAP files, what they hold, the folder around them.
 
-use artitwin::{
+use artitwin::internal::{
     capture::CaptureConfig,
-    gap::{drive::Hold, inputs::complete, tracks::Streams},
+    gap::record::{drive::Hold, inputs::complete, tracks::Streams},
     io::{inspect, read_frame_run, read_joint_log, twin_of},
 };
 
@@ -16,7 +16,11 @@ fn looked_into(path: &std::path::Path) -> bool {
     for recording in &found.recordings {
         assert!(recording.span_secs.is_none_or(|(first, last)| first <= last), "{:?}", recording.span_secs);
         assert!(recording.views == 0 || recording.problem.is_none());
-        assert!(recording.topics.iter().all(|t| t.rate_hz.is_none_or(|r| r >= 0.0)), "{:?}", recording.topics);
+        assert!(
+            recording.topics.iter().all(|t| t.rate_hz.is_none_or(|r| r >= 0.0)),
+            "{:?}",
+            recording.topics
+        );
     }
     found.recordings.iter().any(|r| r.views > 0)
 }
@@ -60,7 +64,9 @@ fn views() {
     let seeds = [frames(Style::Raw, 3, 1), frames(Style::Png, 0, 1), frames(Style::Rvl, 0, 1)].to_vec();
     let target = Target { name, seeds, words: &WORDS, assemble: bag, bytes: BYTES };
     target.run(|input| {
-        let Ok(run) = read_frame_run(&scratch.put("bag.mcap", input), &config, 7, &mut Vec::new()) else { return false };
+        let Ok(run) = read_frame_run(&scratch.put("bag.mcap", input), &config, 7, &mut Vec::new()) else {
+            return false;
+        };
         let range = config.depth_min_m as f32..=config.depth_max_m as f32;
         for frame in &run.frames {
             let pixels = frame.intrinsics.width * frame.intrinsics.height;
@@ -98,8 +104,11 @@ fn joint_logs() {
     let target = Target { name, seeds, words: &words, assemble: bag, bytes: BYTES };
     target.run(|input| {
         let path = scratch.put("run.mcap", input);
-        let streams =
-            if input.len().is_multiple_of(2) { &streams } else { &Streams { links: streams.links.clone(), ..Streams::default() } };
+        let streams = if input.len().is_multiple_of(2) {
+            &streams
+        } else {
+            &Streams { links: streams.links.clone(), ..Streams::default() }
+        };
         let Ok(mut run) = read_joint_log(&path, streams) else { return false };
         for joint in &run.joints {
             assert_eq!((joint.position.len(), joint.effort.len()), (joint.time_s.len(), joint.time_s.len()));
@@ -126,14 +135,30 @@ fn metadata() {
     let scratch = Scratch::new(name);
     let yaml = |mode: &str, format: &str| {
         format!(
-            "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  duration: {{nanoseconds: 1}}\n  \
-             compression_format: '{format}'\n  compression_mode: '{mode}'\n  relative_file_paths:\n    - bag.mcap\n  custom_data: ~\n"
+            "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  duration: \
+             {{nanoseconds: 1}}\n  \
+             compression_format: '{format}'\n  compression_mode: '{mode}'\n  relative_file_paths:\n    - \
+             bag.mcap\n  custom_data: ~\n"
         )
     };
     scratch.put("bag.mcap", bag(&frames(Style::Raw, 3, 1)));
     let shipped = include_str!("../../bags/drawer/state0/metadata.yaml").replace("state0.mcap", "bag.mcap");
     let seeds = whole([yaml("", ""), yaml("none", "zstd"), yaml("file", "zstd"), shipped]);
-    let words = ["sqlite3", "mcap", "message", "MESSAGE", "file", "zstd", "../bag.mcap", "/bag.mcap", "bag.db3", "[", "{", "&a ", "*a"];
+    let words = [
+        "sqlite3",
+        "mcap",
+        "message",
+        "MESSAGE",
+        "file",
+        "zstd",
+        "../bag.mcap",
+        "/bag.mcap",
+        "bag.db3",
+        "[",
+        "{",
+        "&a ",
+        "*a",
+    ];
     let target = Target { name, seeds, words: &words, assemble: plain, bytes: BYTES };
     target.run(|input| {
         scratch.put("metadata.yaml", input);

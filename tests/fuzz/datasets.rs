@@ -2,7 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 
-use artitwin::io::inspect;
+use artitwin::internal::io::inspect;
 use flate2::{Compression, read::DeflateDecoder, write::DeflateEncoder};
 use image::ImageFormat;
 
@@ -24,7 +24,9 @@ fn matrix(k: usize) -> String {
 }
 
 fn keyframes() -> String {
-    let frame = |(id, time): (&str, usize)| format!("frame_{id}:\n  cam_in_ob: [{}]\n  time: {time}\n", matrix(time + 1));
+    let frame = |(id, time): (&str, usize)| {
+        format!("frame_{id}:\n  cam_in_ob: [{}]\n  time: {time}\n", matrix(time + 1))
+    };
     [("0_0001", 0), ("1_0002", 1)].map(frame).concat()
 }
 
@@ -49,13 +51,30 @@ fn opens(scratch: &Scratch) -> bool {
 fn keyframe_list() {
     let name = "datasets::keyframe_list";
     let scratch = keyframe_folder(name);
-    let flow = format!("{{frame_0_0001: {{cam_in_ob: [{}]}}, 1_0002: {{cam_in_ob: [{}]}}}}", matrix(0), matrix(3));
+    let flow =
+        format!("{{frame_0_0001: {{cam_in_ob: [{}]}}, 1_0002: {{cam_in_ob: [{}]}}}}", matrix(0), matrix(3));
     let seeds = [keyframes(), flow].map(|yaml| vec![CAMERA.as_bytes().to_vec(), yaml.into_bytes()]).to_vec();
     fn assemble(parts: &[Vec<u8>]) -> Vec<u8> {
         let [camera, yaml @ ..] = parts else { return Vec::new() };
         [&[camera.len().min(255) as u8][..], &camera[..camera.len().min(255)], &yaml.concat()].concat()
     }
-    let words = ["frame_", "0_", "1_", "../", "cam_in_ob", "time", "[", "{", "- ", "&a ", "*a", "!!float ", "<<: ", "\"", "|\n"];
+    let words = [
+        "frame_",
+        "0_",
+        "1_",
+        "../",
+        "cam_in_ob",
+        "time",
+        "[",
+        "{",
+        "- ",
+        "&a ",
+        "*a",
+        "!!float ",
+        "<<: ",
+        "\"",
+        "|\n",
+    ];
     let target = Target { name, seeds, words: &words, assemble, bytes: BYTES };
     target.run(|input| {
         let Some((length, rest)) = input.split_first() else { return false };
@@ -75,7 +94,11 @@ fn cameras() {
         let numbers: Vec<String> = matrix(k).split(", ").map(str::to_owned).collect();
         numbers.chunks(4).map(|row| format!("[{}]", row.join(","))).collect::<Vec<_>>().join(",")
     };
-    let json = format!("{{\"K\": [[14, 0, 8], [0, 14, 6], [0, 0, 1]], \"0000\": [{}], \"0001\": [{}]}}", rows(0), rows(2));
+    let json = format!(
+        "{{\"K\": [[14, 0, 8], [0, 14, 6], [0, 0, 1]], \"0000\": [{}], \"0001\": [{}]}}",
+        rows(0),
+        rows(2)
+    );
     for state in ["start", "end"] {
         scratch.put(&format!("{state}/camera_train.json"), &json);
         for id in ["0000", "0001"] {
@@ -98,7 +121,8 @@ fn members(archive: &[u8]) -> Parts {
     let end = archive.len() - 22;
     let mut at = number(end + 16);
     while at < end {
-        let (method, packed, name, local) = (archive[at + 10], number(at + 20), number(at + 28), number(at + 42));
+        let (method, packed, name, local) =
+            (archive[at + 10], number(at + 20), number(at + 28), number(at + 42));
         let start = local + 30 + number(local + 26) + number(local + 28);
         let mut content = archive[start..start + packed].to_vec();
         if method == 8 {
@@ -129,8 +153,17 @@ fn archive(parts: &[Vec<u8>]) -> Vec<u8> {
             }
         };
         let word = |n: usize| (n as u32).to_le_bytes();
-        let sizes = [crc32fast::hash(content).to_le_bytes(), word(packed.len()), word(content.len())].concat();
-        let common = [&[20, 0, 0, 0][..], &method.to_le_bytes(), &[0; 4], &sizes, &(name.len() as u16).to_le_bytes(), &[0, 0]].concat();
+        let sizes =
+            [crc32fast::hash(content).to_le_bytes(), word(packed.len()), word(content.len())].concat();
+        let common = [
+            &[20, 0, 0, 0][..],
+            &method.to_le_bytes(),
+            &[0; 4],
+            &sizes,
+            &(name.len() as u16).to_le_bytes(),
+            &[0, 0],
+        ]
+        .concat();
         let local = word(file.len());
         file.extend([b"PK\x03\x04", &common[..], name, &packed].concat());
         directory.extend([b"PK\x01\x02\x14\0", &common[..], &[0; 10], &local, name].concat());
@@ -142,7 +175,8 @@ fn archive(parts: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
-const GOLDEN: [&[u8]; 2] = [include_bytes!("../golden/matches.npz"), include_bytes!("../golden/matches_deflated.npz")];
+const GOLDEN: [&[u8]; 2] =
+    [include_bytes!("../golden/matches.npz"), include_bytes!("../golden/matches_deflated.npz")];
 const WORDS: [&str; 14] = [
     "numpy.core.multiarray\n_reconstruct\n",
     "cnumpy\ndtype\n",
@@ -164,7 +198,10 @@ const WORDS: [&str; 14] = [
 fn matches_open(scratch: &Scratch, input: &[u8]) -> bool {
     scratch.put(MATCHES, input);
     let found = inspect(&scratch.0).unwrap();
-    found.recordings.iter().any(|r| r.views > 0 && !r.warnings.iter().any(|w| w.contains("matches not used")))
+    found
+        .recordings
+        .iter()
+        .any(|r| r.views > 0 && !r.warnings.iter().any(|w| w.text.contains("matches not used")))
 }
 
 /// Archives of matches, damaged anywhere.

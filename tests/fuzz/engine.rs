@@ -62,13 +62,15 @@ struct Tally {
 }
 
 impl Target<'_> {
-    /// Runs the target: `read` gives the input to the reader, asserts what must hold, and tells whether it was accepted.
+    /// Runs the target: `read` gives the input to the reader, asserts what must hold, and tells whether it
+    /// was accepted.
     ///
     /// # Panics
     /// If an input fails; tells where it lies and the command that runs it again.
     pub fn run(&self, mut read: impl FnMut(&[u8]) -> bool) {
         quiet_panics();
-        let _one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
+        let _one_thread =
+            rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
         if let Some(path) = std::env::var_os("ARTITWIN_FUZZ_INPUT") {
             let bytes = fs::read(&path).unwrap();
             let (outcome, seconds, usage) = self.judge(&bytes, &mut read);
@@ -76,7 +78,8 @@ impl Target<'_> {
             assert!(outcome.is_ok(), "{}", outcome.unwrap_err());
             return;
         }
-        let (from, count) = (number("ARTITWIN_FUZZ_FROM").unwrap_or(0), number("ARTITWIN_FUZZ").unwrap_or(INPUTS));
+        let (from, count) =
+            (number("ARTITWIN_FUZZ_FROM").unwrap_or(0), number("ARTITWIN_FUZZ").unwrap_or(INPUTS));
         let start = processor_seconds();
         let watch = Watch::start(self.name);
         let mut tally = Tally::default();
@@ -101,7 +104,9 @@ impl Target<'_> {
         tally.most = tally.most.max((usage.peak, index));
         tally.largest = tally.largest.max(usage.largest);
         let outcome = match outcome {
-            Ok(false) if (index as usize) < self.seeds.len() => Err("an unchanged seed is refused".to_owned()),
+            Ok(false) if (index as usize) < self.seeds.len() => {
+                Err("an unchanged seed is refused".to_owned())
+            }
             other => other,
         };
         if let Err(why) = outcome
@@ -117,7 +122,10 @@ impl Target<'_> {
         if let Some(seed) = self.seeds.get(index as usize) {
             return seed.clone();
         }
-        let named = self.name.bytes().fold(0xcbf2_9ce4_8422_2325, |sum: u64, b| (sum ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+        let named = self
+            .name
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |sum: u64, b| (sum ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
         let random = mixed(named ^ mixed(index));
         let mut parts = self.seeds[(random >> 32) as usize % self.seeds.len()].clone();
         let mut session = Session::new().seed(random);
@@ -149,7 +157,9 @@ impl Target<'_> {
         let most = self.bytes + PER_BYTE * bytes.len();
         let outcome = match result {
             Err(_) => Err(format!("panic: {}", PANIC.take())),
-            Ok(_) if usage.peak > most => Err(format!("memory: {} for {} bytes, {} at most", told(usage.peak), bytes.len(), told(most))),
+            Ok(_) if usage.peak > most => {
+                Err(format!("memory: {} for {} bytes, {} at most", told(usage.peak), bytes.len(), told(most)))
+            }
             Ok(_) if seconds > SECONDS => Err(format!("time: {seconds:.1} s, {SECONDS} at most")),
             Ok(accepted) => Ok(accepted),
         };
@@ -189,8 +199,8 @@ impl Target<'_> {
 
     fn tell(&self, tally: &Tally, seconds: f64) {
         println!(
-            "{}: {} inputs in {seconds:.1} s of a core ({:.0}/s), {:.1} % accepted; slowest {:.1} ms (input {}); most memory {} (input {}), largest \
-             allocation {}",
+            "{}: {} inputs in {seconds:.1} s of a core ({:.0}/s), {:.1} % accepted; slowest {:.1} ms (input \
+             {}); most memory {} (input {}), largest allocation {}",
             self.name,
             tally.inputs,
             tally.inputs as f64 / seconds,
@@ -233,7 +243,9 @@ fn mixed(mut x: u64) -> u64 {
 }
 
 fn number(variable: &str) -> Option<u64> {
-    std::env::var(variable).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{variable}={text} is no number")))
+    std::env::var(variable)
+        .ok()
+        .map(|text| text.parse().unwrap_or_else(|_| panic!("{variable}={text} is no number")))
 }
 
 fn told(bytes: usize) -> String {
@@ -267,7 +279,8 @@ fn quiet_panics() {
         let told = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| match LISTENS.get() {
             true => {
-                let place = info.location().map_or_else(String::new, |l| format!(" at {}:{}", l.file(), l.line()));
+                let place =
+                    info.location().map_or_else(String::new, |l| format!(" at {}:{}", l.file(), l.line()));
                 PANIC.set(format!("{}{place}", info.payload_as_str().unwrap_or_default()));
             }
             false => told(info),
@@ -298,7 +311,11 @@ impl Watch {
                     if index != last.0 {
                         last = (index, Instant::now());
                     } else if last.1.elapsed() > Duration::from_secs(HANGS) {
-                        writeln!(std::io::stderr(), "{name}: input {index} takes more than {HANGS} s; it hangs").ok();
+                        writeln!(
+                            std::io::stderr(),
+                            "{name}: input {index} takes more than {HANGS} s; it hangs"
+                        )
+                        .ok();
                         std::process::abort();
                     }
                 }

@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 
-use artitwin::io::{
+use artitwin::internal::io::{
     image_codec as codec,
     image_codec::{MAX_SIDE, Raster},
     ros2msg::CompressedImage,
@@ -17,8 +17,8 @@ use super::{
     recorded::{SIZE, WORDS, compressed, compressed_depth, millimeters, picture},
 };
 
-/// A file of a few bytes may hold an image of [`MAX_SIDE`] pixels a side: 8 bytes a pixel as it is decoded, and as much again
-/// where it is brought to another form.
+/// A file of a few bytes may hold an image of [`MAX_SIDE`] pixels a side: 8 bytes a pixel as it is decoded,
+/// and as much again where it is brought to another form.
 const LARGEST_IMAGE: usize = 2 * 8 * MAX_SIDE * MAX_SIDE;
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -93,17 +93,33 @@ fn pngs() -> Vec<Vec<u8>> {
         file.into_inner()
     };
     let count = (width * height) as usize;
-    let rgba = image::RgbaImage::from_raw(width, height, (0..4 * count).map(|k| (k * 5) as u8).collect()).unwrap();
-    let gray = image::GrayImage::from_raw(width, height, (0..count).map(|k| (k % 3) as u8).collect()).unwrap();
-    vec![picture(ImageFormat::Png, false), picture(ImageFormat::Png, true), save(rgba.into()), save(gray.into())]
+    let rgba =
+        image::RgbaImage::from_raw(width, height, (0..4 * count).map(|k| (k * 5) as u8).collect()).unwrap();
+    let gray =
+        image::GrayImage::from_raw(width, height, (0..count).map(|k| (k % 3) as u8).collect()).unwrap();
+    vec![
+        picture(ImageFormat::Png, false),
+        picture(ImageFormat::Png, true),
+        save(rgba.into()),
+        save(gray.into()),
+    ]
 }
 
-const CHUNKS: [&str; 14] = ["IHDR", "IDAT", "IEND", "PLTE", "tRNS", "gAMA", "iCCP", "sRGB", "tEXt", "zTXt", "iTXt", "acTL", "fcTL", "fdAT"];
+const CHUNKS: [&str; 14] = [
+    "IHDR", "IDAT", "IEND", "PLTE", "tRNS", "gAMA", "iCCP", "sRGB", "tEXt", "zTXt", "iTXt", "acTL", "fcTL",
+    "fdAT",
+];
 
 /// PNG files, damaged anywhere.
 #[test]
 fn png_bytes() {
-    let target = Target { name: "images::png_bytes", seeds: whole(pngs()), words: &CHUNKS, assemble: plain, bytes: LARGEST_IMAGE };
+    let target = Target {
+        name: "images::png_bytes",
+        seeds: whole(pngs()),
+        words: &CHUNKS,
+        assemble: plain,
+        bytes: LARGEST_IMAGE,
+    };
     target.run(decoded);
 }
 
@@ -111,12 +127,23 @@ fn png_bytes() {
 #[test]
 fn png_chunks() {
     let mut seeds: Vec<Parts> = pngs().iter().map(|file| chunks(file)).collect();
-    for extra in [&b"gAMA\0\0\xb1\x8f"[..], b"tRNS\0\x01\0\x02\0\x03", b"tEXtComment\0hello", b"acTL\0\0\0\x02\0\0\0\0"] {
+    for extra in [
+        &b"gAMA\0\0\xb1\x8f"[..],
+        b"tRNS\0\x01\0\x02\0\x03",
+        b"tEXtComment\0hello",
+        b"acTL\0\0\0\x02\0\0\0\0",
+    ] {
         let mut parts = seeds[0].clone();
         parts.insert(1, extra.to_vec());
         seeds.push(parts);
     }
-    let target = Target { name: "images::png_chunks", seeds, words: &CHUNKS, assemble: png_file, bytes: LARGEST_IMAGE };
+    let target = Target {
+        name: "images::png_chunks",
+        seeds,
+        words: &CHUNKS,
+        assemble: png_file,
+        bytes: LARGEST_IMAGE,
+    };
     target.run(decoded);
 }
 
@@ -135,8 +162,13 @@ fn jpeg() {
 /// `compressedDepth`: its header, and PNG or RVL behind it.
 #[test]
 fn depth() {
-    let formats =
-        ["16UC1; compressedDepth rvl", "16UC1; compressedDepth png", "32FC1; compressedDepth rvl", "32FC1; compressedDepth", "png"];
+    let formats = [
+        "16UC1; compressedDepth rvl",
+        "16UC1; compressedDepth png",
+        "32FC1; compressedDepth rvl",
+        "32FC1; compressedDepth",
+        "png",
+    ];
     let seed = |format: &str| match format {
         "png" => picture(ImageFormat::Png, true),
         other => compressed_depth(other.ends_with("rvl")),

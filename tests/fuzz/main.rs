@@ -1,5 +1,5 @@
-//! Fuzz targets: every reader of what comes from a file or the network, on mutated inputs. How to run them, run one input
-//! again and add a target: docs/fuzzing.md.
+//! Fuzz targets: every reader of what comes from a file or the network, on mutated inputs. How to run them,
+//! run one input again and add a target: docs/fuzzing.md.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic, and tells what it saw")]
 #![cfg(unix)]

@@ -1,4 +1,5 @@
-//! What an input costs in memory: a global allocator that counts by thread. What C libraries allocate (zstd, lz4) passes it by.
+//! What an input costs in memory: a global allocator that counts by thread. What C libraries allocate (zstd,
+//! lz4) passes it by.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},

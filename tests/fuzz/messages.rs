@@ -1,12 +1,12 @@
 //! Messages of ROS 2, from bags and from the network.
 
-use artitwin::io::{
+use artitwin::internal::io::{
     image_codec as codec,
     image_codec::{MAX_SIDE, Raster},
     pinhole,
     ros2msg::{
-        CameraInfo, CompressedFront, CompressedImage, Image, ImageFront, JointState, Odometry, PoseStamped, TfMessage, Time, Transform,
-        Vector3, WrenchStamped, decode, encode,
+        CameraInfo, CompressedFront, CompressedImage, Image, ImageFront, JointState, Odometry, PoseStamped,
+        TfMessage, Time, Transform, Vector3, WrenchStamped, decode, encode,
         gap::DiagnoseGoal,
         odometry::FullOdometry,
         status::{CollectionStatus, ReconstructGoal, SetStateRequest},
@@ -17,7 +17,10 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use super::{
     engine::{BYTES, Target, plain, whole},
-    recorded::{START, WORDS, camera_info, compressed, compressed_depth, header, image, millimeters, picture, pose, transform},
+    recorded::{
+        START, WORDS, camera_info, compressed, compressed_depth, header, image, millimeters, picture, pose,
+        transform,
+    },
 };
 
 /// Decodes; what comes out must be the same after it was encoded again.
@@ -49,7 +52,10 @@ fn check_info(info: &CameraInfo) {
     for image in ["/camera/image_raw", "/camera/image_rect"] {
         let Ok((camera, lens)) = pinhole(info, "/camera/camera_info", image) else { continue };
         assert!((1..=MAX_SIDE).contains(&camera.width) && (1..=MAX_SIDE).contains(&camera.height));
-        assert!([camera.fx, camera.fy].iter().all(|f| f.is_finite() && *f > 0.0) && [camera.cx, camera.cy].iter().all(|c| c.is_finite()));
+        assert!(
+            [camera.fx, camera.fy].iter().all(|f| f.is_finite() && *f > 0.0)
+                && [camera.cx, camera.cy].iter().all(|c| c.is_finite())
+        );
         let _ = lens.is_pinhole();
     }
 }
@@ -80,8 +86,16 @@ fn decoding() {
         encode(&compressed(START, "16UC1; compressedDepth rvl", compressed_depth(true))),
         encode(&transform(START, "world", "camera", &pose(3))),
         encode(&PoseStamped { header: header(START, "world"), pose: Transform::from_pose(&pose(4)) }),
-        encode(&Odometry { header: header(START, "odom"), child_frame_id: "base".into(), pose: Transform::from_pose(&pose(5)) }),
-        encode(&WrenchStamped { header: header(START, "tool"), force: Vector3::from([1.0, 2.0, 3.0]), ..WrenchStamped::default() }),
+        encode(&Odometry {
+            header: header(START, "odom"),
+            child_frame_id: "base".into(),
+            pose: Transform::from_pose(&pose(5)),
+        }),
+        encode(&WrenchStamped {
+            header: header(START, "tool"),
+            force: Vector3::from([1.0, 2.0, 3.0]),
+            ..WrenchStamped::default()
+        }),
         encode(&JointState {
             header: header(START, ""),
             name: vec!["a".into(), "b".into()],
@@ -140,20 +154,34 @@ fn raw_images() {
         image(START, "mono16", 2, |p| millimeters(p).to_le_bytes().to_vec()),
         image(START, "32FC1", 4, |p| (0.1 * p as f32).to_le_bytes().to_vec()),
     ];
-    let sizes = |i: &Image| [i.height, i.width, i.step, u32::from(i.is_bigendian)].map(u32::to_le_bytes).concat();
-    let seeds = seeds.iter().map(|i| vec![sizes(i), i.encoding.clone().into_bytes(), i.data.clone()]).collect();
+    let sizes =
+        |i: &Image| [i.height, i.width, i.step, u32::from(i.is_bigendian)].map(u32::to_le_bytes).concat();
+    let seeds =
+        seeds.iter().map(|i| vec![sizes(i), i.encoding.clone().into_bytes(), i.data.clone()]).collect();
     fn assemble(parts: &[Vec<u8>]) -> Vec<u8> {
         let part = |k: usize| parts.get(k).map_or(&[][..], Vec::as_slice);
-        let number = |k: usize| part(0).get(4 * k..4 * k + 4).map_or(1, |b| u32::from_le_bytes(b.try_into().unwrap()));
+        let number =
+            |k: usize| part(0).get(4 * k..4 * k + 4).map_or(1, |b| u32::from_le_bytes(b.try_into().unwrap()));
         let encoding = String::from_utf8_lossy(part(1)).into_owned();
         let [height, width, step, big] = [0, 1, 2, 3].map(number);
         let data = part(2).to_vec();
-        encode(&Image { header: header(START, "x"), height, width, encoding, is_bigendian: big as u8, step, data }).unwrap()
+        encode(&Image {
+            header: header(START, "x"),
+            height,
+            width,
+            encoding,
+            is_bigendian: big as u8,
+            step,
+            data,
+        })
+        .unwrap()
     }
     let target = Target { name: "messages::raw_images", seeds, words: &WORDS, assemble, bytes: BYTES };
     target.run(|input| {
         let Ok(image) = decode::<Image>(input) else { return false };
         check_image(&image);
-        codec::raw_color(&image).is_ok() || codec::raw_depth(&image).is_ok() || codec::raw_mask(&image).is_ok()
+        codec::raw_color(&image).is_ok()
+            || codec::raw_depth(&image).is_ok()
+            || codec::raw_mask(&image).is_ok()
     });
 }

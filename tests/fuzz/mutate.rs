@@ -31,8 +31,22 @@ const NUMBERS: [u64; 20] = [
     u64::MAX,
 ];
 /// Numbers that calculations get wrong.
-const REALS: [f64; 14] =
-    [0.0, -0.0, 1.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 5e-324, 1e-200, 1e30, 3.4e38];
+const REALS: [f64; 14] = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    f64::NAN,
+    f64::INFINITY,
+    f64::NEG_INFINITY,
+    f64::MAX,
+    f64::MIN,
+    f64::MIN_POSITIVE,
+    5e-324,
+    1e-200,
+    1e30,
+    3.4e38,
+];
 /// The same in text.
 const WRITTEN: [&str; 18] = [
     "0",
@@ -255,7 +269,9 @@ fn drop_part(_: &Mutator<'_>, rng: &mut Rng, parts: &mut Parts) {
 
 fn double_part(_: &Mutator<'_>, rng: &mut Rng, parts: &mut Parts) {
     let size: usize = parts.iter().map(Vec::len).sum();
-    let Some(part) = rng.choose(parts.iter()).filter(|p| size + p.len() <= MAX_BYTES).cloned() else { return };
+    let Some(part) = rng.choose(parts.iter()).filter(|p| size + p.len() <= MAX_BYTES).cloned() else {
+        return;
+    };
     let at = rng.gen_index(parts.len()).unwrap_or_default();
     parts.insert(at, part);
 }

@@ -1,12 +1,13 @@
-//! Small recordings as lists of MCAP records, and their files: chunks, checksums and summary are right whatever the records hold.
+//! Small recordings as lists of MCAP records, and their files: chunks, checksums and summary are right
+//! whatever the records hold.
 
 use std::io::Write as _;
 
-use artitwin::io::ros2msg::{
-    CameraInfo, CompressedImage, Header, Image, JointState, Odometry, PoseStamped, TfMessage, Time, Transform, TransformStamped, Vector3,
-    WrenchStamped, encode,
+use artitwin::internal::io::ros2msg::{
+    CameraInfo, CompressedImage, Header, Image, JointState, Odometry, PoseStamped, TfMessage, Time,
+    Transform, TransformStamped, Vector3, WrenchStamped, encode,
 };
-use artitwin::{geometry::Pose, io::rvl};
+use artitwin::internal::{geometry::Pose, io::rvl};
 use image::{DynamicImage, ImageFormat};
 use serde::Serialize;
 
@@ -59,8 +60,8 @@ pub const WORDS: [&str; 30] = [
     "/depth/",
 ];
 
-/// A recording that grows by records. The first piece says how the file is made: compression, records in a chunk, whether it
-/// has a summary.
+/// A recording that grows by records. The first piece says how the file is made: compression, records in a
+/// chunk, whether it has a summary.
 pub struct Records {
     parts: Parts,
     topics: Vec<String>,
@@ -112,7 +113,8 @@ pub fn bag(parts: &[Vec<u8>]) -> Vec<u8> {
     let is_head = |part: &&Vec<u8>| part.first() == Some(&HEADER);
     let mut file = MAGIC.to_vec();
     records.iter().take(1).filter(is_head).for_each(|part| file.extend(record(part)));
-    let rest: Vec<&Vec<u8>> = records.iter().skip(usize::from(records.first().is_some_and(|p| is_head(&p)))).collect();
+    let rest: Vec<&Vec<u8>> =
+        records.iter().skip(usize::from(records.first().is_some_and(|p| is_head(&p)))).collect();
     for group in rest.chunks(in_a_chunk) {
         let content: Vec<u8> = group.iter().flat_map(|part| record(part)).collect();
         match compression {
@@ -171,7 +173,15 @@ pub fn image(nanos: i64, encoding: &str, bytes: usize, pixel: impl Fn(usize) -> 
     let (width, height) = SIZE;
     let data = (0..(width * height) as usize).flat_map(pixel).collect();
     let step = width * bytes as u32;
-    Image { header: header(nanos, "optical"), height, width, encoding: encoding.into(), is_bigendian: 0, step, data }
+    Image {
+        header: header(nanos, "optical"),
+        height,
+        width,
+        encoding: encoding.into(),
+        is_bigendian: 0,
+        step,
+        data,
+    }
 }
 
 /// Millimeters of a pixel: a box before a wall.
@@ -187,8 +197,16 @@ pub fn picture(format: ImageFormat, depth: bool) -> Vec<u8> {
 pub fn picture_of((width, height): (u32, u32), format: ImageFormat, depth: bool) -> Vec<u8> {
     let count = (width * height) as usize;
     let picture: DynamicImage = match depth {
-        true => image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, (0..count).map(millimeters).collect()).unwrap().into(),
-        false => image::RgbImage::from_raw(width, height, (0..3 * count).map(|k| (k * 7) as u8).collect()).unwrap().into(),
+        true => image::ImageBuffer::<image::Luma<u16>, _>::from_raw(
+            width,
+            height,
+            (0..count).map(millimeters).collect(),
+        )
+        .unwrap()
+        .into(),
+        false => image::RgbImage::from_raw(width, height, (0..3 * count).map(|k| (k * 7) as u8).collect())
+            .unwrap()
+            .into(),
     };
     let mut file = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut file, format).unwrap();
@@ -216,7 +234,13 @@ pub fn pose(k: i64) -> Pose {
 
 pub fn transform(nanos: i64, parent: &str, child: &str, pose: &Pose) -> TfMessage {
     let transform = Transform::from_pose(pose);
-    TfMessage { transforms: vec![TransformStamped { header: header(nanos, parent), child_frame_id: child.into(), transform }] }
+    TfMessage {
+        transforms: vec![TransformStamped {
+            header: header(nanos, parent),
+            child_frame_id: child.into(),
+            transform,
+        }],
+    }
 }
 
 /// How images and poses of a recording are written.
@@ -230,14 +254,26 @@ pub enum Style {
 /// A recording of some views.
 pub fn frames(style: Style, compression: u8, views: i64) -> Parts {
     let mut bag = Records::new(compression, 5);
-    bag.message("/tf_static", "tf2_msgs/msg/TFMessage", START, &transform(START, "link", "optical", &Pose::translation(0.0, 0.01, 0.0)));
+    bag.message(
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        START,
+        &transform(START, "link", "optical", &Pose::translation(0.0, 0.01, 0.0)),
+    );
     for k in 0..=views {
         let at = START + k * 100_000_000;
         let (pose, head) = (pose(k), header(at, "world"));
         let given = Transform::from_pose(&pose);
         match style {
-            Style::Raw => bag.message("/tf", "tf2_msgs/msg/TFMessage", at, &transform(at, "world", "link", &pose)),
-            Style::Png => bag.message("/pose", "geometry_msgs/msg/PoseStamped", at, &PoseStamped { header: head, pose: given }),
+            Style::Raw => {
+                bag.message("/tf", "tf2_msgs/msg/TFMessage", at, &transform(at, "world", "link", &pose))
+            }
+            Style::Png => bag.message(
+                "/pose",
+                "geometry_msgs/msg/PoseStamped",
+                at,
+                &PoseStamped { header: head, pose: given },
+            ),
             Style::Rvl => {
                 let message = Odometry { header: head, child_frame_id: "link".into(), pose: given };
                 bag.message("/odom", "nav_msgs/msg/Odometry", at, &message);
@@ -258,11 +294,22 @@ pub fn frames(style: Style, compression: u8, views: i64) -> Parts {
             }
             Style::Png | Style::Rvl => {
                 let kind = "sensor_msgs/msg/CompressedImage";
-                let (format, name) = if style == Style::Png { (ImageFormat::Png, "png") } else { (ImageFormat::Jpeg, "jpeg") };
-                bag.message("/color/image_raw/compressed", kind, at, &compressed(at, name, picture(format, false)));
+                let (format, name) =
+                    if style == Style::Png { (ImageFormat::Png, "png") } else { (ImageFormat::Jpeg, "jpeg") };
+                bag.message(
+                    "/color/image_raw/compressed",
+                    kind,
+                    at,
+                    &compressed(at, name, picture(format, false)),
+                );
                 let by_rvl = style == Style::Rvl;
                 let format = if by_rvl { "16UC1; compressedDepth rvl" } else { "16UC1; compressedDepth png" };
-                bag.message("/aligned_depth/image_raw/compressedDepth", kind, at, &compressed(at, format, compressed_depth(by_rvl)));
+                bag.message(
+                    "/aligned_depth/image_raw/compressedDepth",
+                    kind,
+                    at,
+                    &compressed(at, format, compressed_depth(by_rvl)),
+                );
             }
         }
     }
@@ -284,8 +331,11 @@ pub fn joint_log(compression: u8, samples: i64) -> Parts {
         };
         bag.message("/joint_states", "sensor_msgs/msg/JointState", at, &state);
         if k % 5 == 0 {
-            let wrench =
-                WrenchStamped { header: header(at, "handle"), force: Vector3::from([0.0, effort, 0.1]), torque: Vector3::default() };
+            let wrench = WrenchStamped {
+                header: header(at, "handle"),
+                force: Vector3::from([0.0, effort, 0.1]),
+                torque: Vector3::default(),
+            };
             bag.message("/wrench", "geometry_msgs/msg/WrenchStamped", at, &wrench);
             let turned = Pose::rotation(nalgebra::Vector3::new(0.0, 0.0, angle));
             bag.message("/tf", "tf2_msgs/msg/TFMessage", at, &transform(at, "base", "door", &turned));

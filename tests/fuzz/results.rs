@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use artitwin::{
+use artitwin::internal::{
     evaluate::{RunFiles, Truth},
     io::{read_gap_report, read_npy, read_run_summary},
     run::{Checkpoint, Fingerprint, Monitor},
@@ -24,10 +24,27 @@ const GAP: &str = r#"{"verdict": "named", "findings": [{"joint": "hinge", "effec
  [{"name": "damping", "value": 0.4, "unit": "N m s/rad", "interval": [0.3, null]}]}],
  "gap": {"before": 0.1, "after": 0.01, "noise_floor": null, "unit": "rad"}}
 "#;
-const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                   property float z\nelement face 1\n\
                    property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-const JSON: [&str; 16] =
-    ["{", "[", "}", "]", "null", "true", "\"", "\\u0000", "\\ud800", "1e999", "-0", ",", ":", "\"../../etc/x\"", "\"slide\"", "\"unit\""];
+const JSON: [&str; 16] = [
+    "{",
+    "[",
+    "}",
+    "]",
+    "null",
+    "true",
+    "\"",
+    "\\u0000",
+    "\\ud800",
+    "1e999",
+    "-0",
+    ",",
+    ":",
+    "\"../../etc/x\"",
+    "\"slide\"",
+    "\"unit\"",
+];
 
 /// `report.json` and URDF of a run, as the node and `evaluate` read them.
 #[test]
@@ -39,7 +56,8 @@ fn run_folder() {
     fn assemble(parts: &[Vec<u8>]) -> Vec<u8> {
         parts.join(&0)
     }
-    let words = [&JSON[..], &["<joint ", "type=\"revolute\"", "parent link=\"tray\"", "<link name=\"x\"/>"]].concat();
+    let words =
+        [&JSON[..], &["<joint ", "type=\"revolute\"", "parent link=\"tray\"", "<link name=\"x\"/>"]].concat();
     let target = Target { name, seeds, words: &words, assemble, bytes: BYTES };
     target.run(|input| {
         let (report, urdf) = input.split_at(input.iter().position(|b| *b == 0).unwrap_or(input.len()));
@@ -113,7 +131,8 @@ fn npy() {
         array("<i4", "(2, 2)", &reals[..16]),
         array("|u1", "(16, 1)", &reals[..16]),
     ]);
-    let words = ["'shape': ", "(0, 4)", "(4294967296, 4294967296)", "'<f8'", "'descr': ", "True", ")", "(", ","];
+    let words =
+        ["'shape': ", "(0, 4)", "(4294967296, 4294967296)", "'<f8'", "'descr': ", "True", ")", "(", ","];
     let target = Target { name, seeds, words: &words, assemble: plain, bytes: BYTES };
     target.run(|input| {
         let Ok(array) = read_npy(&scratch.put("a.npy", input)) else { return false };
@@ -141,8 +160,14 @@ type Stage = (Vec<f32>, BTreeMap<String, Vec<[f64; 3]>>, Option<(u64, i32, bool)
 fn checkpoint() {
     let name = "results::checkpoint";
     let scratch = Scratch::new(name);
-    let checkpoint = Checkpoint::open(&scratch.0.join("c"), &Fingerprint::default().with("seed", 1), true).unwrap();
-    let stage: Stage = (vec![1.0, 2.5], [("hinge".to_owned(), vec![[1.0, 2.0, 3.0]])].into(), Some((7, -3, true)), vec![1, 2, 3]);
+    let checkpoint =
+        Checkpoint::open(&scratch.0.join("c"), &Fingerprint::default().with("seed", 1), true).unwrap();
+    let stage: Stage = (
+        vec![1.0, 2.5],
+        [("hinge".to_owned(), vec![[1.0, 2.0, 3.0]])].into(),
+        Some((7, -3, true)),
+        vec![1, 2, 3],
+    );
     checkpoint.save("stage", &stage).unwrap();
     let files: Vec<_> = std::fs::read_dir(scratch.0.join("c")).unwrap().flatten().map(|e| e.path()).collect();
     let file = files.into_iter().find(|p| p.extension().is_some_and(|e| e == "ckpt")).unwrap();

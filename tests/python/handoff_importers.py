@@ -3,7 +3,7 @@
     python handoff_importers.py DIR NAME
 
 The last line is JSON: {importer: {"links", "joints", "solids", "visuals", "textures", "mass", "limits": {joint: [lower, upper]}}}; a number that
-an importer does not tell is left out. Exit codes prove nothing: the caller compares the counts.
+an importer does not report is left out. Exit codes prove nothing: the caller compares the counts.
 """
 
 import json

@@ -4,7 +4,7 @@
 
 `rest`: largest change of any joint from each observed state in 10 s under gravity; the joint friction of the files holds it. `open`: per joint,
 share of the observed interval that a constant effort takes it through. `ball`: a 5 cm ball is dropped into the link of JOINT where that joint is
-open; after it settled the joint closes halfway; how far the ball is outside the link's bounds then (0: inside), metres.
+open; after it settled the joint closes halfway; how far the ball is outside the link's bounds then (0: inside), meters.
 """
 
 import argparse

@@ -52,7 +52,7 @@ def rendered(folder, name, state, camera):
         for view in renderer.scene.camera:
             view.pos, view.forward, view.up = pose[:3, 3], pose[:3, 2], -pose[:3, 1]
             near = view.frustum_near
-            # Edges of the image at the near plane; integer pixel coordinates are pixel centres, v points down.
+            # Edges of the image at the near plane; integer pixel coordinates are pixel centers, v points down.
             left, right = (-0.5 - k["cx"]) / k["fx"], (k["width"] - 0.5 - k["cx"]) / k["fx"]
             top, bottom = (k["cy"] + 0.5) / k["fy"], (k["cy"] + 0.5 - k["height"]) / k["fy"]
             view.frustum_center, view.frustum_width = near * (left + right) / 2, near * (right - left) / 2

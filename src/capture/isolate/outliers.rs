@@ -10,12 +10,12 @@ use super::voxels::{Cell, center};
 const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
 /// Cells this much further from their neighbors than the mean are outliers, in standard deviations.
 const SIGMAS: f64 = 3.0;
-/// Nothing nearer to its neighbors than this many cells is an outlier: the 16 neighbors of a rod one cell wide are on
-/// average 4.5 cells away.
+/// Nothing nearer to its neighbors than this many cells is an outlier: the 16 neighbors of a rod one cell
+/// wide are on average 4.5 cells away.
 const ALWAYS_KEPT_CELLS: f64 = 6.0;
 
-/// Cells of a sorted list that stand apart from the others (statistical outlier removal on cells, with a floor that
-/// keeps rods and wires).
+/// Cells of a sorted list that stand apart from the others (statistical outlier removal on cells, with a
+/// floor that keeps rods and wires).
 #[must_use]
 pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
     if cells.len() <= NEIGHBORS.get() {
@@ -30,7 +30,8 @@ pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
     };
     let distances: Vec<f64> = points.iter().map(mean_distance).collect();
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-    let deviation = (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();
+    let deviation =
+        (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();
     let limit = (mean + SIGMAS * deviation).max(ALWAYS_KEPT_CELLS * size_m);
     cells.iter().zip(distances).filter(|(_, d)| *d > limit).map(|(c, _)| *c).collect()
 }

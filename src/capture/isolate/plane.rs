@@ -1,8 +1,8 @@
 //! Planes that the object stands on or before: found by RANSAC in the points of all frames and taken away.
 //!
-//! A plane counts as background only if the cameras are all on one side of it, next to nothing lies behind it, and it
-//! reaches the borders of the images. So a side of the object is not taken for a wall, and a floor goes before the
-//! table that stands on it.
+//! A plane counts as background only if the cameras are all on one side of it, next to nothing lies behind
+//! it, and it reaches the borders of the images. So a side of the object is not taken for a wall, and a floor
+//! goes before the table that stands on it.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
@@ -65,7 +65,8 @@ struct Sample {
 #[must_use]
 pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut impl Rng) -> Vec<Plane> {
     let mut samples = sample(frames, noise);
-    let cameras: Vec<_> = frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
+    let cameras: Vec<_> =
+        frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
     let total: f64 = samples.iter().map(|s| s.weight).sum();
     let borders = samples.iter().filter(|s| s.at_border).count();
     let mut planes = Vec::new();
@@ -107,7 +108,12 @@ fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     samples
 }
 
-fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], support: f64, rng: &mut impl Rng) -> Option<Plane> {
+fn best_plane(
+    samples: &[Sample],
+    cameras: &[Point3<f64>],
+    support: f64,
+    rng: &mut impl Rng,
+) -> Option<Plane> {
     let step = samples.len().div_ceil(SCORED);
     let scored: Vec<&Sample> = samples.iter().step_by(step).collect();
     let mut best: Option<(f64, Plane)> = None;
@@ -127,8 +133,8 @@ fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], support: f64, rng: &m
     judge(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
 }
 
-/// The plane through three points, its normal to the cameras; `None` where they are on a line or the cameras are on
-/// both sides.
+/// The plane through three points, its normal to the cameras; `None` where they are on a line or the cameras
+/// are on both sides.
 fn through(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, cameras: &[Point3<f64>]) -> Option<Plane> {
     let normal = Unit::try_new((b - a).cross(&(c - a)), 1e-4)?;
     oriented(Plane { normal, offset_m: normal.dot(&a.coords) }, cameras)
@@ -173,7 +179,10 @@ fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<P
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
     let total: f64 = inliers.iter().map(|s| weight(s)).sum();
     let mean = inliers.iter().map(|s| s.point.coords * weight(s)).sum::<Vector3<f64>>() / total;
-    let spread = inliers.iter().map(|s| (s.point.coords - mean) * (s.point.coords - mean).transpose() * weight(s)).sum::<Matrix3<f64>>();
+    let spread = inliers
+        .iter()
+        .map(|s| (s.point.coords - mean) * (s.point.coords - mean).transpose() * weight(s))
+        .sum::<Matrix3<f64>>();
     let eigen = spread.symmetric_eigen();
     let normal = Unit::try_new(eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned(), 1e-9)?;
     oriented(Plane { normal, offset_m: normal.dot(&mean) }, cameras)
@@ -184,7 +193,7 @@ mod tests {
     use super::*;
     use crate::{
         geometry::{Intrinsics, Pose},
-        run::stage_rng,
+        random::stage_rng,
     };
 
     type Block = [[f64; 3]; 2];
@@ -230,7 +239,11 @@ mod tests {
 
     fn planes(blocks: &[Block], distance: f64, height: f64) -> Vec<Plane> {
         let frames = frames(blocks, distance, height);
-        background_planes(&frames.iter().collect::<Vec<_>>(), &NoiseConfig::default(), &mut stage_rng(0, "test", 0))
+        background_planes(
+            &frames.iter().collect::<Vec<_>>(),
+            &NoiseConfig::default(),
+            &mut stage_rng(0, "test", 0),
+        )
     }
 
     const FLOOR: Block = [[-9.0, -9.0, -1.1], [9.0, 9.0, -1.0]];

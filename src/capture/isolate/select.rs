@@ -20,8 +20,9 @@ impl Object {
     }
 }
 
-/// Groups the cells of both states and keeps the group that has the most cells near the point that the cameras look at,
-/// with smaller groups inside its bounds. Within a workspace every group is kept that has more than a few cells.
+/// Groups the cells of both states and keeps the group that has the most cells near the point that the
+/// cameras look at, with smaller groups inside its bounds. Within a workspace every group is kept that has
+/// more than a few cells.
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where there are no cells.
@@ -50,14 +51,16 @@ pub fn choose_object(
         (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach)
     };
     let large = |g: &[Cell]| g.len() * 200 >= groups[best].len();
-    let kept: Vec<usize> =
-        (0..groups.len()).filter(|g| *g == best || (large(&groups[*g]) && (in_workspace || inside(&groups[*g])))).collect();
+    let kept: Vec<usize> = (0..groups.len())
+        .filter(|g| *g == best || (large(&groups[*g]) && (in_workspace || inside(&groups[*g]))))
+        .collect();
     let mut object: Vec<Cell> = kept.iter().flat_map(|g| groups[*g].iter().copied()).collect();
     object.sort_unstable();
     let (l, u) = bounds(&object);
     let corner = |c: Cell, d: i32| c.map(|v| format!("{:.3}", f64::from(v + d) * size_m)).join(", ");
     let note = format!(
-        "no masks: object isolated as {} of {} groups of points, {} of {} cells of {:.1} mm, in the box ({}) to ({}) m",
+        "no masks: object isolated as {} of {} groups of points, {} of {} cells of {:.1} mm, in the box ({}) \
+         to ({}) m",
         kept.len(),
         groups.len(),
         object.len(),

@@ -1,9 +1,10 @@
 //! What stands out from the background for more than its noise.
 //!
-//! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns: lines along
-//! a plane's normal through squares of the plane. A cell counts only if it was read often enough against the background
-//! in its column. And a column in which hardly any reading lies below the plane shows no background: what was read
-//! there belongs to the object down to the plane, also where single readings are too noisy to tell.
+//! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns:
+//! lines along a plane's normal through squares of the plane. A cell counts only if it was read often enough
+//! against the background in its column. And a column in which hardly any reading lies below the plane shows
+//! no background: what was read there belongs to the object down to the plane, also where single readings are
+//! too noisy to decide.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,17 +12,18 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    Background, frames_needed, in_box,
-    voxels::{Cell, cell, center},
+    background::{Background, in_box},
+    voxels::{Cell, cell, center, frames_needed},
 };
 use crate::capture::RgbdFrame;
 
-/// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond three standard
-/// deviations, real sensors some more.
+/// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
+/// three standard deviations, real sensors some more.
 const COLUMN_SHARE: f64 = 0.03;
-/// Share of the readings of a column below the plane, at most, if it shows no background (which has one half).
+/// Share of the readings of a column below the plane, at most, if it shows no background (which has one
+/// half).
 const BELOW_SHARE: f64 = 0.05;
-/// Fewest readings of a column that tell.
+/// Fewest readings of a column that decides.
 const MIN_READINGS: u32 = 20;
 /// Every so many pixels are counted in columns.
 const STRIDE: usize = 2;
@@ -53,10 +55,16 @@ struct Readings {
     columns: HashMap<Column, ColumnReadings>,
 }
 
-/// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may fly between
-/// object and background.
-pub fn find_support(frames: &[RgbdFrame], weights: &[Vec<f32>], size_m: f64, background: &Background) -> Support {
-    let readings: Vec<Readings> = frames.par_iter().zip(weights).map(|(f, w)| read(f, w, size_m, background)).collect();
+/// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may
+/// fly between object and background.
+pub fn find_support(
+    frames: &[RgbdFrame],
+    weights: &[Vec<f32>],
+    size_m: f64,
+    background: &Background,
+) -> Support {
+    let readings: Vec<Readings> =
+        frames.par_iter().zip(weights).map(|(f, w)| read(f, w, size_m, background)).collect();
     // Frames and readings of a cell.
     let mut totals: HashMap<Cell, (usize, u32)> = HashMap::new();
     let mut columns: HashMap<Column, ColumnReadings> = HashMap::new();
@@ -72,17 +80,21 @@ pub fn find_support(frames: &[RgbdFrame], weights: &[Vec<f32>], size_m: f64, bac
             total.below += n.below;
         }
     }
-    let needed = frames_needed(frames);
+    let needed = frames_needed(frames.len());
     let stands_out = |c: &Cell, (seen_by, count): (usize, u32)| {
         let point = center(c, size_m);
-        let behind =
-            (0..background.planes.len()).filter_map(|p| columns.get(&column(p, &point, size_m, background))).map(|n| n.background).max();
+        let behind = (0..background.planes.len())
+            .filter_map(|p| columns.get(&column(p, &point, size_m, background)))
+            .map(|n| n.background)
+            .max();
         let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
         seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind
     };
-    let mut cells: Vec<Cell> = totals.into_iter().filter(|(c, t)| stands_out(c, *t)).map(|(c, _)| c).collect();
+    let mut cells: Vec<Cell> =
+        totals.into_iter().filter(|(c, t)| stands_out(c, *t)).map(|(c, _)| c).collect();
     cells.sort_unstable();
-    let is_solid = |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);
+    let is_solid =
+        |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);
     let solid = columns.into_iter().filter(|(_, n)| is_solid(n)).map(|(c, _)| c).collect();
     Support { cells, solid }
 }
@@ -90,9 +102,10 @@ pub fn find_support(frames: &[RgbdFrame], weights: &[Vec<f32>], size_m: f64, bac
 impl Support {
     /// Whether a point near a plane is in a column without background.
     pub fn is_solid(&self, point: &Point3<f64>, size_m: f64, background: &Background) -> bool {
-        background
-            .nearest_plane(point)
-            .is_some_and(|p| background.planes[p].height_m(point) > 0.0 && self.solid.contains(&column(p, point, size_m, background)))
+        background.nearest_plane(point).is_some_and(|p| {
+            background.planes[p].height_m(point) > 0.0
+                && self.solid.contains(&column(p, point, size_m, background))
+        })
     }
 }
 
@@ -102,7 +115,9 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
     for p in (0..weights.len()).filter(|p| weights[*p] > 0.0) {
         let Some(point) = frame.world_point(p) else { continue };
         let above = background.is_above(frame, p, &point);
-        if let Some(c) = cell(&point, size_m).filter(|_| above && in_box(background.config.isolate.workspace, &point)) {
+        if let Some(c) =
+            cell(&point, size_m).filter(|_| above && in_box(background.config.isolate.workspace, &point))
+        {
             *readings.cells.entry(c).or_default() += 1;
         }
         if !(p % width).is_multiple_of(STRIDE) || !(p / width).is_multiple_of(STRIDE) {

@@ -27,13 +27,14 @@ pub fn supported(frames: &[HashSet<Cell>], frames_needed: usize) -> Vec<Cell> {
     for c in frames.iter().flatten() {
         *counts.entry(*c).or_default() += 1;
     }
-    let mut cells: Vec<Cell> = counts.into_iter().filter(|(_, n)| *n >= frames_needed).map(|(c, _)| c).collect();
+    let mut cells: Vec<Cell> =
+        counts.into_iter().filter(|(_, n)| *n >= frames_needed).map(|(c, _)| c).collect();
     cells.sort_unstable();
     cells
 }
 
-/// Groups of sorted cells in which each is within `reach` cells of another (in the largest coordinate); each group
-/// sorted, groups in the order of their first cell.
+/// Groups of sorted cells in which each is within `reach` cells of another (in the largest coordinate); each
+/// group sorted, groups in the order of their first cell.
 #[must_use]
 pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
     let index: HashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
@@ -73,6 +74,11 @@ fn around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
     let c = *c;
     let range = move || -reach..=reach;
     range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [c[0] + x, c[1] + y, c[2] + z])))
+}
+
+/// Frames that must agree on a cell.
+pub fn frames_needed(frames: usize) -> usize {
+    if frames >= 6 { 2 } else { 1 }
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
-    PoseNoise,
     pairs::{Comparison, PairSums},
+    pose_noise::PoseNoise,
 };
 use crate::geometry::{Pose, log_so3};
 
@@ -12,12 +12,12 @@ use crate::geometry::{Pose, log_so3};
 const ROUNDS: [usize; 3] = [10, 3, 3];
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
-/// Rounds end when no camera moves further than this, metres (radians times one metre).
+/// Rounds end when no camera moves further than this, meters (radians times one meter).
 const STEP_M: f64 = 5e-5;
 
-/// The poses that make the fitted pieces agree, and the size of the errors of those that were told.
-pub(super) fn solve(comparison: &Comparison, told: &[Pose]) -> (Vec<Pose>, PoseNoise) {
-    let mut poses = told.to_vec();
+/// The poses that make the fitted surfels agree, and the size of the errors of the reported ones.
+pub(super) fn solve(comparison: &Comparison, reported: &[Pose]) -> (Vec<Pose>, PoseNoise) {
+    let mut poses = reported.to_vec();
     let mut noise = PoseNoise::EXPECTED;
     let mut scale = comparison.scale(&poses);
     let mut loosened = LOOSE.into_iter();
@@ -27,7 +27,9 @@ pub(super) fn solve(comparison: &Comparison, told: &[Pose]) -> (Vec<Pose>, PoseN
             let loose = loosened.next();
             let sums = comparison.sums(&poses, scale, loose.unwrap_or(0.0));
             scale = sums.scale;
-            let Some((step, spread)) = step(&sums.pairs, told, &poses, &noise) else { return (poses, noise) };
+            let Some((step, spread)) = step(&sums.pairs, reported, &poses, &noise) else {
+                return (poses, noise);
+            };
             for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
                 *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
             }
@@ -37,14 +39,20 @@ pub(super) fn solve(comparison: &Comparison, told: &[Pose]) -> (Vec<Pose>, PoseN
             }
         }
         if let Some(covariance) = covariance {
-            noise = expected_noise(told, &poses, &covariance);
+            noise = expected_noise(reported, &poses, &covariance);
         }
     }
     (poses, noise)
 }
 
-/// One step for all cameras, 6 values each: translation and rotation in its optical frame; and its covariance.
-fn step(sums: &[PairSums], told: &[Pose], poses: &[Pose], noise: &PoseNoise) -> Option<(DVector<f64>, DMatrix<f64>)> {
+/// One step for all cameras, 6 values each: translation and rotation in its optical frame; and its
+/// covariance.
+fn step(
+    sums: &[PairSums],
+    reported: &[Pose],
+    poses: &[Pose],
+    noise: &PoseNoise,
+) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let unknowns = 6 * poses.len();
     let (mut information, mut gradient) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
     for sums in sums {
@@ -59,10 +67,12 @@ fn step(sums: &[PairSums], told: &[Pose], poses: &[Pose], noise: &PoseNoise) -> 
             place += g;
         }
     }
-    for (f, (told, pose)) in told.iter().zip(poses).enumerate() {
-        let [moved, turned] = correction(told, pose);
+    for (f, (reported, pose)) in reported.iter().zip(poses).enumerate() {
+        let [moved, turned] = correction(reported, pose);
         for k in 0..3 {
-            for (at, value, sigma) in [(6 * f + k, moved[k], noise.translation_m), (6 * f + 3 + k, turned[k], noise.rotation_rad)] {
+            for (at, value, sigma) in
+                [(6 * f + k, moved[k], noise.translation_m), (6 * f + 3 + k, turned[k], noise.rotation_rad)]
+            {
                 information[(at, at)] += sigma.powi(-2);
                 gradient[at] += value * sigma.powi(-2);
             }
@@ -72,22 +82,26 @@ fn step(sums: &[PairSums], told: &[Pose], poses: &[Pose], noise: &PoseNoise) -> 
     Some((-(&covariance * gradient), covariance))
 }
 
-/// Translation, metres, and rotation vector, radians, of a correction in the camera's frame.
-pub(super) fn correction(told: &Pose, pose: &Pose) -> [Vector3<f64>; 2] {
-    let change = told.inverse() * pose;
+/// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.
+pub(super) fn correction(reported: &Pose, pose: &Pose) -> [Vector3<f64>; 2] {
+    let change = reported.inverse() * pose;
     [change.translation.vector, log_so3(&change.rotation)]
 }
 
-/// Size of the errors by the corrections and what is not known of them (expectation maximization), as expected at most.
-fn expected_noise(told: &[Pose], poses: &[Pose], covariance: &DMatrix<f64>) -> PoseNoise {
+/// Size of the errors by the corrections and what is not known of them (expectation maximization), as
+/// expected at most. See docs/method.md (2.14).
+fn expected_noise(reported: &[Pose], poses: &[Pose], covariance: &DMatrix<f64>) -> PoseNoise {
     let mut squares = [0.0; 2];
-    for (f, (told, pose)) in told.iter().zip(poses).enumerate() {
-        for (k, part) in correction(told, pose).iter().enumerate() {
+    for (f, (reported, pose)) in reported.iter().zip(poses).enumerate() {
+        for (k, part) in correction(reported, pose).iter().enumerate() {
             let open: f64 = (0..3).map(|a| covariance[(6 * f + 3 * k + a, 6 * f + 3 * k + a)]).sum();
             squares[k] += part.norm_squared() + open;
         }
     }
     let [translation_m, rotation_rad] = squares.map(|s| (s / (3 * poses.len()) as f64).sqrt());
     let most = PoseNoise::EXPECTED;
-    PoseNoise { translation_m: translation_m.min(most.translation_m), rotation_rad: rotation_rad.min(most.rotation_rad) }
+    PoseNoise {
+        translation_m: translation_m.min(most.translation_m),
+        rotation_rad: rotation_rad.min(most.rotation_rad),
+    }
 }

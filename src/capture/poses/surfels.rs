@@ -1,8 +1,8 @@
-//! Small flat pieces of surface in a frame: what its depth says with least noise.
+//! Surfels: small flat patches of surface in a frame, where averaging leaves the depth with least noise.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::PoseNoise;
+use super::pose_noise::PoseNoise;
 use crate::{
     capture::{
         NoiseConfig, RgbdFrame,
@@ -11,55 +11,55 @@ use crate::{
     geometry::{Intrinsics, Pose},
 };
 
-/// Fewest pixels from one piece to the next, along both sides, and most pieces in a row.
+/// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
-/// A piece whose readings scatter by more than this many times the noise is no plane.
+/// A surfel whose readings scatter by more than this many times the noise is no plane.
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
-/// Pieces seen at a smaller cosine to their normal are not used.
+/// Surfels seen at a smaller cosine to their normal are not used.
 const GRAZING_COSINE: f64 = 0.25;
-/// Pieces whose normals differ by a smaller cosine are of different surfaces.
+/// Surfels whose normals differ by a smaller cosine are of different surfaces.
 const SAME_COSINE: f64 = 0.8;
 
 /// Cells on each side of one that its normal is found with, and how many at least.
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
-/// Ways that a piece can face: the camera, left, right, up, down.
+/// Ways that a surfel can face: the camera, left, right, up, down.
 pub(super) const FACINGS: usize = 5;
-/// A piece faces aside where its normal has a larger component along the image.
+/// A surfel faces aside where its normal has a larger component along the image.
 const ASIDE: f32 = 0.4;
 
-/// A flat piece of surface in the camera's optical frame.
+/// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surfel {
-    /// Its middle, metres.
+    /// Its middle, meters.
     pub point: Point3<f32>,
     /// Unit normal, away from the camera.
     pub normal: Vector3<f32>,
-    /// Standard deviation along the normal, metres.
+    /// Standard deviation along the normal, meters.
     pub sigma_m: f32,
 }
 
-/// The pieces of a frame on a grid of pixels.
+/// The surfels of a frame on a grid of pixels.
 pub(super) struct Surfels {
     intrinsics: Intrinsics,
     step: usize,
     columns: usize,
     rows: usize,
     cells: Vec<Option<Surfel>>,
-    /// Cells that hold a piece, by where it faces.
+    /// Cells that hold a surfel, by where it faces.
     facing: [Vec<u32>; FACINGS],
 }
 
-/// How far a piece lies off that of another frame.
+/// How far a surfel lies off that of another frame.
 pub(super) struct Residual {
-    /// Distance from the other's plane, metres.
+    /// Distance from the other's plane, meters.
     pub distance_m: f64,
-    /// By how much errors of poses displace it, one standard deviation, metres.
+    /// By how much errors of poses displace it, one standard deviation, meters.
     pub displacement_m: f64,
-    /// Its standard deviation by the noise of both, metres.
+    /// Its standard deviation by the noise of both, meters.
     pub sigma_m: f64,
     /// The other's normal in this frame, and this point.
     pub normal: Vector3<f64>,
@@ -89,10 +89,13 @@ impl Surfels {
         let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
         let (columns, rows) = (count(k.width), count(k.height));
         let place = |i: usize| [R + i % columns * step, R + i / columns * step];
-        let plane = |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
-        let planes = Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
-        let cells: Vec<Option<Surfel>> =
-            (0..columns * rows).map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?)).collect();
+        let plane =
+            |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
+        let planes =
+            Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+        let cells: Vec<Option<Surfel>> = (0..columns * rows)
+            .map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?))
+            .collect();
         let mut facing: [Vec<u32>; FACINGS] = Default::default();
         for (i, surfel) in cells.iter().enumerate() {
             if let Some(s) = surfel {
@@ -102,14 +105,15 @@ impl Surfels {
         Self { intrinsics: k, step, columns, rows, cells, facing }
     }
 
-    /// Indices of the cells that hold a piece, rising for each way that these face.
+    /// Indices of the cells that hold a surfel, rising for each way that these face.
     pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
         &self.facing
     }
 
-    /// Sum of the pieces' middles, and their number.
+    /// Sum of the surfels' middles, and their number.
     pub fn sum(&self) -> (Vector3<f64>, f64) {
-        let sum = self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
+        let sum =
+            self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
         (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
     }
 
@@ -119,9 +123,15 @@ impl Surfels {
         [cell % self.columns / side, cell / self.columns / side]
     }
 
-    /// The piece of a cell against what `other` sees in its place; `None` where that is nothing, or another surface.
-    /// Distances beyond three standard deviations by the noise of depth and `poses` do not count.
-    pub fn residual(&self, cell: u32, other: &Self, other_from_this: &Pose, poses: &PoseNoise) -> Option<Residual> {
+    /// The surfel of a cell against what `other` sees in its place; `None` where that is nothing, or another
+    /// surface. Distances beyond three standard deviations by the noise of depth and `poses` do not count.
+    pub fn residual(
+        &self,
+        cell: u32,
+        other: &Self,
+        other_from_this: &Pose,
+        poses: &PoseNoise,
+    ) -> Option<Residual> {
         let this = self.cells[cell as usize]?;
         let point: Point3<f64> = this.point.cast();
         let other_point = other_from_this * point;
@@ -140,7 +150,7 @@ impl Surfels {
         Some(Residual { distance_m, displacement_m, sigma_m, normal, point, other_normal, other_point })
     }
 
-    /// The piece nearest to where a point is seen.
+    /// The surfel nearest to where a point is seen.
     fn at(&self, point: &Point3<f64>) -> Option<&Surfel> {
         let (u, v) = self.intrinsics.project(point)?;
         let cell = |pixel: f64, count: usize| {
@@ -166,8 +176,9 @@ struct Planes {
 }
 
 impl Planes {
-    /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(metre pixel). Those of one window
-    /// are noisy, and noise of normals tells of motions that no surface tells of.
+    /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(meter pixel). Those
+    /// of one window are noisy, and noise of normals looks like information about motions that no surface
+    /// shows.
     fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
         let own = self.all[cell].as_ref()?;
         let (x, y) = ((cell % self.columns) as i64, (cell / self.columns) as i64);
@@ -187,14 +198,24 @@ impl Planes {
                 count += 1;
             }
         }
-        // A few cells, or cells in a row, tell no better than the window.
-        let change = if count > LEAST_AROUND { moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right) } else { Vector3::zeros() };
+        // A few cells, or cells in a row, give no better normal than the window.
+        let change = if count > LEAST_AROUND {
+            moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right)
+        } else {
+            Vector3::zeros()
+        };
         Some([own.slopes[0] + change.y, own.slopes[1] + change.z])
     }
 }
 
 /// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
-fn surfel(k: &Intrinsics, noise: &NoiseConfig, [x, y]: [usize; 2], plane: &WindowPlane, slopes: [f64; 2]) -> Option<Surfel> {
+fn surfel(
+    k: &Intrinsics,
+    noise: &NoiseConfig,
+    [x, y]: [usize; 2],
+    plane: &WindowPlane,
+    slopes: [f64; 2],
+) -> Option<Surfel> {
     let reading_m = noise.sigma_m(plane.mean_depth_m);
     let ray = k.ray(x as f64, y as f64);
     let [b, c] = [slopes[0] * k.fx, slopes[1] * k.fy];
@@ -204,7 +225,11 @@ fn surfel(k: &Intrinsics, noise: &NoiseConfig, [x, y]: [usize; 2], plane: &Windo
         return None;
     }
     let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
-    Some(Surfel { point: Point3::from(ray / plane.inverse).cast(), normal: normal.cast(), sigma_m: sigma_m as f32 })
+    Some(Surfel {
+        point: Point3::from(ray / plane.inverse).cast(),
+        normal: normal.cast(),
+        sigma_m: sigma_m as f32,
+    })
 }
 
 #[cfg(test)]
@@ -213,10 +238,11 @@ mod tests {
     use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
 
     /// Windows across an edge are no planes.
-    const FINE: NoiseConfig = NoiseConfig { constant_m: 2e-5, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+    const FINE: NoiseConfig =
+        NoiseConfig { constant_m: 2e-5, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
 
     #[test]
-    fn pieces_lie_on_the_surface_with_its_normal() {
+    fn surfels_lie_on_the_surface_with_its_normal() {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let half = Vector3::new(0.2, 0.15, 0.1);
         let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
@@ -226,8 +252,10 @@ mod tests {
             let p = frame.world_from_camera * s.point.cast::<f64>();
             let n = frame.world_from_camera * s.normal.cast::<f64>();
             assert!(cuboid(half)(&p).abs() < 1e-4, "{p}");
-            let face = (0..3).min_by(|a, b| (p[*a].abs() - half[*a]).abs().total_cmp(&(p[*b].abs() - half[*b]).abs())).unwrap();
-            // Outward is towards the camera; a normal of a piece points away from it.
+            let face = (0..3)
+                .min_by(|a, b| (p[*a].abs() - half[*a]).abs().total_cmp(&(p[*b].abs() - half[*b]).abs()))
+                .unwrap();
+            // Outward is towards the camera; a normal of a surfel points away from it.
             assert!((n[face] + p[face].signum()).abs() < 1e-3, "{n} on face {face}");
         }
     }
@@ -236,11 +264,16 @@ mod tests {
     fn a_frame_agrees_with_another_of_the_same_scene() {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
-        let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)].map(|eye| view_of(&shape, k, looking_at_origin(eye)));
+        let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
+            .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
         let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &FINE, |_| true));
         let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
-        let all: Vec<Residual> =
-            sa.facing().iter().flatten().filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED)).collect();
+        let all: Vec<Residual> = sa
+            .facing()
+            .iter()
+            .flatten()
+            .filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED))
+            .collect();
         assert!(all.len() > 30 && all.iter().all(|r| r.distance_m.abs() < 1e-4), "{}", all.len());
     }
 }

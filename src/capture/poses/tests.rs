@@ -4,12 +4,14 @@ use rand_core::Rng;
 use super::*;
 use crate::{
     geometry::{Intrinsics, shift_and_turn},
-    run::stage_rng,
+    random::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
 
-const NOISE: NoiseConfig = NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };
-const INTRINSICS: Intrinsics = Intrinsics { width: 240, height: 180, fx: 230.0, fy: 230.0, cx: 119.2, cy: 91.0 };
+const NOISE: NoiseConfig =
+    NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+const INTRINSICS: Intrinsics =
+    Intrinsics { width: 240, height: 180, fx: 230.0, fy: 230.0, cx: 119.2, cy: 91.0 };
 
 struct Normal(Box<dyn FnMut() -> f64>);
 
@@ -44,7 +46,11 @@ fn frames(scene: &dyn Fn(&Point3<f64>) -> f64, tilt: f64, count: usize) -> Vec<R
         let eye = Point3::new(0.8 * tilt * turn.cos(), 0.8 * tilt * turn.sin(), 0.6 + 0.1 * (i % 3) as f64);
         let mut frame = view_of(scene, INTRINSICS, looking_at_origin(eye));
         frame.mask = None;
-        frame.depth_m.iter_mut().filter(|d| **d > 0.0).for_each(|d| *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32);
+        frame
+            .depth_m
+            .iter_mut()
+            .filter(|d| **d > 0.0)
+            .for_each(|d| *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32);
         frame
     };
     (0..count).map(view).collect()
@@ -66,26 +72,33 @@ fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
     refine_state(frames, &surfels)
 }
 
-/// Root mean square error of the cameras' motions from one to the next: metres, radians. These are free of the gauge.
+/// Root mean square error of the cameras' motions from one to the next: meters, radians. These are free of
+/// the gauge.
 fn relative_errors(found: &[RgbdFrame], truth: &[RgbdFrame]) -> [f64; 2] {
     let motion = |w: &[RgbdFrame]| w[0].world_from_camera.inverse() * w[1].world_from_camera;
-    let errors: Vec<Pose> = found.windows(2).zip(truth.windows(2)).map(|(f, t)| motion(t).inverse() * motion(f)).collect();
-    let rms = |value: &dyn Fn(&Pose) -> f64| (errors.iter().map(|e| value(e).powi(2)).sum::<f64>() / errors.len() as f64).sqrt();
+    let errors: Vec<Pose> =
+        found.windows(2).zip(truth.windows(2)).map(|(f, t)| motion(t).inverse() * motion(f)).collect();
+    let rms = |value: &dyn Fn(&Pose) -> f64| {
+        (errors.iter().map(|e| value(e).powi(2)).sum::<f64>() / errors.len() as f64).sqrt()
+    };
     [rms(&|e| e.translation.vector.norm()), rms(&|e| e.rotation.angle())]
 }
 
 #[test]
 fn known_errors_are_found() {
     let truth = frames(&boxes, 1.0, 9);
-    let told = disturbed(&truth, 0.004, 0.006);
-    let mut found = told.clone();
+    let reported = disturbed(&truth, 0.004, 0.006);
+    let mut found = reported.clone();
     let correction = refine(&mut found).unwrap();
     assert!(correction.used, "{correction:?}");
-    let (before, after) = (relative_errors(&told, &truth), relative_errors(&found, &truth));
+    let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found, &truth));
     assert!(after[0] < 0.2 * before[0] && after[1] < 0.03 * before[1], "{before:?} {after:?}");
     assert!(correction.residual_m[1] < 0.4 * correction.residual_m[0], "{correction:?}");
     // The gauge: corrections in the camera's frame have about no mean.
-    let corrections = found.iter().zip(&told).map(|(f, t)| super::correction(&t.world_from_camera, &f.world_from_camera)[0]);
+    let corrections = found
+        .iter()
+        .zip(&reported)
+        .map(|(f, t)| super::correction(&t.world_from_camera, &f.world_from_camera)[0]);
     let mean = corrections.sum::<Vector3<f64>>() / found.len() as f64;
     assert!(mean.norm() < 0.5 * correction.translation_rms_m, "{mean} {correction:?}");
 }
@@ -102,34 +115,36 @@ fn exact_poses_stay() {
 #[test]
 fn a_wall_seen_from_the_front_does_not_slide() {
     let truth = frames(&wall, 0.1, 6);
-    let told = disturbed(&truth, 0.004, 0.006);
-    let mut found = told.clone();
+    let reported = disturbed(&truth, 0.004, 0.006);
+    let mut found = reported.clone();
     refine(&mut found);
-    for (f, t) in found.iter().zip(&told) {
-        // Nothing tells of motions along the wall and of turns about its normal, where the cameras look but for 6 degrees: they
-        // stay within what is expected of poses.
+    for (f, t) in found.iter().zip(&reported) {
+        // Nothing shows motions along the wall and of turns about its normal, where the cameras look but
+        // for 6 degrees: they stay within what is expected of poses.
         let [moved, turned] = super::correction(&t.world_from_camera, &f.world_from_camera);
         assert!(
-            moved.xy().norm() < PoseNoise::EXPECTED.translation_m && turned.z.abs() < PoseNoise::EXPECTED.rotation_rad,
+            moved.xy().norm() < PoseNoise::EXPECTED.translation_m
+                && turned.z.abs() < PoseNoise::EXPECTED.rotation_rad,
             "{moved} {turned}"
         );
     }
     // Across the wall they agree: heights of all cameras are right up to their common error.
-    let height = |f: &RgbdFrame, t: &RgbdFrame| f.world_from_camera.translation.z - t.world_from_camera.translation.z;
+    let height =
+        |f: &RgbdFrame, t: &RgbdFrame| f.world_from_camera.translation.z - t.world_from_camera.translation.z;
     let spread = |set: &[RgbdFrame]| {
         let all: Vec<f64> = set.iter().zip(&truth).map(|(f, t)| height(f, t)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         all.iter().map(|h| (h - mean).powi(2)).sum::<f64>().sqrt()
     };
-    assert!(spread(&found) < 0.5 * spread(&told), "{} {}", spread(&found), spread(&told));
+    assert!(spread(&found) < 0.5 * spread(&reported), "{} {}", spread(&found), spread(&reported));
 }
 
 #[test]
 fn the_result_does_not_depend_on_the_threads() {
-    let told = disturbed(&frames(&boxes, 1.0, 5), 0.004, 0.006);
+    let reported = disturbed(&frames(&boxes, 1.0, 5), 0.004, 0.006);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut found = told.clone();
+        let mut found = reported.clone();
         let correction = pool.install(|| refine(&mut found));
         (correction, found.iter().map(|f| f.world_from_camera).collect::<Vec<_>>())
     };
@@ -144,23 +159,29 @@ fn few_frames_tell_nothing() {
 
 #[test]
 fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
-    // Walls behind tell of the turn about the vertical, of which the boxes' sides alone tell too little to be followed.
+    // Walls behind show the turn about the vertical, of which the boxes' sides alone show too little to be
+    // followed.
     let side = |p: &Point3<f64>| cuboid(Vector3::new(0.02, 0.7, 0.5))(&(p + Vector3::new(0.5, 0.0, 0.0)));
     let back = |p: &Point3<f64>| cuboid(Vector3::new(0.7, 0.02, 0.5))(&(p + Vector3::new(0.0, 0.5, 0.0)));
     let closed = |p: &Point3<f64>| boxes(p).min(side(p)).min(back(p));
-    let opened = |p: &Point3<f64>| closed(p).min(cuboid(Vector3::new(0.02, 0.1, 0.08))(&(p - Vector3::new(0.25, 0.0, 0.0))));
+    let opened = |p: &Point3<f64>| {
+        closed(p).min(cuboid(Vector3::new(0.02, 0.1, 0.08))(&(p - Vector3::new(0.25, 0.0, 0.0))))
+    };
     let [state0, state1] = [frames(&closed, 1.0, 9), frames(&opened, 1.2, 9)];
     let drift = Pose::new(Vector3::new(0.003, -0.002, 0.002), Vector3::new(0.002, 0.001, -0.003));
-    let told: Vec<RgbdFrame> = state1.iter().map(|f| RgbdFrame { world_from_camera: drift * f.world_from_camera, ..f.clone() }).collect();
-    let found = align_worlds([&state0, &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
-    let left = found.right_from_told * drift;
+    let reported: Vec<RgbdFrame> = state1
+        .iter()
+        .map(|f| RgbdFrame { world_from_camera: drift * f.world_from_camera, ..f.clone() })
+        .collect();
+    let found = align_worlds([&state0, &reported], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
+    let left = found.corrected_from_reported * drift;
     assert!(left.translation.vector.norm() < 0.0005 && left.rotation.angle() < 0.0007, "{left}");
     let error = shift_and_turn(&left);
     let covariance = found.covariance.unwrap();
     let squared = error.dot(&(covariance.try_inverse().unwrap() * error));
     assert!(squared < 22.46, "{squared} squared deviations in six directions: {error} {covariance}");
-    let few = align_worlds([&state0[..6], &told], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
-    assert_eq!(few.covariance, None, "six frames cannot tell the spread of six parameters");
+    let few = align_worlds([&state0[..6], &reported], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
+    assert_eq!(few.covariance, None, "six frames do not determine the spread of six parameters");
     assert!(found.residual_m[1] < found.residual_m[0]);
     let still = align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false);
     assert!(still.is_none_or(|s| s.moved_m < 0.0005 && s.turned_rad < 0.0007));

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    PoseNoise,
     pairs::{Comparison, Gain, PairSums},
+    pose_noise::PoseNoise,
     solve::LOOSE,
     surfels::Surfels,
 };
@@ -20,25 +20,25 @@ use crate::{
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
-/// A direction is told of by this share of the information about the best one.
+/// A direction counts as observed with this share of the information about the best one, at least.
 const OBSERVED: f64 = 0.03;
-/// Rounds end when the world moves less than this, metres (radians times one metre).
+/// Rounds end when the world moves less than this, meters (radians times one meter).
 const STEP_M: f64 = 1e-5;
 
 /// A correction of state 1's world frame by surfaces that stand still.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldCorrection {
     /// To be applied to state 1's poses from the left.
-    pub right_from_told: Pose,
-    /// By how much the middle of what is seen moves, metres.
+    pub corrected_from_reported: Pose,
+    /// By how much the middle of what is seen moves, meters.
     pub moved_m: f64,
     /// By how much it turns, radians.
     pub turned_rad: f64,
-    /// Robust standard deviation of the distances between surfaces that frames of both states see, held out, before and
-    /// after, metres.
+    /// Robust standard deviation of the distances between surfaces that frames of both states see, held out,
+    /// before and after, meters.
     pub residual_m: [f64; 2],
-    /// Covariance of a left perturbation (translation 3, rotation 3) of `right_from_told`, square metres and radians; `None`
-    /// where too few frames tell.
+    /// Covariance of a left perturbation (translation 3, rotation 3) of `corrected_from_reported`, square
+    /// meters and radians; `None` where frames are too few.
     pub covariance: Option<Matrix6<f64>>,
 }
 
@@ -46,35 +46,50 @@ impl fmt::Display for WorldCorrection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
         let (mm, deg) = (1e3 * self.moved_m, self.turned_rad.to_degrees());
-        write!(f, "moved by {mm:.2} mm and {deg:.3} deg onto what stands still; surfaces that its frames and those of state 0 ")?;
+        write!(
+            f,
+            "moved by {mm:.2} mm and {deg:.3} deg onto what stands still; surfaces that its frames and those \
+             of state 0 "
+        )?;
         write!(f, "share lay {before_mm:.2} mm apart, now {after_mm:.2} mm")
     }
 }
 
-/// The correction of the second state's world frame, expected to be off by `expected`, by what stands still; `only_object`: of the
-/// object alone. `None` where it is not borne out.
+/// The correction of the second state's world frame, expected to be off by `expected`, by what stands still;
+/// `only_object`: of the object alone. `None` where held-out surfels do not gain.
 #[must_use]
-pub fn align_worlds(states: [&[RgbdFrame]; 2], noise: &NoiseConfig, expected: &PoseNoise, only_object: bool) -> Option<WorldCorrection> {
+pub fn align_worlds(
+    states: [&[RgbdFrame]; 2],
+    noise: &NoiseConfig,
+    expected: &PoseNoise,
+    only_object: bool,
+) -> Option<WorldCorrection> {
     let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
     let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
     correct(states, surfels.each_ref().map(Vec::as_slice), expected)
 }
 
 /// See [`align_worlds`].
-pub(super) fn correct(states: [&[RgbdFrame]; 2], surfels: [&[Surfels]; 2], expected: &PoseNoise) -> Option<WorldCorrection> {
+pub(super) fn correct(
+    states: [&[RgbdFrame]; 2],
+    surfels: [&[Surfels]; 2],
+    expected: &PoseNoise,
+) -> Option<WorldCorrection> {
     let (first, count) = (states[0].len(), states[0].len() + states[1].len());
-    let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j])).collect();
+    let pairs = (0..count)
+        .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
+        .collect();
     let comparison = Comparison::new(surfels.into_iter().flatten().collect(), pairs, *expected);
-    let told: Vec<Pose> = states.iter().flat_map(|s| s.iter()).map(|f| f.world_from_camera).collect();
-    let center = middle(&told[first..], surfels[1])?;
+    let reported: Vec<Pose> = states.iter().flat_map(|s| s.iter()).map(|f| f.world_from_camera).collect();
+    let center = middle(&reported[first..], surfels[1])?;
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
-    // A motion about the middle; what is not told stays small there.
+    // A motion about the middle; what no surface shows stays small there.
     let mut moved = Pose::identity();
     let moved_poses = |moved: &Pose| -> Vec<Pose> {
         let world = from_center * moved * from_center.inverse();
-        told.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
+        reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
     };
-    let mut scale = comparison.scale(&told);
+    let mut scale = comparison.scale(&reported);
     for round in 0..ROUNDS {
         let poses = moved_poses(&moved);
         let sums = comparison.sums(&poses, scale, LOOSE.get(round).copied().unwrap_or(0.0));
@@ -86,31 +101,34 @@ pub(super) fn correct(states: [&[RgbdFrame]; 2], surfels: [&[Surfels]; 2], expec
         }
     }
     let poses = moved_poses(&moved);
-    let Gain { sigmas, residual_m } = comparison.gain(&told, &poses)?;
+    let Gain { sigmas, residual_m } = comparison.gain(&reported, &poses)?;
     let covariance = || {
         let sums = comparison.sums(&poses, scale, 0.0);
-        let told: Vec<Told> = sums.pairs.iter().map(|s| Told::of(s, &poses, first, &from_center)).collect();
-        let about_center = covariance(&told, [first, count - first], expected)?;
+        let pairs: Vec<PairInformation> =
+            sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
+        let about_center = covariance(&pairs, [first, count - first], expected)?;
+        // Callers work with motions about the world's origin.
         let at_origin = adjoint(&from_center);
         Some(at_origin * about_center * at_origin.transpose())
     };
     (sigmas > 0.0).then(|| WorldCorrection {
         covariance: covariance(),
-        right_from_told: from_center * moved * from_center.inverse(),
+        corrected_from_reported: from_center * moved * from_center.inverse(),
         moved_m: moved.translation.vector.norm(),
         turned_rad: log_so3(&moved.rotation).norm(),
         residual_m,
     })
 }
 
-/// What a pair of frames tells of the motion of state 1 about the middle: translation and rotation, from the left.
-struct Told {
+/// What a pair of frames says about the motion of state 1 about the middle: translation and rotation, from
+/// the left.
+struct PairInformation {
     frames: [usize; 2],
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
 }
 
-impl Told {
+impl PairInformation {
     fn of(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
         // Which of the two cameras is of state 1.
         let which = usize::from(sums.frames[0] < first);
@@ -124,11 +142,18 @@ impl Told {
 }
 
 /// One step of the motion about the middle: translation and rotation, from the left.
-fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, moved: &Pose, expected: &PoseNoise) -> Option<Vector6<f64>> {
+fn step(
+    sums: &[PairSums],
+    poses: &[Pose],
+    first: usize,
+    from_center: &Pose,
+    moved: &Pose,
+    expected: &PoseNoise,
+) -> Option<Vector6<f64>> {
     let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-    for told in sums.iter().map(|s| Told::of(s, poses, first, from_center)) {
-        information += told.information;
-        gradient += told.gradient;
+    for pair in sums.iter().map(|s| PairInformation::of(s, poses, first, from_center)) {
+        information += pair.information;
+        gradient += pair.gradient;
     }
     let Observed { information, projector } = Observed::of(&information);
     let expected = expected_information(expected);
@@ -136,13 +161,16 @@ fn step(sums: &[PairSums], poses: &[Pose], first: usize, from_center: &Pose, mov
     Some(-(information + expected).cholesky()?.solve(&gradient))
 }
 
-/// Covariance of the motion about the middle. Errors of depth and pose run together over an image, so that each frame of either
-/// state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more frames of a state than parameters.
-fn covariance(told: &[Told], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
+/// Covariance of the motion about the middle. Errors of depth and pose run together over an image, so that
+/// each frame of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more
+/// frames of a state than parameters. See docs/method.md (2.16).
+fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
     const PARAMETERS: usize = 6;
-    let Observed { information, projector } = Observed::of(&told.iter().map(|t| t.information).sum());
+    let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
     let mut by_frame = vec![Vector6::zeros(); frames[0] + frames[1]];
-    told.iter().for_each(|t| t.frames.iter().for_each(|&f| by_frame[f] += projector * t.gradient));
+    for pair in pairs {
+        pair.frames.iter().for_each(|&f| by_frame[f] += projector * pair.gradient);
+    }
     let expected = expected_information(expected);
     let mut spread = expected;
     for (state, count) in frames.into_iter().enumerate() {
@@ -160,9 +188,9 @@ fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
     Matrix6::from_diagonal(&Vector6::from_fn(|k, _| f64::powi(sigma(k), -2)))
 }
 
-/// What is told along the directions that the surfaces tell of (solution remapping: Zhang, Kaess and Singh 2016). The others
-/// have little information, and that from the noise of normals. Turns are compared with shifts at the distance at which
-/// both are told of alike.
+/// Information along the directions that the surfaces determine (solution remapping: Zhang, Kaess and Singh
+/// 2016). The others have little, and that from the noise of normals. Turns are compared with shifts at the
+/// distance at which both have the same information.
 struct Observed {
     information: Matrix6<f64>,
     /// Leaves of a gradient what these directions have of it.
@@ -171,19 +199,25 @@ struct Observed {
 
 impl Observed {
     fn of(information: &Matrix6<f64>) -> Self {
-        let told_of = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
-        let lever_m = (told_of(3) / told_of(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
+        let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
+        let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
         let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
-        let inverse = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
+        let inverse =
+            Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
         let eigen = (inverse * information * inverse).symmetric_eigen();
         let least = OBSERVED * eigen.eigenvalues.max();
-        let mut told = Self { information: Matrix6::zeros(), projector: Matrix6::zeros() };
-        for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least) {
+        let mut observed = Self { information: Matrix6::zeros(), projector: Matrix6::zeros() };
+        for (value, direction) in
+            eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least)
+        {
             let along = direction * direction.transpose();
-            told.information += along * *value;
-            told.projector += along;
+            observed.information += along * *value;
+            observed.projector += along;
         }
-        Self { information: unit * told.information * unit, projector: unit * told.projector * inverse }
+        Self {
+            information: unit * observed.information * unit,
+            projector: unit * observed.projector * inverse,
+        }
     }
 }
 
@@ -198,7 +232,7 @@ fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
     carried
 }
 
-/// Middle of the pieces that cameras see, in the world; `None` without any.
+/// Middle of the surfels that cameras see, in the world; `None` without any.
 fn middle(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
     let (mut sum, mut count) = (Vector3::zeros(), 0.0);
     for (pose, surfels) in world_from_camera.iter().zip(surfels) {

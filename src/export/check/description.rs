@@ -6,8 +6,28 @@ use roxmltree::Node;
 use super::numbers::{BadNumber, bad_numbers};
 use crate::{
     geometry::Pose,
-    limits::{LINKS, URDF, check_xml},
+    limits::{LINKS, URDF, XmlError, parse_xml},
 };
+
+/// Why a text is no URDF that is looked at.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DescriptionError {
+    /// More bytes than are read.
+    #[error("has {bytes} bytes; {} are the limit of {}", URDF.bytes, URDF.what)]
+    Bytes {
+        /// What it has.
+        bytes: usize,
+    },
+    /// No XML that is read.
+    #[error(transparent)]
+    Xml(#[from] XmlError),
+    /// Another kind of document.
+    #[error("the root element is <{0}>, not <robot>")]
+    Root(String),
+    /// More links or joints than are looked at.
+    #[error("has {0} links or joints; {LINKS} are the limit: split the model")]
+    Links(usize),
+}
 
 /// A link as the text has it.
 pub(super) struct LinkText {
@@ -77,21 +97,20 @@ pub(super) struct Description {
 }
 
 impl Description {
-    /// Reads URDF text; the error is a sentence.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    /// Reads URDF text.
+    pub fn parse(text: &str) -> Result<Self, DescriptionError> {
         if text.len() as u64 > URDF.bytes {
-            return Err(format!("has {} bytes; {} are the limit of {}", text.len(), URDF.bytes, URDF.what));
+            return Err(DescriptionError::Bytes { bytes: text.len() });
         }
-        check_xml(text)?;
-        let document = roxmltree::Document::parse(text).map_err(|e| format!("is no XML: {e}"))?;
+        let document = parse_xml(text)?;
         let robot = document.root_element();
         if robot.tag_name().name() != "robot" {
-            return Err(format!("the root element is <{}>, not <robot>", robot.tag_name().name()));
+            return Err(DescriptionError::Root(robot.tag_name().name().to_owned()));
         }
         let all = |tag: &'static str| robot.children().filter(move |n| n.has_tag_name(tag));
         let count = all("link").count().max(all("joint").count());
         if count > LINKS {
-            return Err(format!("has {count} links or joints; {LINKS} are the limit: split the model"));
+            return Err(DescriptionError::Links(count));
         }
         let (links, joints) = (all("link").map(link).collect(), all("joint").map(joint).collect());
         Ok(Self { links, joints, bad_numbers: bad_numbers(robot) })
@@ -130,23 +149,32 @@ fn link(node: Node) -> LinkText {
         let read = |name: &str| child(i, "inertia").and_then(|t| t.attribute(name)).map(number);
         InertialText { mass, inertia: ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].map(read) }
     });
-    let shapes = |tag: &'static str| node.children().filter(move |n| n.has_tag_name(tag)).map(shape).collect();
-    LinkText { name: text(node, "name"), inertial, visuals: shapes("visual"), collisions: shapes("collision") }
+    let shapes =
+        |tag: &'static str| node.children().filter(move |n| n.has_tag_name(tag)).map(shape).collect();
+    LinkText {
+        name: text(node, "name"),
+        inertial,
+        visuals: shapes("visual"),
+        collisions: shapes("collision"),
+    }
 }
 
 fn shape(node: Node) -> ShapeText {
-    let geometry = child(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(Geometry::Unknown, |g| {
-        match g.tag_name().name() {
+    let geometry = child(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(
+        Geometry::Unknown,
+        |g| match g.tag_name().name() {
             "mesh" => {
                 let scale = g.attribute("scale").map_or(Vector3::repeat(1.0), triple);
                 Geometry::Mesh { path: text(g, "filename"), scale }
             }
             "box" => Geometry::Cuboid(triple(&text(g, "size"))),
-            "cylinder" => Geometry::Cylinder { radius: number(&text(g, "radius")), length: number(&text(g, "length")) },
+            "cylinder" => {
+                Geometry::Cylinder { radius: number(&text(g, "radius")), length: number(&text(g, "length")) }
+            }
             "sphere" => Geometry::Sphere(number(&text(g, "radius"))),
             _ => Geometry::Unknown,
-        }
-    });
+        },
+    );
     let name = node.attribute("name").map(str::to_owned);
     ShapeText { name, link_from_shape: pose(node), geometry, has_material: child(node, "material").is_some() }
 }
@@ -155,7 +183,12 @@ fn joint(node: Node) -> JointText {
     let link = |tag| child(node, tag).map(|n| text(n, "link")).unwrap_or_default();
     let limit = child(node, "limit").map(|l| {
         let read = |name| l.attribute(name).map(number);
-        LimitText { lower: read("lower"), upper: read("upper"), effort: read("effort"), velocity: read("velocity") }
+        LimitText {
+            lower: read("lower"),
+            upper: read("upper"),
+            effort: read("effort"),
+            velocity: read("velocity"),
+        }
     });
     JointText {
         name: text(node, "name"),
@@ -167,7 +200,11 @@ fn joint(node: Node) -> JointText {
         limit,
         mimic: child(node, "mimic").map(|m| {
             let read = |name, default| m.attribute(name).map_or(default, number);
-            MimicText { joint: text(m, "joint"), multiplier: read("multiplier", 1.0), offset: read("offset", 0.0) }
+            MimicText {
+                joint: text(m, "joint"),
+                multiplier: read("multiplier", 1.0),
+                offset: read("offset", 0.0),
+            }
         }),
         threaded: node.children().any(|n| n.tag_name().name() == "thread"),
     }

@@ -1,8 +1,9 @@
 //! Rules of joints and limits.
 
 use super::{
-    Findings,
     description::{Description, JointText},
+    finding::Findings,
+    rule::Rule,
 };
 
 pub(super) fn check(description: &Description, found: &mut Findings) {
@@ -11,13 +12,17 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
             "fixed" => {}
             "revolute" | "prismatic" | "continuous" => moving(joint, found),
             other => found.error(
-                "joint",
+                Rule::Joint,
                 &joint.name,
                 format!("is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere"),
             ),
         }
         if joint.mimic.is_some() {
-            found.warn("joint", &joint.name, "mimics another joint: SDF and PyBullet drop that, MuJoCo before 4 too");
+            found.warn(
+                Rule::Joint,
+                &joint.name,
+                "mimics another joint: SDF and PyBullet drop that, MuJoCo before 4 too",
+            );
         }
     }
 }
@@ -25,20 +30,24 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
 fn moving(joint: &JointText, found: &mut Findings) {
     let name = &joint.name;
     match joint.axis {
-        None => found.warn("joint", name, "has no <axis>; x is taken"),
+        None => found.warn(Rule::Joint, name, "has no <axis>; x is taken"),
         Some(axis) if axis.norm() > 0.0 && (axis.norm() - 1.0).abs() > 1e-4 => {
-            found.error("joint", name, format!("the axis has length {}", axis.norm()))
+            found.error(Rule::Joint, name, format!("the axis has length {}", axis.norm()))
         }
         _ => {}
     }
     let Some(limit) = &joint.limit else {
-        found.error("limit", name, "has no <limit>; effort and velocity are needed, urdfdom refuses the model without");
+        found.error(
+            Rule::Limit,
+            name,
+            "has no <limit>; effort and velocity are needed, urdfdom refuses the model without",
+        );
         return;
     };
     for (what, value) in [("effort", limit.effort), ("velocity", limit.velocity)] {
         match value {
-            None => found.error("limit", name, format!("has no {what}; urdfdom refuses the whole model")),
-            Some(0.0) => found.error("limit", name, format!("the {what} is 0; it must be positive")),
+            None => found.error(Rule::Limit, name, format!("has no {what}; urdfdom refuses the whole model")),
+            Some(0.0) => found.error(Rule::Limit, name, format!("the {what} is 0; it must be positive")),
             _ => {}
         }
     }
@@ -47,9 +56,13 @@ fn moving(joint: &JointText, found: &mut Findings) {
     }
     let (lower, upper) = (limit.lower.unwrap_or(0.0), limit.upper.unwrap_or(0.0));
     if lower == upper {
-        found.error("limit", name, format!("both limits are {lower}: nothing moves; use a fixed joint"));
+        found.error(Rule::Limit, name, format!("both limits are {lower}: nothing moves; use a fixed joint"));
     } else if lower > 0.0 || upper < 0.0 {
-        found.warn("limit", name, format!("position 0 is outside [{lower}, {upper}]; importers start there"));
+        found.warn(
+            Rule::Limit,
+            name,
+            format!("position 0 is outside [{lower}, {upper}]; importers start there"),
+        );
     }
 }
 
@@ -59,7 +72,7 @@ pub(super) fn sound(description: &Description, found: &mut Findings) {
         let Some(limit) = &joint.limit else { continue };
         let (lower, upper) = (limit.lower.unwrap_or(0.0), limit.upper.unwrap_or(0.0));
         if lower > upper {
-            found.error("limit", &joint.name, format!("lower {lower} is above upper {upper}"));
+            found.error(Rule::Limit, &joint.name, format!("lower {lower} is above upper {upper}"));
         }
     }
 }

@@ -67,7 +67,9 @@ impl MeshText {
         let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
         if let Some(count) = count.filter(|n| bytes.len() == 84 + 50 * n) {
             for facet in bytes[84..].chunks_exact(50) {
-                let value = |k: usize| f64::from(f32::from_le_bytes([facet[k], facet[k + 1], facet[k + 2], facet[k + 3]]));
+                let value = |k: usize| {
+                    f64::from(f32::from_le_bytes([facet[k], facet[k + 1], facet[k + 2], facet[k + 3]]))
+                };
                 mesh.points.extend([12, 24, 36].map(|k| Point3::new(value(k), value(k + 4), value(k + 8))));
             }
             (mesh.faces, mesh.normals) = (count, count);
@@ -86,7 +88,7 @@ impl MeshText {
     }
 }
 
-/// What a material file says: its textures, and whether a colour blackens them.
+/// What a material file says: its textures, and whether a color blackens them.
 pub(super) struct MaterialText {
     pub materials: usize,
     pub textures: Vec<String>,

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    Findings, Folder,
     description::{Description, Geometry, ShapeText},
+    finding::{Findings, Folder},
     mesh_text::{MaterialText, MeshText},
     numbers::is_number,
+    rule::Rule,
 };
 use crate::{
     limits::{NAMED_MESHES, SHAPES},
@@ -17,15 +18,20 @@ use crate::{
 
 /// Most faces of an STL that MuJoCo reads.
 const MAX_STL_FACES: usize = 200_000;
-/// Thinner hulls are refused or explode, metres.
+/// Thinner hulls are refused or explode, meters.
 const MIN_THICKNESS_M: f64 = 5e-4;
-/// Smaller hulls are refused, cubic metres.
+/// Smaller hulls are refused, cubic meters.
 const MIN_VOLUME_M3: f64 = 1e-9;
 /// Corners from which a hull is thinned out to its extremes along so many directions.
 const DIRECTIONS: usize = 200;
 
 /// Solids of every link, in the link frame.
-pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> Vec<Vec<ConvexSolid>> {
+pub(super) fn check(
+    description: &Description,
+    folder: &Folder,
+    urdf: &str,
+    found: &mut Findings,
+) -> Vec<Vec<ConvexSolid>> {
     let mut basenames: BTreeMap<String, String> = BTreeMap::new();
     let mut solids = Vec::new();
     if !affordable(description, folder, urdf, found) {
@@ -41,19 +47,32 @@ pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, foun
         for shape in &link.collisions {
             let points = match &shape.geometry {
                 Geometry::Mesh { scale, .. } => {
-                    let Some((file, mesh)) = mesh_of(shape, folder, urdf, false, &mut basenames, found) else { continue };
-                    // The rules of numbers tell it.
+                    let Some((file, mesh)) = mesh_of(shape, folder, urdf, false, &mut basenames, found)
+                    else {
+                        continue;
+                    };
+                    // The rules of numbers report it.
                     if scale.iter().any(|s| !is_number(*s) || *s == 0.0) {
                         continue;
                     }
-                    let points: Vec<Point3<f64>> = mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
-                    if hull(&points).is_none_or(|h| h.thickness_m() < MIN_THICKNESS_M || h.volume_m3() < MIN_VOLUME_M3) {
-                        found.error("mesh", &file, "its corners lie in a plane or nearly so: MuJoCo refuses the hull; make it 2 mm thick");
+                    let points: Vec<Point3<f64>> =
+                        mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
+                    if hull(&points)
+                        .is_none_or(|h| h.thickness_m() < MIN_THICKNESS_M || h.volume_m3() < MIN_VOLUME_M3)
+                    {
+                        found.error(
+                            Rule::Mesh,
+                            &file,
+                            "its corners lie in a plane or nearly so: MuJoCo \
+                            refuses the hull; make it 2 mm thick",
+                        );
                         continue;
                     }
                     points
                 }
-                primitive => corners(primitive).into_iter().filter(|p| p.iter().all(|x| is_number(*x))).collect(),
+                primitive => {
+                    corners(primitive).into_iter().filter(|p| p.iter().all(|x| is_number(*x))).collect()
+                }
             };
             own.extend(hull(&points).map(|h| h.transformed(&shape.link_from_shape)));
         }
@@ -67,18 +86,23 @@ fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mu
     let collisions: usize = description.links.iter().map(|l| l.collisions.len()).sum();
     let shapes = description.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
     let bytes = |shape: &ShapeText| match &shape.geometry {
-        Geometry::Mesh { path, .. } => inside(path, urdf).ok().and_then(|file| folder.get(&file)).map_or(0, |b| b.len() as u64),
+        Geometry::Mesh { path, .. } => {
+            inside(path, urdf).ok().and_then(|file| folder.get(&file)).map_or(0, |b| b.len() as u64)
+        }
         _ => 0,
     };
     let all: u64 = shapes.map(bytes).sum();
     let problem = if collisions > SHAPES {
         format!("has {collisions} collision shapes; {SHAPES} are the limit: use fewer")
     } else if all > NAMED_MESHES {
-        format!("names meshes of {all} bytes, each counted as often as it is named; {NAMED_MESHES} are the limit: use smaller ones")
+        format!(
+            "names meshes of {all} bytes, each counted as often as it is named; {NAMED_MESHES} are the \
+             limit: use smaller ones"
+        )
     } else {
         return true;
     };
-    found.error("mesh", "robot", problem);
+    found.error(Rule::Mesh, "robot", problem);
     false
 }
 
@@ -87,7 +111,8 @@ fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     if points.len() <= DIRECTIONS {
         return convex_hull(points);
     }
-    let extreme = |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
+    let extreme =
+        |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
     let some: Vec<Point3<f64>> = directions(DIRECTIONS).filter_map(extreme).collect();
     convex_hull(&some)
 }
@@ -106,12 +131,20 @@ fn directions(count: usize) -> impl Iterator<Item = Vector3<f64>> {
 /// Corners of a primitive shape.
 fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
     match geometry {
-        Geometry::Cuboid(size) => {
-            (0..8).map(|i| Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -0.5 } else { 0.5 }).component_mul(size))).collect()
-        }
+        Geometry::Cuboid(size) => (0..8)
+            .map(|i| {
+                Point3::from(
+                    Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -0.5 } else { 0.5 }).component_mul(size),
+                )
+            })
+            .collect(),
         Geometry::Cylinder { radius, length } => {
             let angle = |k: u32| (f64::from(k / 2) * std::f64::consts::TAU / 24.0).sin_cos();
-            (0..48).map(|k| Point3::new(radius * angle(k).1, radius * angle(k).0, length * (f64::from(k % 2) - 0.5))).collect()
+            (0..48)
+                .map(|k| {
+                    Point3::new(radius * angle(k).1, radius * angle(k).0, length * (f64::from(k % 2) - 0.5))
+                })
+                .collect()
         }
         Geometry::Sphere(radius) => directions(64).map(|d| Point3::from(d * *radius)).collect(),
         Geometry::Mesh { .. } | Geometry::Unknown => Vec::new(),
@@ -130,27 +163,37 @@ fn mesh_of(
     let Geometry::Mesh { path, .. } = &shape.geometry else { return None };
     let file = resolve(path, urdf, found)?;
     let Some(bytes) = folder.get(&file) else {
-        found.error("path", path, "the file is missing");
+        found.error(Rule::Path, path, "the file is missing");
         return None;
     };
     let name = file.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
     let first = basenames.entry(name.clone()).or_insert_with(|| file.clone());
     if *first != file {
-        found.error("name", &file, format!("has the same file name as {first}: MuJoCo before 4 strips the folders and mixes them up"));
+        found.error(
+            Rule::Name,
+            &file,
+            format!(
+                "has the same file name as {first}: MuJoCo before 4 strips the folders and mixes them up"
+            ),
+        );
     }
     let extension = name.rsplit('.').next().unwrap_or_default().to_owned();
     let mesh = match extension.as_str() {
         "obj" => MeshText::obj(&String::from_utf8_lossy(bytes)),
         "stl" if visual => {
-            found.warn("format", path, "an STL has no colors, and Drake draws none; use OBJ");
+            found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
             MeshText::stl(bytes)?
         }
         "stl" => {
-            found.error("format", path, "Drake refuses STL for collision; use OBJ");
+            found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
             MeshText::stl(bytes)?
         }
         other => {
-            found.error("format", path, format!("'.{other}' is refused or dropped by MuJoCo, PyBullet or Drake; use OBJ"));
+            found.error(
+                Rule::Format,
+                path,
+                format!("'.{other}' is refused or dropped by MuJoCo, PyBullet or Drake; use OBJ"),
+            );
             return None;
         }
     };
@@ -160,16 +203,24 @@ fn mesh_of(
 /// The path of a mesh in the folder; `None`, with a finding, where it is none.
 fn resolve(path: &str, urdf: &str, found: &mut Findings) -> Option<String> {
     if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
-        found.error("path", path, "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path");
+        found.error(
+            Rule::Path,
+            path,
+            "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path",
+        );
     }
-    inside(path, urdf).map_err(|why| found.error("path", path, why)).ok()
+    inside(path, urdf).map_err(|why| found.error(Rule::Path, path, why)).ok()
 }
 
 /// The path of a mesh in the folder, or why it is none.
 fn inside(path: &str, urdf: &str) -> Result<String, &'static str> {
     let inside = if let Some(rest) = path.strip_prefix("package://") {
         rest.split_once('/').map_or("", |(_, path)| path)
-    } else if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.get(1..2) == Some(":") {
+    } else if path.contains("://")
+        || path.starts_with('/')
+        || path.contains('\\')
+        || path.get(1..2) == Some(":")
+    {
         return Err("is not relative to the URDF: other machines do not have it");
     } else {
         path
@@ -190,25 +241,29 @@ fn inside(path: &str, urdf: &str) -> Result<String, &'static str> {
 fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool {
     let before = found.all.len();
     if mesh.faces == 0 {
-        found.error("mesh", file, "has no face");
+        found.error(Rule::Mesh, file, "has no face");
     }
     if mesh.points.iter().any(|p| !p.iter().all(|x| is_number(*x))) {
-        found.error("mesh", file, "has a vertex that is no finite point");
+        found.error(Rule::Mesh, file, "has a vertex that is no finite point");
     }
     if mesh.bad_number {
-        found.error("mesh", file, "has a color, normal or texture coordinate that is no finite number");
+        found.error(Rule::Mesh, file, "has a color, normal or texture coordinate that is no finite number");
     }
     if mesh.bad_index {
-        found.error("mesh", file, "has a face that names a vertex which is not there");
+        found.error(Rule::Mesh, file, "has a face that names a vertex which is not there");
     }
     if stl && mesh.faces > MAX_STL_FACES {
-        found.error("mesh", file, format!("has {} faces; MuJoCo reads {MAX_STL_FACES} of an STL", mesh.faces));
+        found.error(
+            Rule::Mesh,
+            file,
+            format!("has {} faces; MuJoCo reads {MAX_STL_FACES} of an STL", mesh.faces),
+        );
     }
     let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
     let (lo, hi) = mesh.points.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
     let extent = (hi - lo).amax();
     if found.all.len() == before && extent > 20.0 {
-        found.warn("mesh", file, format!("is {extent:.1} m long: are these millimetres?"));
+        found.warn(Rule::Mesh, file, format!("is {extent:.1} m long: are these millimeters?"));
     }
     found.all.len() == before || extent > 20.0
 }
@@ -219,39 +274,59 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         return;
     }
     if mesh.normals == 0 {
-        found.error("mesh", file, "has no normals: Drake's renderer fails");
+        found.error(Rule::Mesh, file, "has no normals: Drake's renderer fails");
     }
     if mesh.vertex_colors {
-        found.warn("texture", file, "has vertex colors: most importers drop them, Newton splits the mesh; bake a texture");
+        found.warn(
+            Rule::Texture,
+            file,
+            "has vertex colors: most importers drop them, Newton splits the mesh; bake a texture",
+        );
     }
-    let beside = |name: &str| file.rsplit_once('/').map_or_else(|| name.to_owned(), |(f, _)| format!("{f}/{name}"));
+    let beside =
+        |name: &str| file.rsplit_once('/').map_or_else(|| name.to_owned(), |(f, _)| format!("{f}/{name}"));
     let Some(material_file) = &mesh.material_file else { return };
     let Some(bytes) = folder.get(&beside(material_file)) else {
-        found.error("texture", file, format!("its material file {material_file} is missing"));
+        found.error(Rule::Texture, file, format!("its material file {material_file} is missing"));
         return;
     };
     let material = MaterialText::parse(&String::from_utf8_lossy(bytes));
     if material.materials != 1 {
-        found.warn("texture", file, format!("has {} materials; one loads everywhere", material.materials));
+        found.warn(
+            Rule::Texture,
+            file,
+            format!("has {} materials; one loads everywhere", material.materials),
+        );
     }
     if material.black && !material.textures.is_empty() {
-        found.error("texture", file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
+        found.error(Rule::Texture, file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
     }
     for texture in &material.textures {
         match folder.get(&beside(texture)) {
-            None => found.error("texture", file, format!("the texture {texture} is missing")),
-            Some(bytes) if !bytes.starts_with(b"\x89PNG\r\n\x1a\n") || !texture.to_ascii_lowercase().ends_with(".png") => {
-                found.error("texture", file, format!("{texture} is no PNG; MuJoCo refuses others"));
+            None => found.error(Rule::Texture, file, format!("the texture {texture} is missing")),
+            Some(bytes)
+                if !bytes.starts_with(b"\x89PNG\r\n\x1a\n")
+                    || !texture.to_ascii_lowercase().ends_with(".png") =>
+            {
+                found.error(Rule::Texture, file, format!("{texture} is no PNG; MuJoCo refuses others"));
             }
             Some(_) => {}
         }
     }
     if !material.textures.is_empty() {
         if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
-            found.warn("texture", file, "texture coordinates are missing or leave [0, 1]: Drake smears the texture");
+            found.warn(
+                Rule::Texture,
+                file,
+                "texture coordinates are missing or leave [0, 1]: Drake smears the texture",
+            );
         }
         if shape.has_material {
-            found.warn("texture", file, "a <material> in the URDF replaces the texture in Newton; leave it out");
+            found.warn(
+                Rule::Texture,
+                file,
+                "a <material> in the URDF replaces the texture in Newton; leave it out",
+            );
         }
     }
 }

@@ -1,8 +1,9 @@
-//! Static rules of a URDF folder: what importers refuse, drop silently or let explode (simulators.md 2 to 4).
+//! Static rules of a URDF folder: what importers refuse, drop silently or let explode.
 //!
 //! Works on files in memory and on any URDF, not only on those written here.
 
 mod description;
+mod finding;
 mod joints;
 mod links;
 mod mesh_text;
@@ -10,89 +11,24 @@ mod meshes;
 mod numbers;
 mod overlap;
 mod placement;
+mod places;
+mod rule;
 mod tree;
 
-use std::collections::BTreeMap;
+use description::{Description, DescriptionError};
+use finding::Findings;
+pub use finding::{CheckFinding, Folder, Level};
+pub use rule::Rule;
 
-use description::Description;
-
-use crate::limits::FINDINGS;
-
-/// Contents of a folder: relative path with `/` to bytes.
-pub type Folder = BTreeMap<String, Vec<u8>>;
-
-/// How bad a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// Some importer refuses the model, loses something of it, or makes it explode.
-    Error,
-    /// Some importer shows or simulates it otherwise than meant.
-    Warning,
-}
-
-/// One broken rule.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct CheckFinding {
-    /// How bad it is.
-    pub level: Level,
-    /// The URDF, relative to the folder.
-    pub file: String,
-    /// The rule: `path`, `name`, `inertia`, `limit`, `mesh`, `texture`, `overlap`, `sweep`, ...
-    pub rule: &'static str,
-    /// Link, joint or file.
-    pub subject: String,
-    /// What is wrong, with numbers and remedy.
-    pub message: String,
-}
-
-impl std::fmt::Display for CheckFinding {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let level = match self.level {
-            Level::Error => "error",
-            Level::Warning => "warning",
-        };
-        write!(f, "{level} {}: {}: {}: {}", self.rule, self.file, self.subject, self.message)
-    }
-}
-
-/// Findings of one URDF while it is looked at.
-struct Findings<'a> {
-    file: &'a str,
-    all: Vec<CheckFinding>,
-}
-
-impl Findings<'_> {
-    fn add(&mut self, level: Level, rule: &'static str, subject: &str, message: impl Into<String>) {
-        if self.all.len() > FINDINGS {
-            // What is not told may still be an error.
-            return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
-        }
-        let (file, subject) = (self.file.to_owned(), subject.to_owned());
-        if self.all.len() == FINDINGS {
-            let message = format!("there are more than {FINDINGS} findings; further ones are not told");
-            return self.all.push(CheckFinding { level, file, rule: "file", subject: ".".into(), message });
-        }
-        self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
-    }
-
-    fn error(&mut self, rule: &'static str, subject: &str, message: impl Into<String>) {
-        self.add(Level::Error, rule, subject, message);
-    }
-
-    fn warn(&mut self, rule: &'static str, subject: &str, message: impl Into<String>) {
-        self.add(Level::Warning, rule, subject, message);
-    }
-}
-
-/// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files named
-/// `*.ros.urdf` may hold `package://` paths of the package that is the folder.
+/// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files
+/// named `*.ros.urdf` may hold `package://` paths of the package that is the folder.
 #[must_use]
 pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     let mut all = Vec::new();
     let urdfs: Vec<&String> = folder.keys().filter(|p| p.ends_with(".urdf")).collect();
     if urdfs.is_empty() {
-        let mut found = Findings { file: ".", all: Vec::new() };
-        found.error("file", ".", "the folder holds no .urdf file");
+        let mut found = Findings::of(".");
+        found.error(Rule::File, ".", "the folder holds no .urdf file");
         return found.all;
     }
     for path in urdfs {
@@ -103,12 +39,12 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
 }
 
 fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
-    let mut found = Findings { file: path, all: Vec::new() };
+    let mut found = Findings::of(path);
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
     let description = match Description::parse(&text) {
         Ok(description) => description,
         Err(problem) => {
-            found.error("xml", path, problem);
+            found.error(Rule::Xml, path, problem.to_string());
             return found.all;
         }
     };
@@ -118,34 +54,73 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     joints::check(&description, &mut found);
     let solids = meshes::check(&description, folder, path, &mut found);
     // Positions mean nothing where the tree or a number is broken.
-    if is_sound && !found.all.iter().any(|f| f.level == Level::Error && ["limit", "joint"].contains(&f.rule)) {
+    if is_sound
+        && !found.all.iter().any(|f| f.level == Level::Error && [Rule::Limit, Rule::Joint].contains(&f.rule))
+    {
         overlap::check(&description, &solids, &mut found);
     }
     found.all
 }
 
-/// What no reader can make sense of, importer or not: names that stand for two things, links that are no tree, numbers that are none
-/// or cannot be.
+/// What no reader can make sense of, importer or not: names that stand for two things, links that are no
+/// tree, numbers that are none or cannot be.
 fn sound(description: &Description, found: &mut Findings) {
-    for bad in &description.bad_numbers {
-        found.error(bad.rule, &bad.subject, bad.message.as_str());
-    }
+    numbers(description, found);
     tree::check(description, found);
     links::sound(description, found);
     joints::sound(description, found);
 }
 
-/// Refuses a URDF that describes no bodies: broken XML, names that stand for two things, links that are no tree, numbers that are
-/// none or cannot be. What only some importer refuses is left out.
+fn numbers(description: &Description, found: &mut Findings) {
+    for bad in &description.bad_numbers {
+        found.error(bad.rule, &bad.subject, bad.message.as_str());
+    }
+}
+
+/// Why a URDF describes no bodies.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum UnsoundUrdf {
+    /// The text is none.
+    #[error(transparent)]
+    Text(#[from] DescriptionError),
+    /// Its names, links or numbers.
+    #[error("'{}': {}{}", first.subject.escape_debug(), first.message, further(*more))]
+    Broken {
+        /// The first thing that is wrong.
+        first: CheckFinding,
+        /// How much more there is.
+        more: usize,
+    },
+}
+
+fn further(more: usize) -> String {
+    if more > 0 { format!(" (and {more} more: see `artitwin check`)") } else { String::new() }
+}
+
+/// Refuses a URDF that describes no bodies: broken XML, names that stand for two things, links that are no
+/// tree, numbers that are none or cannot be. What only some importer refuses is left out.
 ///
 /// # Errors
-/// A sentence about the first thing that is wrong, and how much more there is.
-pub fn require_sound(urdf: &str) -> Result<(), String> {
-    let mut found = Findings { file: "", all: Vec::new() };
+/// [`UnsoundUrdf`].
+pub fn require_sound(urdf: &str) -> Result<(), UnsoundUrdf> {
+    let mut found = Findings::of("");
     sound(&Description::parse(urdf)?, &mut found);
-    let Some(first) = found.all.first() else { return Ok(()) };
-    let more = if found.all.len() > 1 { format!(" (and {} more: see `artitwin check`)", found.all.len() - 1) } else { String::new() };
-    Err(format!("'{}': {}{more}", first.subject.escape_debug(), first.message))
+    first_of(found)
+}
+
+/// Refuses a URDF with numbers that are none or cannot be.
+///
+/// # Errors
+/// [`UnsoundUrdf`].
+pub fn require_numbers(urdf: &str) -> Result<(), UnsoundUrdf> {
+    let mut found = Findings::of("");
+    numbers(&Description::parse(urdf)?, &mut found);
+    first_of(found)
+}
+
+fn first_of(found: Findings) -> Result<(), UnsoundUrdf> {
+    let more = found.all.len().saturating_sub(1);
+    found.all.into_iter().next().map_or(Ok(()), |first| Err(UnsoundUrdf::Broken { first, more }))
 }
 
 #[cfg(test)]

@@ -3,9 +3,14 @@
 use nalgebra::Vector3;
 use roxmltree::Node;
 
-/// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with this bound the tenth
-/// power of a number is finite, and nothing that is derived takes a higher one.
+use super::rule::Rule;
+
+/// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with
+/// this bound the tenth power of a number is finite, and nothing that is derived takes a higher one.
 pub(super) const LARGEST: f64 = 1e30;
+/// Places and scales beyond this, meters, are of no model: meshes have single precision, and up to here the
+/// sixth power of a coordinate is finite in it.
+const FARTHEST: f64 = 1e6;
 /// Shorter axes are no direction.
 const SHORTEST_AXIS: f64 = 1e-9;
 
@@ -18,41 +23,50 @@ pub(super) fn is_number(x: f64) -> bool {
 #[derive(Clone, Copy, PartialEq)]
 enum Range {
     Any,
-    /// Not zero, none of them.
-    NotZero,
+    /// Not beyond [`FARTHEST`].
+    Place,
+    /// Not zero, none of them, and not beyond [`FARTHEST`].
+    Scale,
     NotNegative,
     Positive,
     /// Not negative, and as large as a number can be: it bounds, and nothing is computed from it.
     Bound,
-    /// Not all zero, where the joint moves.
+    /// Not all zero, where the joint moves, and not beyond [`FARTHEST`].
     Direction,
 }
 
-use Range::{Any, Bound, Direction, NotNegative, NotZero, Positive};
+use Range::{Any, Bound, Direction, NotNegative, Place, Positive, Scale};
 
-/// Elements with numbers: tag, attributes, how many numbers each has, what they may be, the rule that they are told under.
-const ATTRIBUTES: [(&str, &[&str], usize, Range, &str); 16] = [
-    ("origin", &["xyz", "rpy"], 3, Any, "origin"),
-    ("mass", &["value"], 1, NotNegative, "inertia"),
-    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], 1, Any, "inertia"),
-    ("box", &["size"], 3, Positive, "geometry"),
-    ("cylinder", &["radius", "length"], 1, Positive, "geometry"),
-    ("capsule", &["radius", "length"], 1, Positive, "geometry"),
-    ("sphere", &["radius"], 1, Positive, "geometry"),
-    ("mesh", &["scale"], 3, NotZero, "geometry"),
-    ("color", &["rgba"], 4, NotNegative, "color"),
-    ("axis", &["xyz"], 3, Direction, "joint"),
-    ("limit", &["lower", "upper"], 1, Any, "limit"),
-    ("limit", &["effort", "velocity"], 1, Bound, "limit"),
-    ("dynamics", &["damping", "friction"], 1, NotNegative, "joint"),
-    ("mimic", &["multiplier", "offset"], 1, Any, "joint"),
-    ("safety_controller", &["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"], 1, Any, "joint"),
-    ("thread", &["pitch_m_per_rad"], 1, Any, "joint"),
+/// Elements with numbers: tag, attributes, how many numbers each has, what they may be, the rule that they
+/// are reported under.
+const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
+    ("origin", &["xyz", "rpy"], 3, Place, Rule::Origin),
+    ("mass", &["value"], 1, NotNegative, Rule::Inertia),
+    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], 1, Any, Rule::Inertia),
+    ("box", &["size"], 3, Positive, Rule::Geometry),
+    ("cylinder", &["radius", "length"], 1, Positive, Rule::Geometry),
+    ("capsule", &["radius", "length"], 1, Positive, Rule::Geometry),
+    ("sphere", &["radius"], 1, Positive, Rule::Geometry),
+    ("mesh", &["scale"], 3, Scale, Rule::Geometry),
+    ("color", &["rgba"], 4, NotNegative, Rule::Color),
+    ("axis", &["xyz"], 3, Direction, Rule::Joint),
+    ("limit", &["lower", "upper"], 1, Any, Rule::Limit),
+    ("limit", &["effort", "velocity"], 1, Bound, Rule::Limit),
+    ("dynamics", &["damping", "friction"], 1, NotNegative, Rule::Joint),
+    ("mimic", &["multiplier", "offset"], 1, Any, Rule::Joint),
+    (
+        "safety_controller",
+        &["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"],
+        1,
+        Any,
+        Rule::Joint,
+    ),
+    ("thread", &["pitch_m_per_rad"], 1, Any, Rule::Joint),
 ];
 
 /// A number that is none or cannot be.
 pub(super) struct BadNumber {
-    pub rule: &'static str,
+    pub rule: Rule,
     /// Link, joint or material.
     pub subject: String,
     pub message: String,
@@ -61,7 +75,11 @@ pub(super) struct BadNumber {
 /// All of them below `<robot>`, in the order of the text.
 pub(super) fn bad_numbers(robot: Node) -> Vec<BadNumber> {
     let of = |n: Node<'_, '_>| ["link", "joint", "material"].contains(&n.tag_name().name());
-    robot.children().filter(|n| of(*n)).flat_map(|owner| owner.descendants().flat_map(move |node| of_element(owner, node))).collect()
+    robot
+        .children()
+        .filter(|n| of(*n))
+        .flat_map(|owner| owner.descendants().flat_map(move |node| of_element(owner, node)))
+        .collect()
 }
 
 fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
@@ -71,11 +89,15 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
         for attribute in *attributes {
             let Some(text) = node.attribute(*attribute) else { continue };
             let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
-            let range = if *range == Direction && still { Any } else { *range };
+            let range = if *range == Direction && still { Place } else { *range };
             if let Some(why) = wrong(text, *count, range) {
                 let shown: String = text.chars().take(60).collect();
                 let message = format!("the {attribute} of <{tag}> is '{}'; {why}", shown.escape_debug());
-                bad.push(BadNumber { rule, subject: owner.attribute("name").unwrap_or_default().to_owned(), message });
+                bad.push(BadNumber {
+                    rule: *rule,
+                    subject: owner.attribute("name").unwrap_or_default().to_owned(),
+                    message,
+                });
             }
         }
     }
@@ -87,14 +109,23 @@ fn wrong(text: &str, count: usize, range: Range) -> Option<String> {
     let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let all = |test: fn(f64) -> bool| numbers.iter().all(|x| test(*x));
     if numbers.len() != count || text.split_whitespace().count() != count || !all(f64::is_finite) {
-        return Some(if count == 1 { "it must be a finite number".to_owned() } else { format!("it must be {count} finite numbers") });
+        return Some(if count == 1 {
+            "it must be a finite number".to_owned()
+        } else {
+            format!("it must be {count} finite numbers")
+        });
     }
     let why = match range {
         Bound | NotNegative if !all(|x| x >= 0.0) => "it must not be negative",
         Positive if !all(|x| x > 0.0) => "it must be positive",
-        NotZero if !all(|x| x != 0.0) => "it must not be zero",
-        Direction if Vector3::from_iterator(numbers.iter().copied()).norm() < SHORTEST_AXIS => "it must be a direction",
-        Any | NotNegative | Positive | NotZero | Direction if !all(is_number) => {
+        Scale if !all(|x| x != 0.0) => "it must not be zero",
+        Direction if Vector3::from_iterator(numbers.iter().copied()).norm() < SHORTEST_AXIS => {
+            "it must be a direction"
+        }
+        Place | Scale | Direction if !all(|x| x.abs() <= FARTHEST) => {
+            return Some(format!("what follows from coordinates beyond {FARTHEST:e} overflows"));
+        }
+        Any | NotNegative | Positive if !all(is_number) => {
             return Some(format!("what follows from numbers beyond {LARGEST:e} overflows"));
         }
         _ => return None,

@@ -3,20 +3,21 @@
 use nalgebra::Point3;
 
 use super::{
-    Findings,
     description::{Description, JointText},
+    finding::Findings,
     placement::Placement,
+    rule::Rule,
 };
 use crate::{geometry::Pose, surface::ConvexSolid};
 
-/// Deeper overlap at rest is an error, metres.
+/// Deeper overlap at rest is an error, meters.
 const REST_M: f64 = 1e-5;
-/// Deeper overlap along a path is an error, metres.
+/// Deeper overlap along a path is an error, meters.
 const SWEEP_M: f64 = 1e-3;
 /// Positions along a path.
 const STEPS: usize = 60;
-/// Pairs of links that are looked at, and products of faces and corners of pairs of solids. Measured: either takes about two seconds;
-/// a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
+/// Pairs of links that are looked at, and products of faces and corners of pairs of solids. Measured: either
+/// takes about two seconds; a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
 const WORK: Work = Work { pairs: 100_000_000, products: 200_000_000 };
 
 /// A pose costs as much as so many pairs of links (measured).
@@ -52,7 +53,8 @@ struct Body<'a> {
 impl<'a> Body<'a> {
     fn new(solids: &'a [ConvexSolid]) -> Self {
         let bounds: Vec<_> = solids.iter().map(ConvexSolid::bounds).collect();
-        let (lo, hi) = bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
+        let (lo, hi) =
+            bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
         let center = nalgebra::center(&lo, &hi);
         // Somewhat more than the box that holds them: rounding must not part what touches.
         Self { solids, bounds, center, radius_m: 0.5 * (hi - lo).norm() * (1.0 + 1e-9) + 1e-9 }
@@ -63,15 +65,21 @@ pub(super) fn check(description: &Description, solids: &[Vec<ConvexSolid>], foun
     let mut work = WORK;
     if check_within(description, solids, &mut work, found).is_none() {
         found.warn(
-            "overlap",
+            Rule::Overlap,
             "robot",
-            "has so many links and solids that lie near each other that only a part of them was looked at; split the model, or use fewer solids",
+            "has so many links and solids that lie near each other that only a part of them was looked at; \
+             split the model, or use fewer solids",
         );
     }
 }
 
 /// `None` where the work was too much.
-fn check_within(description: &Description, solids: &[Vec<ConvexSolid>], work: &mut Work, found: &mut Findings) -> Option<()> {
+fn check_within(
+    description: &Description,
+    solids: &[Vec<ConvexSolid>],
+    work: &mut Work,
+    found: &mut Findings,
+) -> Option<()> {
     let placement = Placement::new(description);
     let bodies: Vec<Body> = solids.iter().map(|s| Body::new(s)).collect();
     let rest: Vec<f64> = description.joints.iter().map(rest_position).collect();
@@ -84,17 +92,28 @@ fn check_within(description: &Description, solids: &[Vec<ConvexSolid>], work: &m
             if apart(&bodies, &centers, a, b) {
                 continue;
             }
-            if let Some(depth) = deepest(&bodies[a], &poses[a], &bodies[b], &poses[b], work)?.filter(|d| *d > REST_M) {
+            if let Some(depth) =
+                deepest(&bodies[a], &poses[a], &bodies[b], &poses[b], work)?.filter(|d| *d > REST_M)
+            {
                 let pair = format!("{} and {}", description.links[a].name, description.links[b].name);
-                let message =
-                    format!("overlap by {:.2} mm at rest: MuJoCo throws them apart; cut or shrink the collision solids", 1e3 * depth);
-                found.error("overlap", &pair, message);
+                let message = format!(
+                    "overlap by {:.2} mm at rest: MuJoCo throws them apart; cut or shrink the collision \
+                     solids",
+                    1e3 * depth
+                );
+                found.error(Rule::Overlap, &pair, message);
             }
         }
     }
     let carrying = placement.nearest_above(|link| !solids[link].is_empty());
     for (j, joint) in description.joints.iter().enumerate().filter(|(j, _)| placement.leader[*j].is_none()) {
-        sweep(&Swept { description, placement: &placement, bodies: &bodies, carrying: &carrying, rest: &rest }, j, joint, work, found)?;
+        sweep(
+            &Swept { description, placement: &placement, bodies: &bodies, carrying: &carrying, rest: &rest },
+            j,
+            joint,
+            work,
+            found,
+        )?;
     }
     Some(())
 }
@@ -106,7 +125,8 @@ fn centers(bodies: &[Body], poses: &[Pose]) -> Vec<Point3<f64>> {
 
 /// Whether the spheres around two bodies do not meet. What is no number meets all.
 fn apart(bodies: &[Body], centers: &[Point3<f64>], a: usize, b: usize) -> bool {
-    (centers[a] - centers[b]).norm_squared() > (bodies[a].radius_m + bodies[b].radius_m).powi(2) * (1.0 + 1e-9)
+    (centers[a] - centers[b]).norm_squared()
+        > (bodies[a].radius_m + bodies[b].radius_m).powi(2) * (1.0 + 1e-9)
 }
 
 /// 0, or the limit nearest to it.
@@ -149,15 +169,18 @@ struct Swept<'a> {
     rest: &'a [f64],
 }
 
-/// Moves one joint over its range, the others at rest. The link that is met deepest is told; one that carries the joint
-/// before others. `None` where that is too much work.
+/// Moves one joint over its range, the others at rest. The link that is met deepest is reported; one that
+/// carries the joint before others. `None` where that is too much work.
 fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mut Findings) -> Option<()> {
     let Swept { description, placement, bodies, carrying, rest } = swept;
     let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child(j)) else { return Some(()) };
     let followers = (0..description.joints.len()).filter(|&f| placement.leader[f] == Some(j));
-    let carried: Vec<usize> = followers.filter_map(|f| placement.child(f)).chain(placement.child(j)).collect();
+    let carried: Vec<usize> =
+        followers.filter_map(|f| placement.child(f)).chain(placement.child(j)).collect();
     let moved = placement.hanging_on(&carried);
-    let solid = |moving: bool| (0..bodies.len()).filter(|&l| moved[l] == moving && !bodies[l].solids.is_empty()).collect::<Vec<_>>();
+    let solid = |moving: bool| {
+        (0..bodies.len()).filter(|&l| moved[l] == moving && !bodies[l].solids.is_empty()).collect::<Vec<_>>()
+    };
     let (moving, resting) = (solid(true), solid(false));
     work.take(((STEPS + 1) * (POSE * bodies.len() + moving.len() * resting.len())) as u64, 0)?;
     let mut worst: Option<(bool, f64, f64, usize)> = None;
@@ -177,15 +200,26 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
     }
     if let Some((carries, depth, q, link)) = worst {
         let other = &description.links[link].name;
-        let message = format!("at position {q:.4} it drives {:.2} mm into {other}: the joint jams; cut what is in the way", 1e3 * depth);
+        let message = format!(
+            "at position {q:.4} it drives {:.2} mm into {other}: the joint jams; cut what is in the way",
+            1e3 * depth
+        );
         if joint.threaded {
-            let advance = format!("a screw without its advance: at position {q:.4} it drives {:.2} mm into {other}", 1e3 * depth);
-            found.warn("sweep", &joint.name, format!("{advance}; `--set export.urdf_screw=pair` writes a slide that follows the turn"));
-        // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a folding door.
+            let advance = format!(
+                "a screw without its advance: at position {q:.4} it drives {:.2} mm into {other}",
+                1e3 * depth
+            );
+            found.warn(
+                Rule::Sweep,
+                &joint.name,
+                format!("{advance}; `--set export.urdf_screw=pair` writes a slide that follows the turn"),
+            );
+        // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a
+        // folding door.
         } else if carries {
-            found.error("sweep", &joint.name, message);
+            found.error(Rule::Sweep, &joint.name, message);
         } else {
-            found.warn("sweep", &joint.name, message);
+            found.warn(Rule::Sweep, &joint.name, message);
         }
     }
     Some(())
@@ -196,19 +230,21 @@ mod tests {
     use super::*;
     use crate::export::check::description::Description;
 
-    /// Links in a chain, `apart` metres from each other, with a box each.
+    /// Links in a chain, `apart` meters from each other, with a box each.
     fn chain(links: usize, apart: f64) -> (Description, Vec<Vec<ConvexSolid>>) {
         let link = |i: usize| format!("<link name='l{i}'/>");
         let joint = |i: usize| {
             format!(
-                "<joint name='j{i}' type='prismatic'><origin xyz='{apart} 0 0'/><parent link='l{i}'/><child link='l{}'/><axis xyz='0 0 1'/>\
+                "<joint name='j{i}' type='prismatic'><origin xyz='{apart} 0 0'/><parent \
+                 link='l{i}'/><child link='l{}'/><axis xyz='0 0 1'/>\
                  <limit lower='0' upper='0.1' effort='1' velocity='1'/></joint>",
                 i + 1
             )
         };
         let links_text: String = (0..links).map(link).collect();
         let joints_text: String = (0..links - 1).rev().map(joint).collect();
-        let description = Description::parse(&format!("<robot name='r'>{links_text}{joints_text}</robot>")).unwrap();
+        let description =
+            Description::parse(&format!("<robot name='r'>{links_text}{joints_text}</robot>")).unwrap();
         let cube = ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.1, 0.1, 0.1));
         (description, vec![vec![cube]; links])
     }
@@ -218,12 +254,16 @@ mod tests {
         let begun = std::time::Instant::now();
         for (links, apart, errors) in [(40, 0.2, 0), (4_000, 0.2, 0), (3_000, 0.0, 1_000)] {
             let (description, solids) = chain(links, apart);
-            let mut found = Findings { file: "", all: Vec::new() };
+            let mut found = Findings::of("");
             check(&description, &solids, &mut found);
-            let words = ["only a part of them", "further ones are not told"];
+            let words = ["only a part of them", "further ones are not listed"];
             let partly = found.all.iter().any(|f| words.iter().any(|w| f.message.contains(w)));
             assert_eq!(partly, links > 40, "{links}");
-            assert!(found.all.len() >= errors && found.all.len() <= crate::limits::FINDINGS + 1, "{}", found.all.len());
+            assert!(
+                found.all.len() >= errors && found.all.len() <= crate::limits::FINDINGS + 1,
+                "{}",
+                found.all.len()
+            );
         }
         assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
     }

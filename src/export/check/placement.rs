@@ -1,10 +1,12 @@
-//! Where the links of a description are, at given positions of its joints. Time grows with the number of links.
-
-use std::collections::HashMap;
+//! Where the links of a description are, at given positions of its joints. Time grows with the number of
+//! links.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
-use super::description::{Description, JointText};
+use super::{
+    description::{Description, JointText},
+    places::places,
+};
 use crate::geometry::Pose;
 
 /// The tree of a description, by places of links and joints.
@@ -21,15 +23,6 @@ pub(super) struct Placement<'a> {
     children: Vec<Option<usize>>,
 }
 
-/// Places of names; the first of equal ones.
-fn places<'a>(names: impl Iterator<Item = &'a str>) -> HashMap<&'a str, usize> {
-    let mut places = HashMap::new();
-    for (place, name) in names.enumerate() {
-        places.entry(name).or_insert(place);
-    }
-    places
-}
-
 impl<'a> Placement<'a> {
     pub fn new(description: &'a Description) -> Self {
         let links = places(description.links.iter().map(|l| l.name.as_str()));
@@ -39,8 +32,10 @@ impl<'a> Placement<'a> {
             let leader = &joint.mimic.as_ref()?.joint;
             joints.get(leader.as_str()).copied().filter(|_| *leader != joint.name)
         };
-        let carrier: Vec<_> = description.links.iter().map(|l| carriers.get(l.name.as_str()).copied()).collect();
-        let parent_of = |joint: &Option<usize>| links.get(description.joints[(*joint)?].parent.as_str()).copied();
+        let carrier: Vec<_> =
+            description.links.iter().map(|l| carriers.get(l.name.as_str()).copied()).collect();
+        let parent_of =
+            |joint: &Option<usize>| links.get(description.joints[(*joint)?].parent.as_str()).copied();
         let parent: Vec<_> = carrier.iter().map(parent_of).collect();
         let mut below = vec![Vec::new(); parent.len()];
         parent.iter().enumerate().for_each(|(link, parent)| parent.iter().for_each(|p| below[*p].push(link)));

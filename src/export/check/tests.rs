@@ -31,7 +31,8 @@ fn folder() -> Folder {
         let solid = ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.1, 0.1, 0.1));
         solid_obj(&solid, name)
     };
-    let visual = cuboid("frame").replace("o frame", "mtllib frame.mtl\no frame").replace("vn ", "vt 0.5 0.5\nvn ");
+    let visual =
+        cuboid("frame").replace("o frame", "mtllib frame.mtl\no frame").replace("vn ", "vt 0.5 0.5\nvn ");
     [
         ("unit.urdf", URDF.to_owned()),
         ("meshes/visual/frame.obj", visual),
@@ -41,7 +42,9 @@ fn folder() -> Folder {
         ("meshes/collision/tray_0.obj", cuboid("tray_0")),
     ]
     .into_iter()
-    .map(|(path, text)| (path.to_owned(), if text == "png" { b"\x89PNG\r\n\x1a\n".to_vec() } else { text.into_bytes() }))
+    .map(|(path, text)| {
+        (path.to_owned(), if text == "png" { b"\x89PNG\r\n\x1a\n".to_vec() } else { text.into_bytes() })
+    })
     .collect()
 }
 
@@ -86,7 +89,8 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
     ];
     for (rule, message, from, to) in cases {
         let mut folder = folder();
-        let (at, _) = URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
+        let (at, _) =
+            URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
         let mut broken = URDF.to_owned();
         broken.replace_range(at..at + from.len(), to);
         if rule == "inertia" && to.starts_with("<inertia_l>") {
@@ -97,7 +101,9 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
         let glb = b"glTF".to_vec();
         folder.insert("meshes/visual/frame.glb".to_owned(), glb);
         let found = check_folder(&folder);
-        let hit = found.iter().any(|f| f.level == Level::Error && f.rule == rule && f.message.contains(message));
+        let hit = found
+            .iter()
+            .any(|f| f.level == Level::Error && f.rule.word() == rule && f.message.contains(message));
         assert!(hit, "{rule}: '{message}' is not in:\n{}", text(&found));
     }
 }
@@ -111,7 +117,12 @@ const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("origin", "must be 3 finite numbers", "xyz=\"0.11 0 0\"", "xyz=\"0.11 x 0\""),
     ("origin", "overflows", "xyz=\"0.11 0 0\"", "xyz=\"1e308 0 0\""),
     ("origin", "'nan 0 0'", "<mass value=\"1\"/>", "<mass value=\"1\"/><origin xyz=\"nan 0 0\"/>"),
-    ("origin", "'0 -inf 0'", "<collision name=\"tray_0\">", "<collision name=\"tray_0\"><origin xyz=\"0 -inf 0\"/>"),
+    (
+        "origin",
+        "'0 -inf 0'",
+        "<collision name=\"tray_0\">",
+        "<collision name=\"tray_0\"><origin xyz=\"0 -inf 0\"/>",
+    ),
     ("inertia", "the value of <mass> is 'nan'", "<mass value=\"1\"/>", "<mass value=\"nan\"/>"),
     ("inertia", "must not be negative", "<mass value=\"1\"/>", "<mass value=\"-1\"/>"),
     ("inertia", "overflows", "<mass value=\"1\"/>", "<mass value=\"1e308\"/>"),
@@ -136,9 +147,24 @@ const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("limit", "above upper", "lower=\"0\" upper=\"0.2\"", "lower=\"0.2\" upper=\"-0.1\""),
     ("geometry", "must not be zero", "frame.obj\"", "frame.obj\" scale=\"1 0 1\""),
     ("geometry", "'1 inf 1'", "tray_0.obj\"", "tray_0.obj\" scale=\"1 inf 1\""),
-    ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<box size=\"1 -1 1\"/>"),
-    ("geometry", "must be positive", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<sphere radius=\"0\"/>"),
-    ("geometry", "'nan'", "<mesh filename=\"meshes/collision/tray_0.obj\"/>", "<cylinder radius=\"1\" length=\"nan\"/>"),
+    (
+        "geometry",
+        "must be positive",
+        "<mesh filename=\"meshes/collision/tray_0.obj\"/>",
+        "<box size=\"1 -1 1\"/>",
+    ),
+    (
+        "geometry",
+        "must be positive",
+        "<mesh filename=\"meshes/collision/tray_0.obj\"/>",
+        "<sphere radius=\"0\"/>",
+    ),
+    (
+        "geometry",
+        "'nan'",
+        "<mesh filename=\"meshes/collision/tray_0.obj\"/>",
+        "<cylinder radius=\"1\" length=\"nan\"/>",
+    ),
     (
         "color",
         "must be 4 finite numbers",
@@ -155,27 +181,35 @@ const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("name", "more than one of the joints", "</robot>", TWICE),
     ("joint", "mimics itself (b, c); one joint must lead", "</robot>", MIMICS),
 ];
-const LOOP: &str = "<link name=\"a\"/><link name=\"b\"/><joint name=\"u\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
+const LOOP: &str = "<link name=\"a\"/><link name=\"b\"/><joint name=\"u\" type=\"fixed\"><parent \
+    link=\"a\"/><child link=\"b\"/></joint>\
     <joint name=\"v\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
-const SELF: &str = "<link name=\"a\"/><joint name=\"u\" type=\"fixed\"><parent link=\"a\"/><child link=\"a\"/></joint></robot>";
-const TWICE: &str = "<joint name=\"slide\" type=\"fixed\"><parent link=\"frame\"/><child link=\"tray\"/></joint></robot>";
+const SELF: &str = "<link name=\"a\"/><joint name=\"u\" type=\"fixed\"><parent link=\"a\"/><child \
+    link=\"a\"/></joint></robot>";
+const TWICE: &str =
+    "<joint name=\"slide\" type=\"fixed\"><parent link=\"frame\"/><child link=\"tray\"/></joint></robot>";
 const MIMICS: &str = "<link name=\"l\"/><link name=\"m\"/>\
     <joint name=\"b\" type=\"fixed\"><parent link=\"tray\"/><child link=\"l\"/><mimic joint=\"c\"/></joint>\
-    <joint name=\"c\" type=\"fixed\"><parent link=\"l\"/><child link=\"m\"/><mimic joint=\"b\"/></joint></robot>";
+    <joint name=\"c\" type=\"fixed\"><parent link=\"l\"/><child link=\"m\"/><mimic \
+    joint=\"b\"/></joint></robot>";
 
 #[test]
 fn what_no_reader_can_make_sense_of_is_found_and_refused_by_all() {
     require_sound(URDF).unwrap();
     for (rule, words, from, to) in NONSENSE {
-        let (at, _) = URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
+        let (at, _) =
+            URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
         let mut broken = URDF.to_owned();
         broken.replace_range(at..at + from.len(), to);
         let mut folder = folder();
         folder.insert("unit.urdf".to_owned(), broken.clone().into_bytes());
         let found = check_folder(&folder);
-        let hits = found.iter().filter(|f| f.level == Level::Error && f.rule == *rule && f.message.contains(words)).count();
+        let hits = found
+            .iter()
+            .filter(|f| f.level == Level::Error && f.rule.word() == *rule && f.message.contains(words))
+            .count();
         assert_eq!(hits, 1, "{rule}: '{words}' in:\n{}", text(&found));
-        let refused = require_sound(&broken).unwrap_err();
+        let refused = require_sound(&broken).unwrap_err().to_string();
         assert!(refused.contains(words) || refused.contains("more: see"), "'{words}' is not in: {refused}");
     }
 }
@@ -188,7 +222,10 @@ fn what_only_importers_refuse_is_sound() {
             "ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"",
             "ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\"",
         ),
-        ("<limit lower=\"0\" upper=\"0.2\" effort=\"10\" velocity=\"1\"/>", "<limit effort=\"1.7976931348623157e308\" velocity=\"0\"/>"),
+        (
+            "<limit lower=\"0\" upper=\"0.2\" effort=\"10\" velocity=\"1\"/>",
+            "<limit effort=\"1.7976931348623157e308\" velocity=\"0\"/>",
+        ),
         ("type=\"prismatic\"", "type=\"fixed\""),
         ("axis xyz=\"1 0 0\"", "axis xyz=\"0 0 -3\""),
         ("tray_0.obj\"", "tray_0.obj\" scale=\"1 -1 1e-3\""),
@@ -203,28 +240,52 @@ fn what_only_importers_refuse_is_sound() {
 #[test]
 fn every_fault_of_a_file_is_found_under_its_rule() {
     let flat = solid_obj(&ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.1, 0.1, 0.0001)), "x");
-    let numbers = |v: &str, vt: &str, vn: &str| format!("v {v} 0 0\nv 1 0 0\nv 0 1 0\nvt {vt} 0\nvn 0 {vn} 1\nf 1 2 3\n").into_bytes();
+    let numbers = |v: &str, vt: &str, vn: &str| {
+        format!("v {v} 0 0\nv 1 0 0\nv 0 1 0\nvt {vt} 0\nvn 0 {vn} 1\nf 1 2 3\n").into_bytes()
+    };
     let cases: [(&str, &str, &str, Vec<u8>); 13] = [
         ("texture", "no PNG", "meshes/visual/frame.png", b"\xff\xd8\xff\xe0JFIF".to_vec()),
         ("texture", "no PNG", "meshes/visual/frame.mtl", b"newmtl frame\nmap_Kd frame.jpg\n".to_vec()),
         ("texture", "is missing", "meshes/visual/frame.mtl", b"newmtl frame\nmap_Kd gone.png\n".to_vec()),
-        ("texture", "black", "meshes/visual/frame.mtl", b"newmtl frame\nKd 0 0 0\nmap_Kd frame.png\n".to_vec()),
+        (
+            "texture",
+            "black",
+            "meshes/visual/frame.mtl",
+            b"newmtl frame\nKd 0 0 0\nmap_Kd frame.png\n".to_vec(),
+        ),
         ("mesh", "lie in a plane", "meshes/collision/tray_0.obj", flat.into_bytes()),
-        ("mesh", "lie in a plane", "meshes/collision/tray_0.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
-        ("mesh", "no finite point", "meshes/collision/tray_0.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
+        (
+            "mesh",
+            "lie in a plane",
+            "meshes/collision/tray_0.obj",
+            b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec(),
+        ),
+        (
+            "mesh",
+            "no finite point",
+            "meshes/collision/tray_0.obj",
+            b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec(),
+        ),
         ("mesh", "no finite point", "meshes/visual/frame.obj", numbers("1e999", "0", "0")),
         ("mesh", "no finite point", "meshes/collision/tray_0.obj", numbers("-1e308", "0", "0")),
         ("mesh", "texture coordinate that is no finite", "meshes/visual/frame.obj", numbers("0", "nan", "0")),
         ("mesh", "normal or texture", "meshes/visual/frame.obj", numbers("0", "0", "inf")),
         ("mesh", "no normals", "meshes/visual/frame.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
-        ("mesh", "which is not there", "meshes/collision/tray_0.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n".to_vec()),
+        (
+            "mesh",
+            "which is not there",
+            "meshes/collision/tray_0.obj",
+            b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n".to_vec(),
+        ),
     ];
     for (rule, message, path, bytes) in cases {
         let mut folder = folder();
         folder.insert("meshes/visual/frame.jpg".to_owned(), b"\xff\xd8\xff\xe0JFIF".to_vec());
         folder.insert(path.to_owned(), bytes);
         let found = check_folder(&folder);
-        let hit = found.iter().any(|f| f.level == Level::Error && f.rule == rule && f.message.contains(message));
+        let hit = found
+            .iter()
+            .any(|f| f.level == Level::Error && f.rule.word() == rule && f.message.contains(message));
         assert!(hit, "{rule}: '{message}' is not in:\n{}", text(&found));
     }
     assert_eq!(text(&check_folder(&Folder::new())), "error file: .: .: the folder holds no .urdf file");
@@ -233,13 +294,17 @@ fn every_fault_of_a_file_is_found_under_its_rule() {
 #[test]
 fn package_paths_are_for_ros_files_and_large_hulls_are_thinned_out() {
     let mut folder = folder();
-    folder.insert("unit.ros.urdf".to_owned(), URDF.replace("filename=\"", "filename=\"package://unit/").into_bytes());
+    folder.insert(
+        "unit.ros.urdf".to_owned(),
+        URDF.replace("filename=\"", "filename=\"package://unit/").into_bytes(),
+    );
     // A round box: a cube with its corners cut by many planes.
     let mut round = ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.1, 0.1, 0.1));
     for k in 0..300 {
         let (s, c) = (f64::from(k) * 0.37).sin_cos();
         let normal = Vector3::new(c, s, (f64::from(k) * 0.11).sin()).normalize();
-        round = round.clipped(&Plane { normal, offset_m: normal.dot(&Vector3::repeat(0.05)) + 0.055 }).unwrap();
+        round =
+            round.clipped(&Plane { normal, offset_m: normal.dot(&Vector3::repeat(0.05)) + 0.055 }).unwrap();
     }
     assert!(round.vertices.len() > 250);
     folder.insert("meshes/collision/tray_0.obj".to_owned(), solid_obj(&round, "tray_0").into_bytes());
@@ -262,7 +327,7 @@ fn a_joint_that_follows_another_is_swept_with_it() {
     let jams = |text: String| {
         let mut folder = folder();
         folder.insert("unit.urdf".to_owned(), text.into_bytes());
-        check_folder(&folder).iter().any(|f| f.rule == "sweep" && f.level == Level::Error)
+        check_folder(&folder).iter().any(|f| f.rule == Rule::Sweep && f.level == Level::Error)
     };
     assert!(!jams(format!("{start}{pair}")));
     let alone = format!("{start}{pair}").replace("<mimic joint=\"drop\" multiplier=\"20\"/>", "");

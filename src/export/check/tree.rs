@@ -1,39 +1,45 @@
-//! Rules of the tree: links and joints have names of their own and make one tree, and joints that follow others follow one that leads.
+//! Rules of the tree: links and joints have names of their own and make one tree, and joints that follow
+//! others follow one that leads.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Findings, description::Description};
+use super::{description::Description, finding::Findings, places::places, rule::Rule};
 
 pub(super) fn check(description: &Description, found: &mut Findings) {
     let (links, joints) = (&description.links, &description.joints);
-    let index = places("links", links.iter().map(|l| l.name.as_str()), found);
+    let index = unique_places("links", links.iter().map(|l| l.name.as_str()), found);
     let mut carrier: Vec<Option<usize>> = vec![None; links.len()];
     for joint in joints {
         let [parent, child] = [&joint.parent, &joint.child].map(|link| {
             let place = index.get(link.as_str()).copied();
             if place.is_none() {
-                found.error("tree", &joint.name, format!("names the link '{link}', which is not there"));
+                found.error(Rule::Tree, &joint.name, format!("names the link '{link}', which is not there"));
             }
             place
         });
         if let (Some(parent), Some(child)) = (parent, child)
             && carrier[child].replace(parent).is_some()
         {
-            found.error("tree", &joint.child, "is the child of two joints");
+            found.error(Rule::Tree, &joint.child, "is the child of two joints");
         }
     }
     let children: BTreeSet<&str> = joints.iter().map(|j| j.child.as_str()).collect();
     let first = links.iter().enumerate().filter(|(place, link)| index.get(link.name.as_str()) == Some(place));
-    let roots: Vec<&str> = first.map(|(_, link)| link.name.as_str()).filter(|name| !children.contains(name)).collect();
+    let roots: Vec<&str> =
+        first.map(|(_, link)| link.name.as_str()).filter(|name| !children.contains(name)).collect();
     if roots.len() != 1 && !links.is_empty() {
         let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened(&roots)) };
-        found.error("tree", "robot", format!("has {} root links{named}; one is needed", roots.len()));
+        found.error(Rule::Tree, "robot", format!("has {} root links{named}; one is needed", roots.len()));
     }
     for ring in rings(&carrier) {
         // From parent to child, beginning as the ring does.
         let from_parent = ring.iter().take(1).chain(ring.iter().skip(1).rev());
         let names: Vec<&str> = from_parent.map(|&l| links[l].name.as_str()).collect();
-        found.error("tree", names[0], format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)));
+        found.error(
+            Rule::Tree,
+            names[0],
+            format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)),
+        );
     }
     mimics(description, found);
 }
@@ -41,33 +47,46 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
 /// Joints that follow others.
 fn mimics(description: &Description, found: &mut Findings) {
     let joints = &description.joints;
-    let index = places("joints", joints.iter().map(|j| j.name.as_str()), found);
+    let index = unique_places("joints", joints.iter().map(|j| j.name.as_str()), found);
     let mut leader = vec![None; joints.len()];
     for (j, joint) in joints.iter().enumerate() {
         let Some(mimic) = &joint.mimic else { continue };
         leader[j] = index.get(mimic.joint.as_str()).copied();
         if leader[j].is_none() {
-            found.error("joint", &joint.name, format!("mimics the joint '{}', which is not there", mimic.joint));
+            found.error(
+                Rule::Joint,
+                &joint.name,
+                format!("mimics the joint '{}', which is not there", mimic.joint),
+            );
         }
     }
     for ring in rings(&leader) {
         let names: Vec<&str> = ring.iter().map(|&j| joints[j].name.as_str()).collect();
-        found.error("joint", names[0], format!("mimics itself ({}); one joint must lead", shortened(&names)));
+        found.error(
+            Rule::Joint,
+            names[0],
+            format!("mimics itself ({}); one joint must lead", shortened(&names)),
+        );
     }
 }
 
-/// Where each name stands first; one that stands twice is told.
-fn places<'a>(what: &str, names: impl Iterator<Item = &'a str>, found: &mut Findings) -> BTreeMap<&'a str, usize> {
-    let (mut places, mut told) = (BTreeMap::new(), BTreeSet::new());
-    for (place, name) in names.enumerate() {
-        if *places.entry(name).or_insert(place) != place && told.insert(name) {
-            found.error("name", name, format!("is the name of more than one of the {what}"));
-        }
+/// Where each name stands first; one that stands twice is reported.
+fn unique_places<'a>(
+    what: &str,
+    names: impl Iterator<Item = &'a str> + Clone,
+    found: &mut Findings,
+) -> BTreeMap<&'a str, usize> {
+    let places = places(names.clone());
+    let again = names.enumerate().filter(|(place, name)| places.get(name) != Some(place));
+    let mut reported = BTreeSet::new();
+    for (_, name) in again.filter(|(_, name)| reported.insert(*name)) {
+        found.error(Rule::Name, name, format!("is the name of more than one of the {what}"));
     }
     places
 }
 
-/// The rings of a graph in which every node points to one other at most, itself perhaps; each begins at its lowest node.
+/// The rings of a graph in which every node points to one other at most, itself perhaps; each begins at its
+/// lowest node.
 fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut walk_of: Vec<Option<usize>> = vec![None; next.len()];
     let mut rings = Vec::new();

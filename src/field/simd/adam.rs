@@ -1,6 +1,6 @@
 //! Adam's update.
 
-use super::Lanes;
+use super::lanes::Lanes;
 use crate::field::{ADAM_BETAS, ADAM_EPSILON};
 
 /// Coefficients of one step.
@@ -22,25 +22,40 @@ impl AdamStep {
     }
 }
 
-/// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15` and would
-/// become a denormal number, which is slow.
+/// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15`
+/// and would become a denormal number, which is slow.
 const SMALLEST_FIRST: f32 = 1e-30;
 /// The same for second moments; their roots are far below epsilon.
 const SMALLEST_SECOND: f32 = 1e-37;
 
-/// `m = b1 m + (1 - b1) g`, `v = b2 v + (1 - b2) g^2`, `p -= rate m / (sqrt(v) + epsilon)`; sets the gradient to 0.
+/// `m = b1 m + (1 - b1) g`, `v = b2 v + (1 - b2) g^2`, `p -= rate m / (sqrt(v) + epsilon)`; sets the gradient
+/// to 0.
 ///
 /// # Panics
 /// If the lengths differ.
 #[inline(always)]
-pub(super) fn update<S: Lanes>(s: S, step: AdamStep, params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32]) {
+pub(super) fn update<S: Lanes>(
+    s: S,
+    step: AdamStep,
+    params: &mut [f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    gradient: &mut [f32],
+) {
     let n = params.len();
     assert!(first.len() == n && second.len() == n && gradient.len() == n);
     let whole = n / S::N * S::N;
     // SAFETY: `i + N <= n` for every i, and all four slices have n floats.
     unsafe {
         for i in (0..whole).step_by(S::N) {
-            lanes(s, step, params.as_mut_ptr().add(i), first.as_mut_ptr().add(i), second.as_mut_ptr().add(i), gradient.as_mut_ptr().add(i));
+            lanes(
+                s,
+                step,
+                params.as_mut_ptr().add(i),
+                first.as_mut_ptr().add(i),
+                second.as_mut_ptr().add(i),
+                gradient.as_mut_ptr().add(i),
+            );
         }
     }
     if whole < n {
@@ -62,7 +77,14 @@ pub(super) fn update<S: Lanes>(s: S, step: AdamStep, params: &mut [f32], first: 
 /// # Safety
 /// N floats are readable and writable at every pointer.
 #[inline(always)]
-unsafe fn lanes<S: Lanes>(s: S, step: AdamStep, params: *mut f32, first: *mut f32, second: *mut f32, gradient: *mut f32) {
+unsafe fn lanes<S: Lanes>(
+    s: S,
+    step: AdamStep,
+    params: *mut f32,
+    first: *mut f32,
+    second: *mut f32,
+    gradient: *mut f32,
+) {
     // SAFETY: the caller's promise.
     unsafe {
         let g = s.load(gradient);

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Lanes;
+use super::lanes::Lanes;
 
 /// Token: the processor has AVX2 and FMA.
 #[derive(Clone, Copy)]
@@ -65,10 +65,16 @@ impl Lanes for Avx2 {
         // SAFETY: the caller promises that every pair lies in the table.
         unsafe {
             let low = _mm256_castpd_ps(_mm256_i32gather_pd::<8>(table.cast(), _mm256_castsi256_si128(index)));
-            let high = _mm256_castpd_ps(_mm256_i32gather_pd::<8>(table.cast(), _mm256_extracti128_si256::<1>(index)));
+            let high = _mm256_castpd_ps(_mm256_i32gather_pd::<8>(
+                table.cast(),
+                _mm256_extracti128_si256::<1>(index),
+            ));
             let even = _mm256_castps_pd(_mm256_shuffle_ps::<0x88>(low, high));
             let odd = _mm256_castps_pd(_mm256_shuffle_ps::<0xdd>(low, high));
-            (_mm256_castpd_ps(_mm256_permute4x64_pd::<0xd8>(even)), _mm256_castpd_ps(_mm256_permute4x64_pd::<0xd8>(odd)))
+            (
+                _mm256_castpd_ps(_mm256_permute4x64_pd::<0xd8>(even)),
+                _mm256_castpd_ps(_mm256_permute4x64_pd::<0xd8>(odd)),
+            )
         }
     }
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Lanes;
+use super::lanes::Lanes;
 
 /// Token: the processor has AVX-512 F and DQ, AVX2 and FMA.
 #[derive(Clone, Copy)]

@@ -1,15 +1,16 @@
 //! The hash grid of one level: features, their derivatives by position, and the gradient of the table.
 
-use super::{COLUMN_ALIGN, Lanes};
+use super::lanes::{COLUMN_ALIGN, Lanes};
 use crate::field::LevelLayout;
 
-/// Multipliers of the spatial hash; the one of x is 1 (method.md 2.1).
+/// Multipliers of the spatial hash; the one of x is 1: docs/method.md (12.2).
 const HASH_Y: i32 = 2_654_435_761u32 as i32;
 const HASH_Z: i32 = 805_459_861;
 /// Tables are indexed by 32-bit integers of pairs.
 const MAX_ENTRIES: usize = 1 << 28;
 
-/// What a kernel needs to know of a level; made only of consistent values, so that every index lies in the table.
+/// What a kernel needs to know of a level; made only of consistent values, so that every index lies in the
+/// table.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::field) struct LevelGeometry {
     scale: f32,
@@ -20,13 +21,26 @@ pub(in crate::field) struct LevelGeometry {
 
 impl LevelGeometry {
     /// # Panics
-    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one whose size is no power of two.
+    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one whose size is no
+    /// power of two.
     pub(in crate::field) fn new(level: &LevelLayout) -> Self {
         let nodes = level.resolution.checked_pow(3);
-        let consistent = if level.hashed { level.entries.is_power_of_two() } else { nodes.is_some_and(|n| n <= level.entries) };
-        assert!(consistent && level.resolution >= 2 && level.entries <= MAX_ENTRIES, "inconsistent level {level:?}");
+        let consistent = if level.hashed {
+            level.entries.is_power_of_two()
+        } else {
+            nodes.is_some_and(|n| n <= level.entries)
+        };
+        assert!(
+            consistent && level.resolution >= 2 && level.entries <= MAX_ENTRIES,
+            "inconsistent level {level:?}"
+        );
         assert!(level.scale.is_finite() && level.resolution < 1 << 20, "inconsistent level {level:?}");
-        Self { scale: level.scale, resolution: level.resolution as i32, entries: level.entries, hashed: level.hashed }
+        Self {
+            scale: level.scale,
+            resolution: level.resolution as i32,
+            entries: level.entries,
+            hashed: level.hashed,
+        }
     }
 }
 
@@ -55,13 +69,15 @@ impl<'a> PointColumns<'a> {
     }
 }
 
-/// The cell of each lane's point: entries of its 8 corners (bit 0 of the corner is +x, bit 1 +y, bit 2 +z) and fractions.
+/// The cell of each lane's point: entries of its 8 corners (bit 0 of the corner is +x, bit 1 +y, bit 2 +z)
+/// and fractions.
 struct Cell<S: Lanes> {
     corners: [S::I; 8],
     frac: [S::F; 3],
 }
 
-/// Cell of one axis: the lower node, limited to the level, and the fraction to the next. `position = unit scale + 0.5`.
+/// Cell of one axis: the lower node, limited to the level, and the fraction to the next. `position = unit
+/// scale + 0.5`.
 #[inline(always)]
 fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
     let unit = s.min(s.max(unit, s.splat(0.0)), s.splat(1.0));
@@ -70,7 +86,8 @@ fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
     (node, s.sub(position, s.float(node)))
 }
 
-/// Every corner is smaller than the level's number of entries: nodes are limited to the level, hashes to the table.
+/// Every corner is smaller than the level's number of entries: nodes are limited to the level, hashes to the
+/// table.
 ///
 /// # Safety
 /// N floats are readable at every pointer.
@@ -108,18 +125,26 @@ fn corner_weights<S: Lanes>(s: S, [fx, fy, fz]: [S::F; 3]) -> [S::F; 8] {
     std::array::from_fn(|c| s.mul(if c & 1 == 0 { gx } else { fx }, yz[c >> 1]))
 }
 
-/// Features of the level at every point: trilinear interpolation of the 8 corners (method.md 2.1).
+/// Features of the level at every point: trilinear interpolation of the 8 corners, docs/method.md (12.1).
 ///
 /// # Panics
 /// If a length does not fit.
 #[inline(always)]
-pub(super) fn encode<S: Lanes>(s: S, level: LevelGeometry, table: &[f32], points: PointColumns<'_>, first: &mut [f32], second: &mut [f32]) {
+pub(super) fn encode<S: Lanes>(
+    s: S,
+    level: LevelGeometry,
+    table: &[f32],
+    points: PointColumns<'_>,
+    first: &mut [f32],
+    second: &mut [f32],
+) {
     let n = points.check();
     assert!(table.len() == 2 * level.entries && first.len() == n && second.len() == n);
     for i in (0..n).step_by(S::N) {
         // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`.
         unsafe {
-            let cell = cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let cell =
+                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
             let weights = corner_weights(s, cell.frac);
             let (mut a, mut b) = (s.splat(0.0), s.splat(0.0));
             for c in 0..8 {
@@ -133,8 +158,8 @@ pub(super) fn encode<S: Lanes>(s: S, level: LevelGeometry, table: &[f32], points
     }
 }
 
-/// Features of a level at points and their derivatives by the unit coordinates: `[value, d/dx, d/dy, d/dz]` of the first
-/// and of the second feature, each of the points' length.
+/// Features of a level at points and their derivatives by the unit coordinates: `[value, d/dx, d/dy, d/dz]`
+/// of the first and of the second feature, each of the points' length.
 pub(in crate::field) struct LevelJacobian<'a> {
     /// First feature.
     pub first: [&'a mut [f32]; 4],
@@ -147,14 +172,22 @@ pub(in crate::field) struct LevelJacobian<'a> {
 /// # Panics
 /// If a length does not fit.
 #[inline(always)]
-pub(super) fn encode_jacobian<S: Lanes>(s: S, level: LevelGeometry, table: &[f32], points: PointColumns<'_>, out: LevelJacobian<'_>) {
+pub(super) fn encode_jacobian<S: Lanes>(
+    s: S,
+    level: LevelGeometry,
+    table: &[f32],
+    points: PointColumns<'_>,
+    out: LevelJacobian<'_>,
+) {
     let n = points.check();
     assert!(table.len() == 2 * level.entries && out.first.iter().chain(&out.second).all(|o| o.len() == n));
     for i in (0..n).step_by(S::N) {
         // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`.
         unsafe {
-            let cell = cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
-            let pairs: [(S::F, S::F); 8] = std::array::from_fn(|c| s.gather_pairs(table.as_ptr(), cell.corners[c]));
+            let cell =
+                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let pairs: [(S::F, S::F); 8] =
+                std::array::from_fn(|c| s.gather_pairs(table.as_ptr(), cell.corners[c]));
             let a = trilinear(s, level.scale, cell.frac, pairs.map(|p| p.0));
             let b = trilinear(s, level.scale, cell.frac, pairs.map(|p| p.1));
             for k in 0..4 {
@@ -178,20 +211,30 @@ fn trilinear<S: Lanes>(s: S, scale: f32, [fx, fy, fz]: [S::F; 3], v: [S::F; 8]) 
     [lerp(y0, y1, fz), s.mul(gx, k), s.mul(gy, k), s.mul(s.sub(y1, y0), k)]
 }
 
-/// Adds `d loss / d table` of the level, given `d loss / d feature` of every point, in the order of the points.
+/// Adds `d loss / d table` of the level, given `d loss / d feature` of every point, in the order of the
+/// points.
 ///
 /// # Panics
 /// If a length does not fit.
 #[inline(always)]
-pub(super) fn scatter<S: Lanes>(s: S, level: LevelGeometry, gradient: &mut [f32], points: PointColumns<'_>, first: &[f32], second: &[f32]) {
+pub(super) fn scatter<S: Lanes>(
+    s: S,
+    level: LevelGeometry,
+    gradient: &mut [f32],
+    points: PointColumns<'_>,
+    first: &[f32],
+    second: &[f32],
+) {
     let n = points.check();
     assert!(gradient.len() == 2 * level.entries && first.len() == n && second.len() == n);
     let mut index = [[0i32; 16]; 8];
     let mut weight = [[0.0f32; 16]; 8];
     for i in (0..n).step_by(S::N) {
-        // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`; the arrays hold 16 >= N lanes.
+        // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`; the arrays hold 16 >=
+        // N lanes.
         unsafe {
-            let cell = cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let cell =
+                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
             let weights = corner_weights(s, cell.frac);
             for c in 0..8 {
                 s.store_int(index[c].as_mut_ptr(), cell.corners[c]);

@@ -1,6 +1,6 @@
 //! Matrix products of a small dense layer with many columns (one column a point).
 
-use super::{COLUMN_ALIGN, Lanes};
+use super::lanes::{COLUMN_ALIGN, Lanes};
 
 /// A matrix of `rows` rows, `stride` floats apart; a kernel reads the first columns of every row.
 #[derive(Clone, Copy)]
@@ -17,7 +17,10 @@ impl Columns<'_> {
     /// Panics unless `cols` columns of every row lie in the data.
     fn check(&self, cols: usize) {
         assert!(cols <= self.stride || self.rows <= 1, "{cols} columns in rows of {}", self.stride);
-        assert!(self.rows == 0 || (self.rows - 1) * self.stride + cols <= self.data.len(), "matrix too short");
+        assert!(
+            self.rows == 0 || (self.rows - 1) * self.stride + cols <= self.data.len(),
+            "matrix too short"
+        );
     }
 }
 
@@ -28,7 +31,8 @@ pub(in crate::field) enum Epilogue<'a> {
     Linear,
     /// `max(y, 0)`.
     Relu,
-    /// `y` where the activation (same layout as `y`) is positive, else 0: the backward pass of [`Self::Relu`].
+    /// `y` where the activation (same layout as `y`) is positive, else 0: the backward pass of
+    /// [`Self::Relu`].
     Mask(&'a [f32]),
 }
 
@@ -40,8 +44,9 @@ const LINEAR: u8 = 0;
 const RELU: u8 = 1;
 const MASK: u8 = 2;
 
-/// `y[o][p] = epilogue(sum_k w[o][k] x[k][p] + b[o])` for `cols` columns; `y` has rows of `cols` floats, `w` is row-major
-/// `[outputs][x.rows]`. `outputs` is `w.len() / x.rows`, a multiple of 4; `cols` is a multiple of 16.
+/// `y[o][p] = epilogue(sum_k w[o][k] x[k][p] + b[o])` for `cols` columns; `y` has rows of `cols` floats, `w`
+/// is row-major `[outputs][x.rows]`. `outputs` is `w.len() / x.rows`, a multiple of 4; `cols` is a multiple
+/// of 16.
 ///
 /// # Panics
 /// If a length does not fit.
@@ -57,7 +62,11 @@ pub(super) fn forward<S: Lanes>(
 ) {
     x.check(cols);
     let outputs = weights.len() / x.rows;
-    assert!(outputs * x.rows == weights.len() && outputs.is_multiple_of(ROWS) && cols.is_multiple_of(COLUMN_ALIGN));
+    assert!(
+        outputs * x.rows == weights.len()
+            && outputs.is_multiple_of(ROWS)
+            && cols.is_multiple_of(COLUMN_ALIGN)
+    );
     assert!(outputs * cols <= y.len() && biases.is_none_or(|b| b.len() == outputs));
     let w = weights.as_ptr();
     let b = biases.map_or(std::ptr::null(), <[f32]>::as_ptr);
@@ -90,7 +99,15 @@ struct Shape {
 /// # Safety
 /// The pointers cover matrices of the sizes in `shape` (`b` and `mask` may be null where they are not used).
 #[inline(always)]
-unsafe fn panels<S: Lanes, const E: u8>(s: S, shape: Shape, w: *const f32, b: *const f32, x: *const f32, y: *mut f32, mask: *const f32) {
+unsafe fn panels<S: Lanes, const E: u8>(
+    s: S,
+    shape: Shape,
+    w: *const f32,
+    b: *const f32,
+    x: *const f32,
+    y: *mut f32,
+    mask: *const f32,
+) {
     let mut col = 0;
     // SAFETY: every panel lies within `cols` columns; the rest is the caller's promise.
     unsafe {
@@ -166,12 +183,20 @@ unsafe fn panel<S: Lanes, const E: u8, const C: usize>(
     }
 }
 
-/// `dw[o][k] += sum_p dy[o][p] x[k][p]` and `db[o] += sum_p dy[o][p]`; `dy.rows` is a multiple of 4, `cols` of 16.
+/// `dw[o][k] += sum_p dy[o][p] x[k][p]` and `db[o] += sum_p dy[o][p]`; `dy.rows` is a multiple of 4, `cols`
+/// of 16.
 ///
 /// # Panics
 /// If a length does not fit.
 #[inline(always)]
-pub(super) fn weight_gradient<S: Lanes>(s: S, dy: Columns<'_>, x: Columns<'_>, cols: usize, d_weights: &mut [f32], d_biases: &mut [f32]) {
+pub(super) fn weight_gradient<S: Lanes>(
+    s: S,
+    dy: Columns<'_>,
+    x: Columns<'_>,
+    cols: usize,
+    d_weights: &mut [f32],
+    d_biases: &mut [f32],
+) {
     dy.check(cols);
     x.check(cols);
     assert!(dy.rows.is_multiple_of(ROWS) && cols.is_multiple_of(COLUMN_ALIGN));
@@ -179,7 +204,8 @@ pub(super) fn weight_gradient<S: Lanes>(s: S, dy: Columns<'_>, x: Columns<'_>, c
     let mut o = 0;
     while o < dy.rows {
         let mut k = 0;
-        // SAFETY: rows `o..o + 4` of `dy` and `k..k + K` of `x` exist, each with `cols` columns (checked above).
+        // SAFETY: rows `o..o + 4` of `dy` and `k..k + K` of `x` exist, each with `cols` columns (checked
+        // above).
         unsafe {
             while k + 4 <= x.rows {
                 gradient_tile::<S, 4>(s, dy, x, cols, o, k, d_weights);

@@ -1,9 +1,9 @@
-//! Vector kernels of the field networks, chosen at run time: AVX-512, AVX2 with FMA, or portable code (which the
-//! compiler turns into NEON on aarch64).
+//! Vector kernels of the field networks, chosen at run time: AVX-512, AVX2 with FMA, or portable code (which
+//! the compiler turns into NEON on aarch64).
 //!
-//! Every kernel is written once, generic over [`Lanes`], and compiled once for every instruction set. This folder
-//! holds all `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices once and then work on
-//! pointers.
+//! Every kernel is written once, generic over [`Lanes`], and compiled once for every instruction set. This
+//! folder holds all `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices
+//! once and then work on pointers.
 
 mod adam;
 #[cfg(target_arch = "x86_64")]
@@ -16,14 +16,10 @@ mod matmul;
 mod portable;
 mod sigmoid;
 
-use lanes::Lanes;
-
 pub(super) use adam::AdamStep;
 pub(super) use hash::{LevelGeometry, LevelJacobian, PointColumns};
+pub(super) use lanes::COLUMN_ALIGN;
 pub(super) use matmul::{Columns, Epilogue};
-
-/// Columns come in multiples of this, whatever the instruction set, so that every set sees the same layout.
-pub(super) const COLUMN_ALIGN: usize = 16;
 
 /// An instruction set that this processor has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,27 +109,63 @@ macro_rules! dispatch {
 
 dispatch! {
     /// `y = epilogue(W x + b)`; see [`matmul::forward`].
-    matmul(weights: &[f32], biases: Option<&[f32]>, x: Columns<'_>, y: &mut [f32], cols: usize, epilogue: Epilogue<'_>) = matmul::forward
+    matmul(
+        weights: &[f32],
+        biases: Option<&[f32]>,
+        x: Columns<'_>,
+        y: &mut [f32],
+        cols: usize,
+        epilogue: Epilogue<'_>,
+    ) = matmul::forward
 }
 dispatch! {
     /// `dW += dy x^T`, `db += sum dy`; see [`matmul::weight_gradient`].
-    weight_gradient(dy: Columns<'_>, x: Columns<'_>, cols: usize, d_weights: &mut [f32], d_biases: &mut [f32]) = matmul::weight_gradient
+    weight_gradient(
+        dy: Columns<'_>,
+        x: Columns<'_>,
+        cols: usize,
+        d_weights: &mut [f32],
+        d_biases: &mut [f32],
+    ) = matmul::weight_gradient
 }
 dispatch! {
     /// Features of one level at many points; see [`hash::encode`].
-    encode(level: LevelGeometry, table: &[f32], points: PointColumns<'_>, first: &mut [f32], second: &mut [f32]) = hash::encode
+    encode(
+        level: LevelGeometry,
+        table: &[f32],
+        points: PointColumns<'_>,
+        first: &mut [f32],
+        second: &mut [f32],
+    ) = hash::encode
 }
 dispatch! {
     /// Features of one level and their derivatives; see [`hash::encode_jacobian`].
-    encode_jacobian(level: LevelGeometry, table: &[f32], points: PointColumns<'_>, out: LevelJacobian<'_>) = hash::encode_jacobian
+    encode_jacobian(
+        level: LevelGeometry,
+        table: &[f32],
+        points: PointColumns<'_>,
+        out: LevelJacobian<'_>,
+    ) = hash::encode_jacobian
 }
 dispatch! {
     /// Adds the gradient of a level's features to the gradient of its table; see [`hash::scatter`].
-    scatter(level: LevelGeometry, gradient: &mut [f32], points: PointColumns<'_>, first: &[f32], second: &[f32]) = hash::scatter
+    scatter(
+        level: LevelGeometry,
+        gradient: &mut [f32],
+        points: PointColumns<'_>,
+        first: &[f32],
+        second: &[f32],
+    ) = hash::scatter
 }
 dispatch! {
     /// One Adam step; see [`adam::update`].
-    adam(step: AdamStep, params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32]) = adam::update
+    adam(
+        step: AdamStep,
+        params: &mut [f32],
+        first: &mut [f32],
+        second: &mut [f32],
+        gradient: &mut [f32],
+    ) = adam::update
 }
 dispatch! {
     /// Logistic function in place; see [`sigmoid::sigmoid`].

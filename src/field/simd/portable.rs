@@ -2,7 +2,7 @@
 
 use std::array::from_fn;
 
-use super::Lanes;
+use super::lanes::Lanes;
 
 /// Token: nothing needed.
 #[derive(Clone, Copy)]

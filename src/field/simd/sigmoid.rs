@@ -1,8 +1,9 @@
 //! Logistic function.
 
-use super::{COLUMN_ALIGN, Lanes};
+use super::lanes::{COLUMN_ALIGN, Lanes};
 
-/// Replaces every value by `1 / (1 + exp(-value))`, relative error below 1e-6; the length is a multiple of 16.
+/// Replaces every value by `1 / (1 + exp(-value))`, relative error below 1e-6; the length is a multiple of
+/// 16.
 ///
 /// # Panics
 /// If it is not.
@@ -20,7 +21,8 @@ pub(super) fn sigmoid<S: Lanes>(s: S, values: &mut [f32]) {
     }
 }
 
-/// `exp(x)`: `2^n exp(r)` with `|r| <= ln(2) / 2` and Taylor's polynomial of degree 7 (truncation error below 2e-8).
+/// `exp(x)`: `2^n exp(r)` with `|r| <= ln(2) / 2` and Taylor's polynomial of degree 7 (truncation error below
+/// 2e-8).
 #[inline(always)]
 fn exp<S: Lanes>(s: S, x: S::F) -> S::F {
     let x = s.max(s.min(x, s.splat(80.0)), s.splat(-80.0));

@@ -27,25 +27,40 @@ fn products_agree_with_plain_loops() {
                 isa.matmul(&w, biases, view, &mut y, cols, epilogue);
                 for o in 0..outputs {
                     for p in 0..cols {
-                        let sum: f64 = (0..inputs).map(|k| f64::from(w[o * inputs + k]) * f64::from(x[k * stride + p])).sum();
+                        let sum: f64 = (0..inputs)
+                            .map(|k| f64::from(w[o * inputs + k]) * f64::from(x[k * stride + p]))
+                            .sum();
                         let expected = match kind {
                             0 => sum + f64::from(b[o]),
                             1 => (sum + f64::from(b[o])).max(0.0),
                             _ if mask[o * cols + p] > 0.0 => sum,
                             _ => 0.0,
                         };
-                        assert!((f64::from(y[o * cols + p]) - expected).abs() < 1e-5, "{} {outputs}x{inputs}", isa.name());
+                        assert!(
+                            (f64::from(y[o * cols + p]) - expected).abs() < 1e-5,
+                            "{} {outputs}x{inputs}",
+                            isa.name()
+                        );
                     }
                 }
             }
             let dy = values(outputs * cols, 5);
             let (mut dw, mut db) = (vec![1.0; outputs * inputs], vec![2.0; outputs]);
-            isa.weight_gradient(Columns { data: &dy, stride: cols, rows: outputs }, view, cols, &mut dw, &mut db);
+            isa.weight_gradient(
+                Columns { data: &dy, stride: cols, rows: outputs },
+                view,
+                cols,
+                &mut dw,
+                &mut db,
+            );
             for o in 0..outputs {
                 let row = &dy[o * cols..][..cols];
-                assert!((f64::from(db[o]) - 2.0 - row.iter().map(|&d| f64::from(d)).sum::<f64>()).abs() < 1e-4);
+                assert!(
+                    (f64::from(db[o]) - 2.0 - row.iter().map(|&d| f64::from(d)).sum::<f64>()).abs() < 1e-4
+                );
                 for k in 0..inputs {
-                    let sum: f64 = row.iter().zip(&x[k * stride..]).map(|(&d, &v)| f64::from(d) * f64::from(v)).sum();
+                    let sum: f64 =
+                        row.iter().zip(&x[k * stride..]).map(|(&d, &v)| f64::from(d) * f64::from(v)).sum();
                     assert!((f64::from(dw[o * inputs + k]) - 1.0 - sum).abs() < 1e-4, "{}", isa.name());
                 }
             }
@@ -61,7 +76,11 @@ fn the_logistic_function_is_accurate() {
         isa.sigmoid(&mut y);
         for (&x, &y) in x.iter().zip(&y) {
             let expected = 1.0 / (1.0 + (-f64::from(x)).exp());
-            assert!((f64::from(y) - expected).abs() < 1e-6 * expected + 1e-30, "{}: {x} gives {y}, not {expected}", isa.name());
+            assert!(
+                (f64::from(y) - expected).abs() < 1e-6 * expected + 1e-30,
+                "{}: {x} gives {y}, not {expected}",
+                isa.name()
+            );
         }
     }
 }
@@ -90,7 +109,13 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
             isa.encode_jacobian(geometry, &table, columns(Box::leak(Box::new(axes.clone()))), jacobian);
             let encode = |axes: [Vec<f32>; 3]| {
                 let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
-                isa.encode(geometry, &table, PointColumns { x: &axes[0], y: &axes[1], z: &axes[2] }, &mut a, &mut b);
+                isa.encode(
+                    geometry,
+                    &table,
+                    PointColumns { x: &axes[0], y: &axes[1], z: &axes[2] },
+                    &mut a,
+                    &mut b,
+                );
                 [a, b]
             };
             let center = encode(axes.clone());
@@ -109,11 +134,18 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
                 let (up, down) = (moved(h), moved(-h));
                 for feature in 0..2 {
                     for i in 0..n {
-                        let (right, left) = ((up[feature][i] - center[feature][i]) / h, (center[feature][i] - down[feature][i]) / h);
+                        let (right, left) = (
+                            (up[feature][i] - center[feature][i]) / h,
+                            (center[feature][i] - down[feature][i]) / h,
+                        );
                         let exact = out[(4 * feature + 1 + k) * n + i];
                         // At a cell border the interpolant has a kink; one side must agree.
                         let error = (right - exact).abs().min((left - exact).abs());
-                        assert!(error < 0.05 + 0.01 * exact.abs(), "{}: {exact} but {left} and {right}", isa.name());
+                        assert!(
+                            error < 0.05 + 0.01 * exact.abs(),
+                            "{}: {exact} but {left} and {right}",
+                            isa.name()
+                        );
                     }
                 }
             }
@@ -123,7 +155,24 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
 
 #[test]
 fn points_outside_or_not_a_number_stay_in_the_table() {
-    let axis = vec![-3.0, 7.5, f32::NAN, f32::INFINITY, -f32::INFINITY, 1e30, 0.0, 1.0, -0.0, 0.5, 1.0 + 1e-6, 2.0, 3.0, 4.0, 5.0, 6.0];
+    let axis = vec![
+        -3.0,
+        7.5,
+        f32::NAN,
+        f32::INFINITY,
+        -f32::INFINITY,
+        1e30,
+        0.0,
+        1.0,
+        -0.0,
+        0.5,
+        1.0 + 1e-6,
+        2.0,
+        3.0,
+        4.0,
+        5.0,
+        6.0,
+    ];
     let points = PointColumns { x: &axis, y: &axis, z: &axis };
     for level in levels() {
         let geometry = LevelGeometry::new(&level);

@@ -13,9 +13,11 @@ use crate::{
     geometry::{Intrinsics, Pose},
     io::{
         image_codec::{ImageError, MAX_SIDE},
-        picture_size::told_size,
+        picture_size::stated_size,
+        views::views_kept,
     },
     limits::DATASET,
+    note::Note,
 };
 
 /// Depth and masks may have so many times the pixels of their color image.
@@ -24,8 +26,8 @@ const MOST_LARGER: usize = 16;
 const SMALL_IMAGE: usize = 1 << 20;
 /// Most frames of one dataset.
 pub const MAX_FRAMES: usize = 100_000;
-/// Most steps of the search for the rotation nearest to a matrix. Measured: 100,000 random rotations, rounded to 4 to 17 digits,
-/// settle within 54.
+/// Most steps of the search for the rotation nearest to a matrix. Measured: 100,000 random rotations, rounded
+/// to 4 to 17 digits, settle within 54.
 const MAX_STEPS: usize = 1000;
 
 pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureError> {
@@ -39,22 +41,33 @@ pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
     })
 }
 
-/// Size that an image file tells, without its pixels.
+/// Size that an image file states, without its pixels.
 pub fn image_size(path: &Path) -> Result<(usize, usize), CaptureError> {
-    told_size(&read(path)?).map_or_else(|| refuse(path, "neither JPEG nor PNG by its first bytes"), Ok)
+    stated_size(&read(path)?).map_or_else(|| refuse(path, "neither JPEG nor PNG by its first bytes"), Ok)
 }
 
-/// An image file whose pixels may be decoded: those of a dataset have one size, and what goes with them may be larger or smaller,
-/// but not without measure.
-pub fn read_image(path: &Path, (width, height): (usize, usize), exactly: bool) -> Result<Vec<u8>, CaptureError> {
+/// An image file whose pixels may be decoded: those of a dataset have one size, and what goes with them may
+/// be larger or smaller, but not without measure.
+pub fn read_image(
+    path: &Path,
+    (width, height): (usize, usize),
+    exactly: bool,
+) -> Result<Vec<u8>, CaptureError> {
     let bytes = read(path)?;
-    match told_size(&bytes) {
-        Some((w, h)) if exactly && (w, h) != (width, height) => {
-            refuse(path, format!("it has {w}x{h} pixels, the first image {width}x{height}; all images of a dataset must have one size"))
-        }
-        Some((w, h)) if w.saturating_mul(h) > MOST_LARGER * width * height + SMALL_IMAGE => {
-            refuse(path, format!("it has {w}x{h} pixels, more than {MOST_LARGER} times the {width}x{height} of its color image"))
-        }
+    match stated_size(&bytes) {
+        Some((w, h)) if exactly && (w, h) != (width, height) => refuse(
+            path,
+            format!(
+                "it has {w}x{h} pixels, the first image {width}x{height}; all images of a dataset must \
+                 have one size"
+            ),
+        ),
+        Some((w, h)) if w.saturating_mul(h) > MOST_LARGER * width * height + SMALL_IMAGE => refuse(
+            path,
+            format!(
+                "it has {w}x{h} pixels, more than {MOST_LARGER} times the {width}x{height} of its color image"
+            ),
+        ),
         _ => Ok(bytes),
     }
 }
@@ -68,13 +81,21 @@ pub fn image_error(path: &Path, error: ImageError) -> CaptureError {
     CaptureError::Dataset { path: path.to_owned(), reason: error.to_string() }
 }
 
-/// Camera of a row-major 3x3 matrix; width and height follow from the images. `half_pixel`: the matrix puts pixel
-/// centers at half integers.
-pub fn camera(path: &Path, k: &[f64], (width, height): (usize, usize), half_pixel: bool) -> Result<Intrinsics, CaptureError> {
+/// Camera of a row-major 3x3 matrix; width and height follow from the images. `half_pixel`: the matrix puts
+/// pixel centers at half integers.
+pub fn camera(
+    path: &Path,
+    k: &[f64],
+    (width, height): (usize, usize),
+    half_pixel: bool,
+) -> Result<Intrinsics, CaptureError> {
     let shift = if half_pixel { 0.5 } else { 0.0 };
     match k {
         [fx, skew, cx, _, fy, cy, ..] if k.len() == 9 => {
-            let usable = [fx, fy].iter().all(|f| **f > 0.0 && f.is_finite()) && cx.is_finite() && cy.is_finite() && skew.abs() < 1e-6;
+            let usable = [fx, fy].iter().all(|f| **f > 0.0 && f.is_finite())
+                && cx.is_finite()
+                && cy.is_finite()
+                && skew.abs() < 1e-6;
             if !usable || width > MAX_SIDE || height > MAX_SIDE {
                 return refuse(path, format!("not a pinhole camera: {k:?}"));
             }
@@ -84,8 +105,8 @@ pub fn camera(path: &Path, k: &[f64], (width, height): (usize, usize), half_pixe
     }
 }
 
-/// Pose of the optical frame from a row-major 4x4 camera-to-world matrix in OpenGL axes (x right, y up, looking along
-/// -z): the camera is turned by half a turn about its x axis (method.md 1.3).
+/// Pose of the optical frame from a row-major 4x4 camera-to-world matrix in OpenGL axes (x right, y up,
+/// looking along -z): the camera is turned by half a turn about its x axis: docs/method.md (2.1).
 pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose, CaptureError> {
     if matrix.len() != 16 || matrix.iter().any(|v| !v.is_finite()) {
         return refuse(path, format!("the pose of `{}` is not 16 finite numbers", name.escape_debug()));
@@ -100,8 +121,9 @@ pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose,
     Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
 }
 
-/// The rotation nearest to a matrix that is nearly one. The search may stay at half a turn from it for ever, where the matrix
-/// is half a turn from the start but for its last digits: it then starts again from the matrix itself.
+/// The rotation nearest to a matrix that is nearly one. The search may stay at half a turn from it for ever,
+/// where the matrix is half a turn from the start but for its last digits: it then starts again from the
+/// matrix itself.
 fn nearest_rotation(m: &Matrix3<f64>) -> Rotation3<f64> {
     let from = |start| Rotation3::from_matrix_eps(m, f64::EPSILON, MAX_STEPS, start);
     let found = from(Rotation3::identity());
@@ -126,10 +148,15 @@ pub struct Entry {
 }
 
 /// The entries kept of one state, by the spread of their views, with a note.
-pub fn spread(entries: Vec<Entry>, state: usize, config: &CaptureConfig, notes: &mut Vec<String>) -> Vec<Entry> {
+pub fn spread(
+    entries: Vec<Entry>,
+    state: usize,
+    config: &CaptureConfig,
+    notes: &mut Vec<Note>,
+) -> Vec<Entry> {
     let poses: Vec<Pose> = entries.iter().map(|e| e.world_from_camera).collect();
     let kept = crate::capture::spread_views(&poses, config.frames_per_state);
-    notes.push(format!("state {state}: {} of {} views kept, by the spread of their poses", kept.len(), entries.len()));
+    notes.push(views_kept(state, kept.len(), entries.len()));
     kept.into_iter().map(|i| entries[i].clone()).collect()
 }
 
@@ -159,7 +186,8 @@ mod tests {
     #[test]
     fn a_matrix_at_which_the_search_for_its_rotation_stays_is_read() {
         let (s, c) = (0.09983341664632815, 0.9950041652780258);
-        let matrix = [c, -0.09983341664682815, 0.0, 0.2, s, c, 0.0, 0.5, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let matrix =
+            [c, -0.09983341664682815, 0.0, 0.2, s, c, 0.0, 0.5, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let pose = pose_from_opengl(Path::new("x"), "0", &matrix).unwrap();
         assert!((pose * Vector3::x() - Vector3::new(c, s, 0.0)).norm() < 1e-9);
     }

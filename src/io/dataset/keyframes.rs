@@ -1,5 +1,5 @@
-//! The keyframe layout (method.md 1.1): `cam_K.txt`, `init_keyframes.yml`, `color_segmented/`, `depth_filtered/`,
-//! `mask/`, `correspondence_loftr/`.
+//! The keyframe layout (docs/method.md 2.1): `cam_K.txt`, `init_keyframes.yml`, `color_segmented/`,
+//! `depth_filtered/`, `mask/`, `correspondence_loftr/`.
 
 use std::{
     collections::BTreeMap,
@@ -10,13 +10,17 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::{
-    files::{Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread},
+    files::{
+        Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image,
+        read_text, refuse, spread,
+    },
     matches::import_matches,
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
     io::{image_codec as codec, pixels::limit_depth},
     limits::parse_yaml,
+    note::{Note, NoteCode},
 };
 
 #[derive(Deserialize)]
@@ -34,7 +38,13 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let text = read_text(&camera_file)?;
     let k: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let mut capture = Capture::of_states(2);
-    capture.notes.push(format!("`{}` is a dataset of keyframes; poses are turned from OpenGL to optical axes", folder.display()));
+    capture.notes.push(Note::new(
+        NoteCode::DatasetFormat,
+        format!(
+            "`{}` is a dataset of keyframes; poses are turned from OpenGL to optical axes",
+            folder.display()
+        ),
+    ));
     let mut kept = Vec::new();
     for (state, entries) in keyframes(&folder.join("init_keyframes.yml"))?.into_iter().enumerate() {
         kept.push(spread(entries, state, config, &mut capture.notes));
@@ -43,7 +53,8 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let size = image_size(&color_path(folder, first))?;
     config.check_memory(&[(kept.iter().map(Vec::len).sum(), size.0, size.1)])?;
     for (state, kept) in kept.iter().enumerate() {
-        let frames: Result<Vec<_>, _> = kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, size, config)).collect();
+        let frames: Result<Vec<_>, _> =
+            kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, size, config)).collect();
         capture.states[state] = frames?;
     }
     import_matches(folder, &mut capture)?;
@@ -55,7 +66,12 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
     let text = read_text(path)?;
     let map: BTreeMap<String, Keyframe> = match parse_yaml(&text) {
         Ok(map) => map,
-        Err(e) => return refuse(path, format!("{e}; expected `frame_<id>: {{cam_in_ob: [16 numbers], time: 0 or 1}}`")),
+        Err(e) => {
+            return refuse(
+                path,
+                format!("{e}; expected `frame_<id>: {{cam_in_ob: [16 numbers], time: 0 or 1}}`"),
+            );
+        }
     };
     if map.len() > MAX_FRAMES {
         return refuse(path, format!("{} frames, more than {MAX_FRAMES}", map.len()));
@@ -66,18 +82,31 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
         let state = match id.split('_').next() {
             Some("0") => 0,
             Some("1") => 1,
-            _ => return refuse(path, format!("`{}` does not begin with its state, `0_` or `1_`", id.escape_debug())),
+            _ => {
+                return refuse(
+                    path,
+                    format!("`{}` does not begin with its state, `0_` or `1_`", id.escape_debug()),
+                );
+            }
         };
         if !id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
             return refuse(path, format!("`{}` is no frame name", id.escape_debug()));
         }
         if frame.time.is_some_and(|t| t != state as f64) {
-            return refuse(path, format!("frame `{id}` is named as of state {state}, but its time is {:?}", frame.time));
+            return refuse(
+                path,
+                format!("frame `{id}` is named as of state {state}, but its time is {:?}", frame.time),
+            );
         }
-        states[state].push(Entry { id: id.to_owned(), world_from_camera: pose_from_opengl(path, id, &frame.cam_in_ob)? });
+        states[state].push(Entry {
+            id: id.to_owned(),
+            world_from_camera: pose_from_opengl(path, id, &frame.cam_in_ob)?,
+        });
     }
     match states.iter().position(Vec::is_empty) {
-        Some(state) => Err(CaptureError::NoFrames { state, reason: format!("`{}` lists none", path.display()) }),
+        Some(state) => {
+            Err(CaptureError::NoFrames { state, reason: format!("`{}` lists none", path.display()) })
+        }
         None => Ok(states),
     }
 }
@@ -87,7 +116,8 @@ fn image_path(folder: &Path, part: &str, entry: &Entry) -> PathBuf {
 }
 
 fn color_path(folder: &Path, entry: &Entry) -> PathBuf {
-    optional(image_path(folder, "color_raw", entry)).unwrap_or_else(|| image_path(folder, "color_segmented", entry))
+    optional(image_path(folder, "color_raw", entry))
+        .unwrap_or_else(|| image_path(folder, "color_segmented", entry))
 }
 
 fn read_frame(
@@ -99,15 +129,18 @@ fn read_frame(
     config: &CaptureConfig,
 ) -> Result<RgbdFrame, CaptureError> {
     let color_file = color_path(folder, entry);
-    let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
+    let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?)
+        .map_err(|e| image_error(&color_file, e))?;
     let (width, height) = (color.width, color.height);
     let depth_file = image_path(folder, "depth_filtered", entry);
-    let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+    let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
+        .map_err(|e| image_error(&depth_file, e))?;
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
     let mask = match optional(image_path(folder, "mask", entry)) {
         Some(path) => {
-            let mask = codec::mask_file(&read_image(&path, size, false)?).map_err(|e| image_error(&path, e))?;
+            let mask =
+                codec::mask_file(&read_image(&path, size, false)?).map_err(|e| image_error(&path, e))?;
             Some(mask.resized_nearest(width, height).pixels)
         }
         None => alpha,

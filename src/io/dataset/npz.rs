@@ -16,6 +16,47 @@ fn u32_at(data: &[u8], at: usize) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(*data.get(at..)?.first_chunk()?)).ok()
 }
 
+/// Why an archive cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum NpzError {
+    /// Another kind of file.
+    #[error("it is no zip archive")]
+    NoZip,
+    /// Its directory leads nowhere.
+    #[error("the zip archive is broken")]
+    Broken,
+    /// A member that is not read.
+    #[error("member `{0}` is encrypted or too large")]
+    Member(String),
+    /// Two members in one place.
+    #[error("members `{0}` and `{1}` share bytes")]
+    Shared(String, String),
+    /// More bytes than are taken.
+    #[error("its members unpack to {0} bytes; {ARCHIVE} are the limit")]
+    Large(u64),
+    /// Another compression than deflate.
+    #[error("compression method {0} is not supported")]
+    Compression(usize),
+    /// A member cannot be unpacked.
+    #[error(transparent)]
+    Unpack(#[from] std::io::Error),
+    /// A member unpacks to more or less.
+    #[error("a member has another size than the directory says")]
+    Size,
+    /// A member is no array.
+    #[error("it is no .npy array")]
+    NoArray,
+    /// An array of a version that is not known.
+    #[error("its .npy version is not known")]
+    Version,
+    /// An array that ends within its header.
+    #[error("its header is cut")]
+    Cut,
+    /// An array without type.
+    #[error("its header has no descr")]
+    NoType,
+}
+
 /// A member of a zip archive, still packed.
 #[derive(Clone, Copy, Debug)]
 pub struct Member<'a> {
@@ -27,12 +68,13 @@ pub struct Member<'a> {
 /// Members of a zip archive, in the order of its directory.
 ///
 /// # Errors
-/// A sentence on what is broken or not supported: encryption, members over 4 GiB, members that share bytes (a directory that names
-/// one of them twice), more than [`ARCHIVE`] bytes in all.
-pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, String> {
-    let broken = || "the zip archive is broken".to_owned();
+/// What is broken or not supported: encryption, members over 4 GiB, members that share bytes (a
+/// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
+pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
+    let broken = || NpzError::Broken;
     let search = archive.len().saturating_sub(22 + 65_535);
-    let end = archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or("it is no zip archive")?;
+    let end =
+        archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or(NpzError::NoZip)?;
     let count = u16_at(archive, end + 10).ok_or_else(broken)?;
     let mut at = u32_at(archive, end + 16).ok_or_else(broken)?;
     let mut found = Vec::new();
@@ -49,12 +91,15 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, String> {
         let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
         let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
         if flags & 1 != 0 || [packed, size, local].contains(&(u32::MAX as usize)) {
-            return Err(format!("member `{name}` is encrypted or too large"));
+            return Err(NpzError::Member(name));
         }
         if archive.get(local..local + 4) != Some(&LOCAL) {
             return Err(broken());
         }
-        let skip = u16_at(archive, local + 26).zip(u16_at(archive, local + 28)).map(|(n, e)| 30 + n + e).ok_or_else(broken)?;
+        let skip = u16_at(archive, local + 26)
+            .zip(u16_at(archive, local + 28))
+            .map(|(n, e)| 30 + n + e)
+            .ok_or_else(broken)?;
         let data = archive.get(local + skip..local + skip + packed).ok_or_else(broken)?;
         places.push((local, local + skip + packed, name));
         found.push(Member { data, method, size: size as u64 });
@@ -62,46 +107,47 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, String> {
     }
     places.sort();
     if let Some(pair) = places.windows(2).find(|pair| pair[1].0 < pair[0].1) {
-        return Err(format!("members `{}` and `{}` share bytes", pair[0].2, pair[1].2));
+        return Err(NpzError::Shared(pair[0].2.clone(), pair[1].2.clone()));
     }
     let all: u64 = found.iter().map(|m| m.size).sum();
-    if all > ARCHIVE { Err(format!("its members unpack to {all} bytes; {ARCHIVE} are the limit")) } else { Ok(found) }
+    if all > ARCHIVE { Err(NpzError::Large(all)) } else { Ok(found) }
 }
 
 impl Member<'_> {
     /// Its content.
     ///
     /// # Errors
-    /// A sentence where the compression is broken or not supported, or the size is another than the directory says.
-    pub fn unpack(&self) -> Result<Vec<u8>, String> {
+    /// Where the compression is broken or not supported, or the size is another than the directory says.
+    pub fn unpack(&self) -> Result<Vec<u8>, NpzError> {
         let mut content = Vec::new();
         match self.method {
             0 => content.extend_from_slice(self.data),
             8 => {
                 let decoder = flate2::read::DeflateDecoder::new(self.data);
-                _ = decoder.take(self.size + 1).read_to_end(&mut content).map_err(|e| e.to_string())?;
+                _ = decoder.take(self.size + 1).read_to_end(&mut content)?;
             }
-            other => return Err(format!("compression method {other} is not supported")),
+            other => return Err(NpzError::Compression(other)),
         }
-        if content.len() as u64 == self.size { Ok(content) } else { Err("a member has another size than the directory says".into()) }
+        if content.len() as u64 == self.size { Ok(content) } else { Err(NpzError::Size) }
     }
 }
 
 /// Type and payload of a `.npy` file; its header is a Python dictionary in text.
 ///
 /// # Errors
-/// A sentence where it is no such file.
-pub fn npy_payload(file: &[u8]) -> Result<(String, &[u8]), String> {
-    let front = file.strip_prefix(b"\x93NUMPY").ok_or("it is no .npy array")?;
+/// Where it is no such file.
+pub fn npy_payload(file: &[u8]) -> Result<(String, &[u8]), NpzError> {
+    let front = file.strip_prefix(b"\x93NUMPY").ok_or(NpzError::NoArray)?;
     let (length, at) = match front.first() {
         Some(1) => (u16_at(front, 2), 4),
         Some(2 | 3) => (u32_at(front, 2), 6),
-        _ => return Err("its .npy version is not known".into()),
+        _ => return Err(NpzError::Version),
     };
-    let length = length.ok_or("its header is cut")?;
-    let header = front.get(at..at + length).ok_or("its header is cut")?;
+    let length = length.ok_or(NpzError::Cut)?;
+    let header = front.get(at..at + length).ok_or(NpzError::Cut)?;
     let text = String::from_utf8_lossy(header);
-    let descr = text.split("'descr':").nth(1).and_then(|rest| rest.split('\'').nth(1)).ok_or("its header has no descr")?;
+    let descr =
+        text.split("'descr':").nth(1).and_then(|rest| rest.split('\'').nth(1)).ok_or(NpzError::NoType)?;
     Ok((descr.to_owned(), &front[at + length..]))
 }
 
@@ -117,9 +163,20 @@ mod tests {
         packed.write_all(content).unwrap();
         let packed = packed.finish().unwrap();
         let lengths = [&(packed.len() as u32).to_le_bytes()[..], &size.to_le_bytes(), &[1, 0, 0, 0]].concat();
-        let local = [&LOCAL[..], &[20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, b"a", &packed].concat();
-        let central = [&CENTRAL[..], &[20, 0, 20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, &[0; 14], b"a"].concat();
-        let end = [&END[..], &[0; 4], &times.to_le_bytes(), &times.to_le_bytes(), &[0; 4], &(local.len() as u32).to_le_bytes(), &[0; 2]];
+        let local =
+            [&LOCAL[..], &[20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, b"a", &packed].concat();
+        let central =
+            [&CENTRAL[..], &[20, 0, 20, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0], &lengths, &[0; 14], b"a"]
+                .concat();
+        let end = [
+            &END[..],
+            &[0; 4],
+            &times.to_le_bytes(),
+            &times.to_le_bytes(),
+            &[0; 4],
+            &(local.len() as u32).to_le_bytes(),
+            &[0; 2],
+        ];
         [local, central.repeat(usize::from(times)), end.concat()].concat()
     }
 
@@ -127,10 +184,11 @@ mod tests {
     fn a_member_counts_once_and_within_the_budget() {
         let one = archive(b"content", 7, 1);
         assert_eq!(members(&one).unwrap()[0].unpack().unwrap(), b"content");
-        assert!(members(&archive(b"content", 7, 60)).unwrap_err().contains("members `a` and `a` share bytes"));
+        assert!(matches!(members(&archive(b"content", 7, 60)), Err(NpzError::Shared(a, b)) if a == b));
         let large = archive(b"content", 300 << 20, 1);
-        assert!(members(&large).unwrap_err().contains("unpack to 314572800 bytes; 268435456 are the limit"));
+        let why = members(&large).unwrap_err().to_string();
+        assert!(why.contains("unpack to 314572800 bytes; 268435456 are the limit"), "{why}");
         let lying = archive(&[0; 1 << 20], 7, 1);
-        assert!(members(&lying).unwrap()[0].unpack().unwrap_err().contains("another size"));
+        assert!(matches!(members(&lying).unwrap()[0].unpack(), Err(NpzError::Size)));
     }
 }

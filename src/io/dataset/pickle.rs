@@ -1,5 +1,5 @@
-//! The small part of Python's pickle in which NumPy stores arrays of objects. Nothing is ever executed: only plain
-//! containers, numbers, strings and NumPy arrays are understood; everything else is refused.
+//! The small part of Python's pickle in which NumPy stores arrays of objects. Nothing is ever executed: only
+//! plain containers, numbers, strings and NumPy arrays are understood; everything else is refused.
 
 use std::collections::BTreeMap;
 
@@ -7,6 +7,34 @@ use crate::limits::{PICKLE_NAME, PICKLE_VALUES};
 
 /// Most axes of an array, and most parts of the state of an array or type.
 const MAX_PARTS: usize = 16;
+
+/// Why a pickle is not read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PickleError {
+    /// It ends early.
+    #[error("the pickle is cut")]
+    Cut,
+    /// A long name of a type or function.
+    #[error("a name of {0} characters; {PICKLE_NAME} are the limit")]
+    Name(usize),
+    /// More than is taken.
+    #[error("the pickle mentions more than {PICKLE_VALUES} values")]
+    Large,
+    /// An instruction that is not known, or not safe.
+    #[error("pickle instruction 0x{0:02x} is not taken")]
+    Instruction(u8),
+    /// A function that is not one of NumPy's constructors.
+    #[error("the pickle calls `{0}`, which is not taken")]
+    Call(String),
+    /// Instructions that do not fit together.
+    #[error("{0}")]
+    Broken(&'static str),
+    /// A count beyond this machine's memory.
+    #[error(transparent)]
+    Count(#[from] std::num::TryFromIntError),
+}
+
+const EMPTY: PickleError = PickleError::Broken("the stack is empty");
 
 /// Index of a value.
 pub type Id = usize;
@@ -61,9 +89,10 @@ impl Pickle {
     /// Reads a pickle (protocols 2 to 5).
     ///
     /// # Errors
-    /// A sentence on what is not understood.
-    pub fn read(data: &[u8]) -> Result<Self, String> {
-        let mut machine = Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
+    /// What is not understood.
+    pub fn read(data: &[u8]) -> Result<Self, PickleError> {
+        let mut machine =
+            Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
         let root = machine.run()?;
         Ok(Self { nodes: machine.nodes, root })
     }
@@ -93,7 +122,9 @@ impl Pickle {
         let kind = dtype.as_bytes()[1];
         let numbers: Option<Vec<f64>> = bytes.chunks_exact(size).map(|b| number(kind, b)).collect();
         let numbers = numbers?;
-        let at = |row: usize, column: usize| numbers[if *fortran { column * count + row } else { 2 * row + column }];
+        let at = |row: usize, column: usize| {
+            numbers[if *fortran { column * count + row } else { 2 * row + column }]
+        };
         Some((0..*count).map(|row| [at(row, 0), at(row, 1)]).collect())
     }
 }
@@ -113,8 +144,8 @@ fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
 }
 
 /// A name or type, which is copied wherever it is used.
-fn short(text: &str) -> Result<&str, String> {
-    if text.len() > PICKLE_NAME { Err(format!("a name of {} characters; {PICKLE_NAME} are the limit", text.len())) } else { Ok(text) }
+fn short(text: &str) -> Result<&str, PickleError> {
+    if text.len() > PICKLE_NAME { Err(PickleError::Name(text.len())) } else { Ok(text) }
 }
 
 struct Machine<'a> {
@@ -128,10 +159,10 @@ struct Machine<'a> {
 }
 
 impl Machine<'_> {
-    fn run(&mut self) -> Result<Id, String> {
+    fn run(&mut self) -> Result<Id, PickleError> {
         loop {
             if self.mentions > PICKLE_VALUES {
-                return Err(format!("the pickle mentions more than {PICKLE_VALUES} values"));
+                return Err(PickleError::Large);
             }
             let op = self.take(1)?[0];
             match op {
@@ -158,7 +189,7 @@ impl Machine<'_> {
         }
     }
 
-    fn literal(&mut self, op: u8) -> Result<Node, String> {
+    fn literal(&mut self, op: u8) -> Result<Node, PickleError> {
         Ok(match op {
             b'N' => Node::None,
             0x88 => Node::Int(1),
@@ -169,7 +200,7 @@ impl Machine<'_> {
             0x8a => {
                 let n = usize::from(self.take(1)?[0]);
                 if n > 8 {
-                    return Err("a number has more than 64 bits".into());
+                    return Err(PickleError::Broken("a number has more than 64 bits"));
                 }
                 let value = self.little(n)?;
                 let spare = 64 - 8 * n.max(1) as u32;
@@ -186,25 +217,25 @@ impl Machine<'_> {
                 let name = self.line()?;
                 Node::Global(format!("{module}.{name}"))
             }
-            other => return Err(format!("pickle instruction 0x{other:02x} is not taken")),
+            other => return Err(PickleError::Instruction(other)),
         })
     }
 
     /// Instructions that take values off the stack.
-    fn combine(&mut self, op: u8) -> Result<(), String> {
+    fn combine(&mut self, op: u8) -> Result<(), PickleError> {
         match op {
             b'a' | b'e' => {
                 let items = if op == b'a' { vec![self.pop()?] } else { self.pop_to_mark()? };
                 match self.top()? {
                     Node::List(list) => list.extend(items),
-                    _ => return Err("append to what is no list".into()),
+                    _ => return Err(PickleError::Broken("append to what is no list")),
                 }
             }
             b's' | b'u' => {
                 let items = if op == b's' { self.pop_many(2)? } else { self.pop_to_mark()? };
                 match self.top()? {
                     Node::Dict(dict) => dict.extend(items.chunks_exact(2).map(|p| (p[0], p[1]))),
-                    _ => return Err("set an item of what is no dictionary".into()),
+                    _ => return Err(PickleError::Broken("set an item of what is no dictionary")),
                 }
             }
             b't' => {
@@ -217,8 +248,9 @@ impl Machine<'_> {
             }
             0x93 => {
                 let parts = self.pop_many(2)?;
-                let (Node::Str(module), Node::Str(name)) = (&self.nodes[parts[0]], &self.nodes[parts[1]]) else {
-                    return Err("a global without a name".into());
+                let (Node::Str(module), Node::Str(name)) = (&self.nodes[parts[0]], &self.nodes[parts[1]])
+                else {
+                    return Err(PickleError::Broken("a global without a name"));
                 };
                 let name = format!("{}.{}", short(module)?, short(name)?);
                 self.push(Node::Global(name));
@@ -230,9 +262,11 @@ impl Machine<'_> {
     }
 
     /// A call: only NumPy's constructors of arrays and types are known.
-    fn reduce(&mut self) -> Result<(), String> {
+    fn reduce(&mut self) -> Result<(), PickleError> {
         let parts = self.pop_many(2)?;
-        let Node::Global(name) = &self.nodes[parts[0]] else { return Err("a call of what is no function".into()) };
+        let Node::Global(name) = &self.nodes[parts[0]] else {
+            return Err(PickleError::Broken("a call of what is no function"));
+        };
         let node = match name.as_str() {
             "numpy.core.multiarray._reconstruct" | "numpy._core.multiarray._reconstruct" => {
                 self.push(Node::None);
@@ -241,33 +275,52 @@ impl Machine<'_> {
             }
             "numpy.dtype" => {
                 let code = self.tuple(parts[1]).and_then(|t| t.first().copied()).map(|id| &self.nodes[id]);
-                let Some(Node::Str(code)) = code else { return Err("a NumPy type without a code".into()) };
+                let Some(Node::Str(code)) = code else {
+                    return Err(PickleError::Broken("a NumPy type without a code"));
+                };
                 Node::Dtype(format!("|{}", short(code)?))
             }
-            other => return Err(format!("the pickle calls `{}`, which is not taken", other.escape_debug())),
+            other => return Err(PickleError::Call(other.escape_debug().to_string())),
         };
         self.push(node);
         Ok(())
     }
 
     /// The state of an array or a type.
-    fn build(&mut self) -> Result<(), String> {
+    fn build(&mut self) -> Result<(), PickleError> {
         let state = self.pop()?;
-        let id = *self.stack.last().ok_or("the stack is empty")?;
-        let state = self.tuple(state).filter(|s| s.len() <= MAX_PARTS).ok_or("a state that is no short tuple")?.to_vec();
+        let id = *self.stack.last().ok_or(EMPTY)?;
+        let state = self
+            .tuple(state)
+            .filter(|s| s.len() <= MAX_PARTS)
+            .ok_or(PickleError::Broken("a state that is no short tuple"))?
+            .to_vec();
         let node = match &self.nodes[id] {
             Node::Dtype(code) => match state.get(1).map(|s| &self.nodes[*s]) {
-                Some(Node::Str(order)) => Node::Dtype(format!("{}{}", short(order)?, code.get(1..).unwrap_or_default())),
-                _ => return Err("a NumPy type without byte order".into()),
+                Some(Node::Str(order)) => {
+                    Node::Dtype(format!("{}{}", short(order)?, code.get(1..).unwrap_or_default()))
+                }
+                _ => return Err(PickleError::Broken("a NumPy type without byte order")),
             },
             Node::Array { .. } => {
-                let [_, shape, dtype, fortran, data] = state[..] else { return Err("an array with an unknown state".into()) };
-                let shape: Option<Vec<usize>> =
-                    self.tuple(shape).filter(|t| t.len() <= MAX_PARTS).map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
-                let Node::Dtype(dtype) = self.nodes[dtype].clone() else { return Err("an array without type".into()) };
-                Node::Array { shape: shape.ok_or("an array without shape")?, dtype, data, fortran: self.nodes[fortran] == Node::Int(1) }
+                let [_, shape, dtype, fortran, data] = state[..] else {
+                    return Err(PickleError::Broken("an array with an unknown state"));
+                };
+                let shape: Option<Vec<usize>> = self
+                    .tuple(shape)
+                    .filter(|t| t.len() <= MAX_PARTS)
+                    .map(|t| t.iter().filter_map(|i| self.length(*i)).collect());
+                let Node::Dtype(dtype) = self.nodes[dtype].clone() else {
+                    return Err(PickleError::Broken("an array without type"));
+                };
+                Node::Array {
+                    shape: shape.ok_or(PickleError::Broken("an array without shape"))?,
+                    dtype,
+                    data,
+                    fortran: self.nodes[fortran] == Node::Int(1),
+                }
             }
-            _ => return Err("a state for what is neither array nor type".into()),
+            _ => return Err(PickleError::Broken("a state for what is neither array nor type")),
         };
         self.nodes[id] = node;
         Ok(())
@@ -287,28 +340,32 @@ impl Machine<'_> {
         self.stack.push(self.nodes.len() - 1);
     }
 
-    fn pop(&mut self) -> Result<Id, String> {
-        self.stack.pop().ok_or_else(|| "the stack is empty".into())
+    fn pop(&mut self) -> Result<Id, PickleError> {
+        self.stack.pop().ok_or(EMPTY)
     }
 
-    fn pop_many(&mut self, count: usize) -> Result<Vec<Id>, String> {
-        let at = self.stack.len().checked_sub(count).ok_or("the stack is empty")?;
+    fn pop_many(&mut self, count: usize) -> Result<Vec<Id>, PickleError> {
+        let at = self.stack.len().checked_sub(count).ok_or(EMPTY)?;
         Ok(self.stack.split_off(at))
     }
 
-    fn pop_to_mark(&mut self) -> Result<Vec<Id>, String> {
-        let at = self.stack.iter().rposition(|id| self.nodes[*id] == Node::Mark).ok_or("no mark")?;
+    fn pop_to_mark(&mut self) -> Result<Vec<Id>, PickleError> {
+        let at = self
+            .stack
+            .iter()
+            .rposition(|id| self.nodes[*id] == Node::Mark)
+            .ok_or(PickleError::Broken("no mark"))?;
         let items = self.stack.split_off(at + 1);
         self.stack.pop();
         Ok(items)
     }
 
-    fn top(&mut self) -> Result<&mut Node, String> {
-        let id = *self.stack.last().ok_or("the stack is empty")?;
+    fn top(&mut self) -> Result<&mut Node, PickleError> {
+        let id = *self.stack.last().ok_or(EMPTY)?;
         Ok(&mut self.nodes[id])
     }
 
-    fn remember(&mut self, op: u8) -> Result<(), String> {
+    fn remember(&mut self, op: u8) -> Result<(), PickleError> {
         let key = match op {
             b'q' => usize::from(self.take(1)?[0]),
             b'r' => self.u32()?,
@@ -320,41 +377,41 @@ impl Machine<'_> {
         Ok(())
     }
 
-    fn recall(&mut self, key: usize) -> Result<(), String> {
-        let id = self.memo.get(&key).copied().ok_or("an unknown memo")?;
+    fn recall(&mut self, key: usize) -> Result<(), PickleError> {
+        let id = self.memo.get(&key).copied().ok_or(PickleError::Broken("an unknown memo"))?;
         self.mentions += 1;
         self.stack.push(id);
         Ok(())
     }
 
-    fn take(&mut self, count: usize) -> Result<&[u8], String> {
-        let end = self.at.checked_add(count).ok_or("the pickle is cut")?;
-        let bytes = self.data.get(self.at..end).ok_or("the pickle is cut")?;
+    fn take(&mut self, count: usize) -> Result<&[u8], PickleError> {
+        let end = self.at.checked_add(count).ok_or(PickleError::Cut)?;
+        let bytes = self.data.get(self.at..end).ok_or(PickleError::Cut)?;
         self.at = end;
         Ok(bytes)
     }
 
-    fn little(&mut self, count: usize) -> Result<u64, String> {
+    fn little(&mut self, count: usize) -> Result<u64, PickleError> {
         Ok(self.take(count)?.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)))
     }
 
-    fn u32(&mut self) -> Result<usize, String> {
-        usize::try_from(self.little(4)?).map_err(|e| e.to_string())
+    fn u32(&mut self) -> Result<usize, PickleError> {
+        Ok(usize::try_from(self.little(4)?)?)
     }
 
-    fn counted(&mut self, op: u8) -> Result<&[u8], String> {
+    fn counted(&mut self, op: u8) -> Result<&[u8], PickleError> {
         let width = match op {
             0x8c | b'C' => 1,
             0x8d | 0x8e => 8,
             _ => 4,
         };
-        let count = usize::try_from(self.little(width)?).map_err(|e| e.to_string())?;
+        let count = usize::try_from(self.little(width)?)?;
         self.take(count)
     }
 
-    fn line(&mut self) -> Result<String, String> {
+    fn line(&mut self) -> Result<String, PickleError> {
         let rest = &self.data[self.at..];
-        let end = rest.iter().position(|b| *b == b'\n').ok_or("the pickle is cut")?;
+        let end = rest.iter().position(|b| *b == b'\n').ok_or(PickleError::Cut)?;
         self.at += end + 1;
         Ok(String::from_utf8_lossy(&rest[..end]).into_owned())
     }
@@ -372,20 +429,31 @@ mod tests {
     fn long_types_are_refused_before_they_are_copied() {
         let long = text(&vec![b'f'; 20 << 20]);
         let dtype = [b"\x80\x03cnumpy\ndtype\n", &long[..], b"\x85R."].concat();
-        assert!(Pickle::read(&dtype).unwrap_err().contains("a name of 20971520 characters; 256 are the limit"));
-        let order =
-            [b"\x80\x03cnumpy\ndtype\n", &text(b"i8")[..], b"\x85R(K\x03", &long, b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb."].concat();
-        assert!(Pickle::read(&order).unwrap_err().contains("a name of"));
+        assert!(
+            Pickle::read(&dtype)
+                .unwrap_err()
+                .to_string()
+                .contains("a name of 20971520 characters; 256 are the limit")
+        );
+        let order = [
+            b"\x80\x03cnumpy\ndtype\n",
+            &text(b"i8")[..],
+            b"\x85R(K\x03",
+            &long,
+            b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb.",
+        ]
+        .concat();
+        assert!(Pickle::read(&order).unwrap_err().to_string().contains("a name of"));
         let global = [b"\x80\x04", &long[..], &text(b"x"), b"\x93."].concat();
-        assert!(Pickle::read(&global).unwrap_err().contains("a name of"));
+        assert!(Pickle::read(&global).unwrap_err().to_string().contains("a name of"));
     }
 
     #[test]
     fn values_and_mentions_are_counted() {
         let nones = [b"\x80\x03(", &vec![b'N'; 3_000_000][..], b"t."].concat();
-        assert!(Pickle::read(&nones).unwrap_err().contains("more than 2000000 values"));
+        assert!(Pickle::read(&nones).unwrap_err().to_string().contains("more than 2000000 values"));
         let mentions = [b"\x80\x03]q\0(", &b"h\0".repeat(3_000_000)[..], b"e."].concat();
-        assert!(Pickle::read(&mentions).unwrap_err().contains("more than 2000000 values"));
+        assert!(Pickle::read(&mentions).unwrap_err().to_string().contains("more than 2000000 values"));
         let deep = [b"\x80\x03", &b"]".repeat(100_000)[..], &b"a".repeat(99_999), b"."].concat();
         assert_eq!(Pickle::read(&deep).unwrap().items(0).unwrap(), [1]);
     }

@@ -1,6 +1,6 @@
-//! The start/end layout (method.md 1.2): `{start,end}/camera_train.json` and `{start,end}/train/0000.png` with the mask
-//! as alpha. The published renders have no depth; copies that have it keep 16-bit PNGs in millimeters in
-//! `{start,end}/depth/` or `{start,end}/train/depth/`.
+//! The start/end layout (docs/method.md 2.1): `{start,end}/camera_train.json` and
+//! `{start,end}/train/0000.png` with the mask as alpha. The published renders have no depth; copies that have
+//! it keep 16-bit PNGs in millimeters in `{start,end}/depth/` or `{start,end}/train/depth/`.
 
 use std::{
     collections::BTreeMap,
@@ -10,10 +10,14 @@ use std::{
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::files::{Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text, refuse, spread};
+use super::files::{
+    Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text,
+    refuse, spread,
+};
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
     io::{image_codec as codec, pixels::limit_depth},
+    note::{Note, NoteCode},
 };
 
 /// Opens a folder in this layout. Frame ids become `<state>_<number>`.
@@ -22,7 +26,13 @@ use crate::{
 /// [`CaptureError::NoTopic`]-like [`CaptureError::Dataset`] where there is no depth; [`CaptureError::Read`].
 pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
     let mut capture = Capture::of_states(2);
-    capture.notes.push(format!("`{}` is a dataset of start and end; poses are turned from OpenGL to optical axes", folder.display()));
+    capture.notes.push(Note::new(
+        NoteCode::DatasetFormat,
+        format!(
+            "`{}` is a dataset of start and end; poses are turned from OpenGL to optical axes",
+            folder.display()
+        ),
+    ));
     let mut found = Vec::new();
     for (state, name) in ["start", "end"].iter().enumerate() {
         let part = folder.join(name);
@@ -32,7 +42,8 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
         let Some(depth_folder) = depth_folder else {
             return refuse(
                 &part,
-                "there is no `depth` folder; depth is needed: add `depth/0000.png`, ... (16-bit PNG, millimeters, 0 = unknown)",
+                "there is no `depth` folder; depth is needed: add `depth/0000.png`, ... (16-bit PNG, \
+                 millimeters, 0 = unknown)",
             );
         };
         let kept = spread(entries, state, config, &mut capture.notes);
@@ -44,7 +55,8 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let size = image_size(&part.color(first))?;
     config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
     for (state, part) in found.iter().enumerate() {
-        let frames: Result<Vec<_>, _> = part.kept.par_iter().map(|e| part.read_frame((state, e), size, config)).collect();
+        let frames: Result<Vec<_>, _> =
+            part.kept.par_iter().map(|e| part.read_frame((state, e), size, config)).collect();
         capture.states[state] = frames?;
     }
     Ok(capture)
@@ -59,13 +71,17 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
     };
     let numbers = |v: &Value| -> Vec<f64> {
         let rows = v.as_array().into_iter().flatten();
-        rows.flat_map(|row| row.as_array().into_iter().flatten()).map(|n| n.as_f64().unwrap_or(f64::NAN)).collect()
+        rows.flat_map(|row| row.as_array().into_iter().flatten())
+            .map(|n| n.as_f64().unwrap_or(f64::NAN))
+            .collect()
     };
     let Some(k) = map.get("K").map(numbers) else { return refuse(path, "it has no camera matrix `K`") };
     let frames = map.iter().filter(|(name, _)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_digit()));
     let entries: Result<Vec<_>, _> = frames
         .take(MAX_FRAMES)
-        .map(|(name, v)| Ok(Entry { id: name.clone(), world_from_camera: pose_from_opengl(path, name, &numbers(v))? }))
+        .map(|(name, v)| {
+            Ok(Entry { id: name.clone(), world_from_camera: pose_from_opengl(path, name, &numbers(v))? })
+        })
         .collect();
     let entries = entries?;
     if entries.is_empty() { refuse(path, "it lists no frame") } else { Ok((k, entries)) }
@@ -85,15 +101,21 @@ impl Part {
         self.folder.join("train").join(format!("{}.png", entry.id))
     }
 
-    fn read_frame(&self, (state, entry): (usize, &Entry), size: (usize, usize), config: &CaptureConfig) -> Result<RgbdFrame, CaptureError> {
+    fn read_frame(
+        &self,
+        (state, entry): (usize, &Entry),
+        size: (usize, usize),
+        config: &CaptureConfig,
+    ) -> Result<RgbdFrame, CaptureError> {
         let color_file = self.color(entry);
-        let (color, alpha) =
-            codec::color_with_alpha_file(&read_image(&color_file, size, true)?).map_err(|e| image_error(&color_file, e))?;
+        let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?)
+            .map_err(|e| image_error(&color_file, e))?;
         let depth_file = self.depth_folder.join(format!("{}.png", entry.id));
         if optional(depth_file.clone()).is_none() {
             return refuse(&depth_file, format!("frame {} has no depth image", entry.id));
         }
-        let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001).map_err(|e| image_error(&depth_file, e))?;
+        let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
+            .map_err(|e| image_error(&depth_file, e))?;
         let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
         limit_depth(&mut depth_m, config);
         Ok(RgbdFrame {

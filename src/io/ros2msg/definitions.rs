@@ -17,7 +17,7 @@ pub trait RosMessage: serde::Serialize + serde::de::DeserializeOwned + Send + Sy
     const TYPE: &'static str;
 }
 
-/// What a bag tells about a type.
+/// What a bag holds about a type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Definition {
     /// `sensor_msgs/msg/Image`.

@@ -48,8 +48,6 @@ pub mod kind {
 
 /// Values of [`Marker::action`].
 pub mod action {
-    /// Adds or changes the marker.
-    pub const ADD: i32 = 0;
     /// Removes all markers of the topic.
     pub const DELETE_ALL: i32 = 3;
 }

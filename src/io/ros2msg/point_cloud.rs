@@ -42,13 +42,16 @@ pub struct PointCloud2 {
 }
 
 impl PointCloud2 {
-    /// Points with colors: `x`, `y`, `z` in meters and `rgb`, packed as 0x00RRGGBB into the bits of a float32.
+    /// Points with colors: `x`, `y`, `z` in meters and `rgb`, packed as 0x00RRGGBB into the bits of a
+    /// float32.
     #[must_use]
     pub fn colored(header: Header, points: &[([f32; 3], [u8; 3])]) -> Self {
         const POINT_BYTES: u32 = 16;
         const FLOAT32: u8 = 7;
         let names = ["x", "y", "z", "rgb"].into_iter().zip(0..);
-        let fields = names.map(|(name, k)| PointField { name: name.into(), offset: 4 * k, datatype: FLOAT32, count: 1 }).collect();
+        let fields = names
+            .map(|(name, k)| PointField { name: name.into(), offset: 4 * k, datatype: FLOAT32, count: 1 })
+            .collect();
         let mut data = Vec::with_capacity(points.len() * POINT_BYTES as usize);
         for (point, [r, g, b]) in points {
             point.iter().for_each(|v| data.extend(v.to_le_bytes()));

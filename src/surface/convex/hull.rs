@@ -8,8 +8,8 @@ use super::{ConvexSolid, Plane};
 
 /// Share of the extent that a point must lie outside a face to count.
 const OUTSIDE_SHARE: f64 = 1e-9;
-/// Points are moved by up to this share of the extent, so that no four of them lie in a plane: thin faces between corners
-/// of one plane would have any normal.
+/// Points are moved by up to this share of the extent, so that no four of them lie in a plane: thin faces
+/// between corners of one plane would have any normal.
 const JITTER_SHARE: f64 = 1e-5;
 /// Flatter sets of points have no hull, as a share of the extent.
 const FLAT_SHARE: f64 = 1e-4;
@@ -20,9 +20,9 @@ struct Face {
     plane: Plane,
 }
 
-/// The convex hull; `None` for points that lie in a plane, on a line or in a point. Faces are triangles; corners are those
-/// of the points to within a hundred-thousandth of their extent. Points are added one by one, the farthest first (quadratic in
-/// the corners of the hull).
+/// The convex hull; `None` for points that lie in a plane, on a line or in a point. Faces are triangles;
+/// corners are those of the points to within a hundred-thousandth of their extent. Points are added one by
+/// one, the farthest first (quadratic in the corners of the hull).
 #[must_use]
 pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let first = points.first()?;
@@ -34,12 +34,16 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let points = &jittered(points, JITTER_SHARE * extent_m)[..];
     let mut faces = tetrahedron(points, FLAT_SHARE * extent_m)?;
     let slack_m = OUTSIDE_SHARE * extent_m;
-    // Rounding can leave a point outside the faces that it was joined to; no point is joined twice, so this ends.
+    // Rounding can leave a point outside the faces that it was joined to; no point is joined twice, so this
+    // ends.
     let mut joined = vec![false; points.len()];
     while let Some((_, apex)) = farthest(points, &joined, &faces, slack_m) {
         joined[apex as usize] = true;
-        let (seen, kept): (Vec<Face>, Vec<Face>) = faces.into_iter().partition(|f| f.plane.distance_m(&points[apex as usize]) > slack_m);
-        let sides = |f: &Face| [[f.corners[0], f.corners[1]], [f.corners[1], f.corners[2]], [f.corners[2], f.corners[0]]];
+        let (seen, kept): (Vec<Face>, Vec<Face>) =
+            faces.into_iter().partition(|f| f.plane.distance_m(&points[apex as usize]) > slack_m);
+        let sides = |f: &Face| {
+            [[f.corners[0], f.corners[1]], [f.corners[1], f.corners[2]], [f.corners[2], f.corners[0]]]
+        };
         let all: BTreeSet<[u32; 2]> = seen.iter().flat_map(sides).collect();
         let rim = all.iter().filter(|[a, b]| !all.contains(&[*b, *a]));
         let count = kept.len();
@@ -61,13 +65,16 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
 fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
     // The generalised golden ratio of three dimensions (Roberts 2018).
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
-    let moved = |(i, p): (usize, &Point3<f64>)| p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * (i + 1) as f64).fract() - 1.0));
+    let moved = |(i, p): (usize, &Point3<f64>)| {
+        p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * (i + 1) as f64).fract() - 1.0))
+    };
     points.iter().enumerate().map(moved).collect()
 }
 
 /// The point farthest outside any face that is not `joined` yet, with its distance.
 fn farthest(points: &[Point3<f64>], joined: &[bool], faces: &[Face], slack_m: f64) -> Option<(f64, u32)> {
-    let outside = |p: &Point3<f64>| faces.iter().map(|f| f.plane.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
+    let outside =
+        |p: &Point3<f64>| faces.iter().map(|f| f.plane.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
     let all = points.iter().enumerate().filter(|(i, _)| !joined[*i]).map(|(i, p)| (outside(p), i as u32));
     all.filter(|(d, _)| *d > slack_m).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
 }
@@ -81,7 +88,10 @@ fn face(points: &[Point3<f64>], corners: [u32; 3]) -> Option<Face> {
 /// Four points that span a volume, as outward faces.
 fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<Face>> {
     let best = |measure: &dyn Fn(&Point3<f64>) -> f64| {
-        let (i, p) = points.iter().enumerate().max_by(|a, b| measure(a.1).total_cmp(&measure(b.1)).then(b.0.cmp(&a.0)))?;
+        let (i, p) = points
+            .iter()
+            .enumerate()
+            .max_by(|a, b| measure(a.1).total_cmp(&measure(b.1)).then(b.0.cmp(&a.0)))?;
         (measure(p) > flat_m).then_some((i as u32, *p))
     };
     let (a, pa) = (0, points[0]);
@@ -104,7 +114,9 @@ mod tests {
         fn holds_all_points(points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 5..60)) {
             let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
             let hull = convex_hull(&points).unwrap();
-            let worst = |p: &Point3<f64>| hull.planes().iter().map(|q| q.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
+            let planes = hull.planes();
+            let worst =
+                |p: &Point3<f64>| planes.iter().map(|q| q.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
             prop_assert!(points.iter().all(|p| worst(p) < 1e-4));
             prop_assert!(hull.vertices.iter().all(|v| points.iter().any(|p| (p - v).norm() < 1e-4)));
             prop_assert_eq!(2 * hull.vertices.len() - 4, hull.faces.len());
@@ -114,8 +126,10 @@ mod tests {
     #[test]
     fn a_box_with_points_on_its_faces_has_its_volume() {
         let line = [-0.3, 0.0, 0.1, 0.3];
-        let points: Vec<_> =
-            line.iter().flat_map(|&x| line.iter().flat_map(move |&y| line.map(|z| Point3::new(x, 0.5 * y, 2.0 * z)))).collect();
+        let points: Vec<_> = line
+            .iter()
+            .flat_map(|&x| line.iter().flat_map(move |&y| line.map(|z| Point3::new(x, 0.5 * y, 2.0 * z))))
+            .collect();
         let volume_m3 = convex_hull(&points).unwrap().volume_m3();
         assert!((volume_m3 - 0.6f64.powi(3)).abs() < 1e-4, "{volume_m3}");
     }
@@ -123,10 +137,20 @@ mod tests {
     #[test]
     fn a_prism_with_rounded_corners_is_as_thick_as_it_was() {
         // Two caps of corners on nearly straight sides, rounded as in a file.
-        let side = [(-0.0692, -0.0063), (0.2010, -0.0025), (0.2350, 0.0011), (0.2491, 0.0049), (0.2500, 0.1404), (0.2496, 0.2048)];
+        let side = [
+            (-0.0692, -0.0063),
+            (0.2010, -0.0025),
+            (0.2350, 0.0011),
+            (0.2491, 0.0049),
+            (0.2500, 0.1404),
+            (0.2496, 0.2048),
+        ];
         let round = |x: f64| (1e7 * x).round() / 1e7;
-        let tilt = |x: f64, z: f64, y: f64| Point3::new(round(x + 0.003 * y), round(y + 0.0031 * x), round(z - 0.0049 * y));
-        let points: Vec<_> = side.iter().flat_map(|&(x, z)| [tilt(x, z, -0.195), tilt(x, z, -0.204)]).collect();
+        let tilt = |x: f64, z: f64, y: f64| {
+            Point3::new(round(x + 0.003 * y), round(y + 0.0031 * x), round(z - 0.0049 * y))
+        };
+        let points: Vec<_> =
+            side.iter().flat_map(|&(x, z)| [tilt(x, z, -0.195), tilt(x, z, -0.204)]).collect();
         let hull = convex_hull(&points).unwrap();
         assert!((0.008..0.01).contains(&hull.thickness_m()), "{}", hull.thickness_m());
     }
@@ -134,6 +158,8 @@ mod tests {
     #[test]
     fn flat_points_have_none() {
         let flat: Vec<_> = (0..9).map(|i| Point3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
-        assert!(convex_hull(&flat).is_none() && convex_hull(&flat[..3]).is_none() && convex_hull(&[]).is_none());
+        assert!(
+            convex_hull(&flat).is_none() && convex_hull(&flat[..3]).is_none() && convex_hull(&[]).is_none()
+        );
     }
 }

@@ -29,9 +29,14 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells are at least
-    /// `min_cell_m` wide.
-    pub fn new(triangles: &[[Point2<f64>; 3]], hull: &[Point2<f64>], beside: &[Point2<f64>], min_cell_m: f64) -> Self {
+    /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells
+    /// are at least `min_cell_m` wide.
+    pub fn new(
+        triangles: &[[Point2<f64>; 3]],
+        hull: &[Point2<f64>],
+        beside: &[Point2<f64>],
+        min_cell_m: f64,
+    ) -> Self {
         let direction = rectangle_direction(hull);
         let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
         let all = hull.iter().chain(beside).map(|p| turned(&direction, p));
@@ -40,7 +45,8 @@ impl Raster {
         let cell_m = (side.max() / CELLS).max(min_cell_m);
         let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
         let (columns, rows) = (size(side.x), size(side.y));
-        let mut raster = Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows] };
+        let mut raster =
+            Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows] };
         for triangle in triangles {
             raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
         }
@@ -50,6 +56,7 @@ impl Raster {
     /// Fills holes and notches that are narrower than `width_m`.
     pub fn close_holes(&mut self, width_m: f64) {
         let reach = ((0.5 * width_m / self.cell_m).ceil() as usize).max(1);
+        // Morphological closing: spread, then spread the rest back.
         let wide = self.spread(&self.filled, reach);
         let bare: Vec<bool> = wide.iter().map(|c| !c).collect();
         let bare = self.spread(&bare, reach);
@@ -58,11 +65,15 @@ impl Raster {
 
     /// Cells within `reach` rows and columns of a marked one.
     fn spread(&self, cells: &[bool], reach: usize) -> Vec<bool> {
+        // A square is separable: along rows, then along columns.
         let near = |x: usize, n: usize| x.saturating_sub(reach)..(x + reach + 1).min(n);
         let at = |x: usize, y: usize| y * self.columns + x;
-        let along: Vec<bool> =
-            (0..cells.len()).map(|i| near(i % self.columns, self.columns).any(|x| cells[at(x, i / self.columns)])).collect();
-        (0..cells.len()).map(|i| near(i / self.columns, self.rows).any(|y| along[at(i % self.columns, y)])).collect()
+        let along: Vec<bool> = (0..cells.len())
+            .map(|i| near(i % self.columns, self.columns).any(|x| cells[at(x, i / self.columns)]))
+            .collect();
+        (0..cells.len())
+            .map(|i| near(i / self.columns, self.rows).any(|y| along[at(i % self.columns, y)]))
+            .collect()
     }
 
     /// Marks the cells whose middle lies in a triangle (corners in cells).
@@ -70,7 +81,9 @@ impl Raster {
         let turn = area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
         let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
-        let range = |lo: f64, hi: f64, n: usize| (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n));
+        let range = |lo: f64, hi: f64, n: usize| {
+            (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n))
+        };
         for y in range(lo.y, hi.y, self.rows) {
             for x in range(lo.x, hi.x, self.columns) {
                 let p = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
@@ -82,21 +95,24 @@ impl Raster {
         }
     }
 
-    /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of `stops`, most of them
-    /// `hidden`, no longer than what was seen of the patch in that row or column. Returns whether there were any to speak
-    /// of.
+    /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of
+    /// `stops`, most of them `hidden`, no longer than what was seen of the patch in that row or column.
+    /// Returns whether there were any to speak of.
     pub fn close_gaps(&mut self, stops: &[Point2<f64>], hidden: impl Fn(&Point2<f64>) -> bool) -> bool {
         let mut stop = self.filled.clone();
         for p in stops {
             let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
-            let (x, y) = ((at.x.max(0.0) as usize).min(self.columns - 1), (at.y.max(0.0) as usize).min(self.rows - 1));
+            let (x, y) =
+                ((at.x.max(0.0) as usize).min(self.columns - 1), (at.y.max(0.0) as usize).min(self.rows - 1));
             stop[y * self.columns + x] = true;
         }
         let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
         let columns = (0..self.columns).map(|x| (0..self.rows).map(|y| y * self.columns + x).collect());
         let lines: Vec<Vec<usize>> = rows.chain(columns).collect();
         let mut closed = vec![false; stop.len()];
-        let is_hidden = |gap: &[usize]| gap.iter().filter(|g| hidden(&self.middle(**g))).count() as f64 >= HIDDEN * gap.len() as f64;
+        let is_hidden = |gap: &[usize]| {
+            gap.iter().filter(|g| hidden(&self.middle(**g))).count() as f64 >= HIDDEN * gap.len() as f64
+        };
         for line in &lines {
             let seen = line.iter().filter(|i| self.filled[**i]).count();
             let mut last: Option<usize> = None;

@@ -15,15 +15,23 @@ impl Rectangle {
     }
 }
 
-/// Rectangles that cover the filled cells (row-major, `columns` a row) without empty ones, the largest first, until less
-/// than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there are `most` of them.
-pub(super) fn cover(filled: &[bool], columns: usize, min_side: usize, rest: f64, most: usize) -> Vec<Rectangle> {
+/// Rectangles that cover the filled cells (row-major, `columns` a row) without empty ones, the largest first,
+/// until less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there
+/// are `most` of them.
+pub(super) fn cover(
+    filled: &[bool],
+    columns: usize,
+    min_side: usize,
+    rest: f64,
+    most: usize,
+) -> Vec<Rectangle> {
     let mut left = filled.to_vec();
     let total = filled.iter().filter(|c| **c).count();
     let mut bare = total;
     let mut found = Vec::new();
     while found.len() < most && bare as f64 > rest * total as f64 {
-        // May lie over cells that are covered already, so that rectangles join without gaps: what counts is new cells.
+        // May lie over cells that are covered already, so that rectangles join without gaps: what counts is
+        // new cells.
         let Some(best) = largest(&left, filled, columns, min_side) else { break };
         for y in best.y..best.y + best.height {
             for cell in &mut left[y * columns + best.x..y * columns + best.x + best.width] {
@@ -66,7 +74,8 @@ fn largest(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> O
 
 fn grown(mut r: Rectangle, filled: &[bool], columns: usize, rows: usize) -> Rectangle {
     let column = |x: usize, r: &Rectangle| (r.y..r.y + r.height).all(|y| filled[y * columns + x]);
-    let row = |y: usize, r: &Rectangle| filled[y * columns + r.x..y * columns + r.x + r.width].iter().all(|c| *c);
+    let row =
+        |y: usize, r: &Rectangle| filled[y * columns + r.x..y * columns + r.x + r.width].iter().all(|c| *c);
     while r.x > 0 && column(r.x - 1, &r) {
         (r.x, r.width) = (r.x - 1, r.width + 1);
     }
@@ -92,10 +101,20 @@ mod tests {
 
     #[test]
     fn a_frame_takes_four_and_its_hole_stays_open() {
-        let (filled, columns) = raster(&["##########", "##########", "##......##", "##......##", "##......##", "##########", "##########"]);
+        let (filled, columns) = raster(&[
+            "##########",
+            "##########",
+            "##......##",
+            "##......##",
+            "##......##",
+            "##########",
+            "##########",
+        ]);
         let found = cover(&filled, columns, 1, 0.0, 32);
         assert_eq!(found.len(), 4, "{found:?}");
-        let covered = |x: usize, y: usize| found.iter().any(|r| (r.x..r.x + r.width).contains(&x) && (r.y..r.y + r.height).contains(&y));
+        let covered = |x: usize, y: usize| {
+            found.iter().any(|r| (r.x..r.x + r.width).contains(&x) && (r.y..r.y + r.height).contains(&y))
+        };
         for (i, full) in filled.iter().enumerate() {
             assert_eq!(covered(i % columns, i / columns), *full);
         }

@@ -1,12 +1,14 @@
 //! A surface as convex solids: slabs for flat walls, thin prisms for what is curved.
 //!
-//! A scanned surface need not be closed and is seldom convex: its hull or a decomposition of its volume fills the places
-//! that things are put into. So the solids follow the surface itself, each as deep as the wall behind it.
+//! A scanned surface need not be closed and is seldom convex: its hull or a decomposition of its volume fills
+//! the places that things are put into. So the solids follow the surface itself, each as deep as the wall
+//! behind it.
 
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{ConvexSolid, raster::Raster};
+use crate::statistics::median;
 use crate::surface::{
     TriangleMesh, keep_components,
     outline::{area, hull_2d, with_fewer_corners},
@@ -47,28 +49,40 @@ pub struct ConvexConfig {
     pub max_solids: usize,
     /// How far a patch may leave its plane, as a share of the part's extent.
     pub tolerance_share: f64,
-    /// No solid is thinner, metres (simulators.md 4: a simulator refuses flat hulls).
+    /// No solid is thinner, meters (a simulator refuses flat hulls).
     pub min_thickness_m: f64,
-    /// Solids of moving parts are this much smaller on every side, metres.
+    /// Solids of moving parts are this much smaller on every side, meters.
     pub shrink_m: f64,
-    /// Gap that is kept free around the path of a moving part, metres.
+    /// Gap that is kept free around the path of a moving part, meters.
     pub gap_m: f64,
 }
 
 impl Default for ConvexConfig {
     fn default() -> Self {
-        Self { max_solids: 32, tolerance_share: 0.006, min_thickness_m: 0.002, shrink_m: 0.001, gap_m: 0.0015 }
+        Self {
+            max_solids: 32,
+            tolerance_share: 0.006,
+            min_thickness_m: 0.002,
+            shrink_m: 0.001,
+            gap_m: 0.0015,
+        }
     }
 }
 
-/// Whether no view saw what a place (in the mesh's frame, metres) holds.
+/// Whether no view saw what a place (in the mesh's frame, meters) holds.
 pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
 
-/// Convex solids behind a surface, walls `wall_m` thick where the other side of a wall was not seen. A flat wall goes on
-/// through `hidden` places, where these are known, up to where it or another wall was seen again, as the floor of a drawer does behind its front.
-/// At least one solid for a mesh with area, at most `max_solids`. Deterministic.
+/// Convex solids behind a surface, walls `wall_m` thick where the other side of a wall was not seen. A flat
+/// wall goes on through `hidden` places, where these are known, up to where it or another wall was seen
+/// again, as the floor of a drawer does behind its front. At least one solid for a mesh with area, at most
+/// `max_solids`. Deterministic. See docs/method.md 10.1.
 #[must_use]
-pub fn convex_shell(mesh: &TriangleMesh, wall_m: f64, hidden: Option<Hidden<'_>>, config: &ConvexConfig) -> Vec<ConvexSolid> {
+pub fn convex_shell(
+    mesh: &TriangleMesh,
+    wall_m: f64,
+    hidden: Option<Hidden<'_>>,
+    config: &ConvexConfig,
+) -> Vec<ConvexSolid> {
     let Some((lower, upper)) = mesh.bounds() else { return Vec::new() };
     let extent_m = f64::from((upper - lower).norm());
     let whole = keep_components(mesh, MIN_COMPONENT);
@@ -153,7 +167,8 @@ impl Flat {
         let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
         let world_from_flat = Matrix3::from_columns(&[x, z.cross(&x), z]);
         let local = |p: Point3<f32>| world_from_flat.tr_mul(&(p.cast::<f64>() - patch.center));
-        let corners: Vec<[Vector3<f64>; 3]> = patch.triangles.iter().map(|&t| mesh.corners(t as usize).map(local)).collect();
+        let corners: Vec<[Vector3<f64>; 3]> =
+            patch.triangles.iter().map(|&t| mesh.corners(t as usize).map(local)).collect();
         let heights = corners.iter().flatten().map(|p| p.z);
         let range_m = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], h| [lo.min(h), hi.max(h)]);
         let triangles = corners.iter().map(|c| c.map(|p| Point2::new(p.x, p.y))).collect();
@@ -199,13 +214,24 @@ fn patch_solids(
     if raster.is_none() && flat_area >= CONVEX_FILL * hull_area {
         return vec![flat.prism(&with_fewer_corners(hull, CORNERS), low, high)];
     }
-    let mut raster = raster.unwrap_or_else(|| Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m));
+    let mut raster =
+        raster.unwrap_or_else(|| Raster::new(&flat.triangles, &hull, &[], config.min_thickness_m));
     raster.close_holes(wall_m);
-    raster.rectangles(config.max_solids.min(PATCH_SOLIDS)).iter().map(|corners| flat.prism(corners, low, high)).collect()
+    raster
+        .rectangles(config.max_solids.min(PATCH_SOLIDS))
+        .iter()
+        .map(|corners| flat.prism(corners, low, high))
+        .collect()
 }
 
 /// Points of a mesh's steep faces near a patch and its plane, in its frame: where a wall meets it.
-fn walls_across(mesh: &TriangleMesh, flat: &Flat, hull: &[Point2<f64>], range_m: [f64; 2], spacing_m: f64) -> Vec<Point2<f64>> {
+fn walls_across(
+    mesh: &TriangleMesh,
+    flat: &Flat,
+    hull: &[Point2<f64>],
+    range_m: [f64; 2],
+    spacing_m: f64,
+) -> Vec<Point2<f64>> {
     let start = (hull[0], hull[0]);
     let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
     // A gap is never longer than what was seen.
@@ -216,7 +242,8 @@ fn walls_across(mesh: &TriangleMesh, flat: &Flat, hull: &[Point2<f64>], range_m:
     for t in 0..mesh.triangles.len() {
         let corners = mesh.corners(t).map(|p| flat.world_from_flat.tr_mul(&(p.cast::<f64>() - flat.origin)));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        let heights = corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
+        let heights =
+            corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
         if normal.z.abs() > 0.5 * normal.norm() || heights[0] > range_m[1] || heights[1] < range_m[0] {
             continue;
         }
@@ -235,19 +262,18 @@ fn walls_across(mesh: &TriangleMesh, flat: &Flat, hull: &[Point2<f64>], range_m:
     points
 }
 
-/// How deep the wall behind a patch is: the median distance to where rays leave it, where that is a wall's; else
-/// `wall_m`.
+/// How deep the wall behind a patch is: the median distance to where rays leave it, where that is a wall's;
+/// else `wall_m`.
 fn wall_depth(mesh: &TriangleMesh, facets: &[Facet], patch: &Patch, wall_m: f64) -> f64 {
     let step = patch.triangles.len().div_ceil(RAYS);
     let reach = MAX_WALLS * wall_m;
     let ray = |&t: &u32| {
-        let origin = mesh.corners(t as usize).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
+        let origin =
+            mesh.corners(t as usize).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
         exit(facets, &Point3::from(origin), &-patch.normal, reach)
     };
-    let mut depths: Vec<f64> = patch.triangles.iter().step_by(step).map(ray).collect();
-    depths.sort_by(f64::total_cmp);
-    let median = depths[depths.len() / 2];
-    if median < reach { median } else { wall_m }
+    let depth_m = median(patch.triangles.iter().step_by(step).map(ray).collect());
+    depth_m.filter(|d| *d < reach).unwrap_or(wall_m)
 }
 
 /// A triangle: corners and unit normal.
@@ -264,7 +290,8 @@ fn facets(mesh: &TriangleMesh) -> Vec<Facet> {
     (0..mesh.triangles.len()).filter_map(facet).collect()
 }
 
-/// Distance along a ray to the first surface that it leaves the object through, metres; infinite beyond `reach`.
+/// Distance along a ray to the first surface that it leaves the object through, meters; infinite beyond
+/// `reach`.
 fn exit(facets: &[Facet], origin: &Point3<f64>, direction: &Vector3<f64>, reach: f64) -> f64 {
     let mut nearest = f64::INFINITY;
     for Facet { corners, normal } in facets {
@@ -277,7 +304,8 @@ fn exit(facets: &[Facet], origin: &Point3<f64>, direction: &Vector3<f64>, reach:
             continue;
         }
         let p = origin + direction * s;
-        let inside = |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
+        let inside =
+            |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
         if (0..3).all(inside) {
             nearest = s;
         }
@@ -303,7 +331,9 @@ mod tests {
         let mut inner = box_mesh(Vector3::new(0.19, 0.14, 0.06));
         inner.vertices.iter_mut().for_each(|p| p.z += 0.01);
         inner.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        let top = |mesh: &TriangleMesh, t: &[u32; 3], z: f32| t.iter().all(|&i| (mesh.vertices[i as usize].z - z).abs() < 1e-6);
+        let top = |mesh: &TriangleMesh, t: &[u32; 3], z: f32| {
+            t.iter().all(|&i| (mesh.vertices[i as usize].z - z).abs() < 1e-6)
+        };
         let mut outer_open = outer.clone();
         outer_open.triangles.retain(|t| !top(&outer, t, 0.06));
         let mut inner_open = inner.clone();
@@ -345,13 +375,15 @@ mod tests {
             let q = (p.coords - center).abs() - half;
             q.sup(&Vector3::zeros()).norm() + q.max().min(0.0)
         };
-        cuboid(Vector3::zeros(), Vector3::new(0.2, 0.15, 0.06)).max(-cuboid(Vector3::new(0.0, 0.0, 0.05), Vector3::new(0.19, 0.14, 0.1)))
+        cuboid(Vector3::zeros(), Vector3::new(0.2, 0.15, 0.06))
+            .max(-cuboid(Vector3::new(0.0, 0.0, 0.05), Vector3::new(0.19, 0.14, 0.1)))
     }
 
     #[test]
     fn a_ring_keeps_its_hole_and_a_ball_is_covered() {
         let config = ConvexConfig::default();
-        let ring = convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, None, &config);
+        let ring =
+            convex_shell(&marching_cubes(&grid_of(0.5, 50, torus(0.3, 0.08)), 0.0), 0.01, None, &config);
         assert!(!holds_point(&ring, [0.0; 3]) && ring.len() <= config.max_solids && ring.len() > 8);
         let ball = convex_shell(&sphere_mesh(0.1, 40), 0.01, None, &config);
         assert!(ball.len() <= config.max_solids);
@@ -362,9 +394,17 @@ mod tests {
 
     #[test]
     fn every_solid_has_volume_and_a_mesh_without_area_has_none() {
-        let solids = convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, None, &ConvexConfig::default());
-        assert!(!solids.is_empty() && solids.iter().all(|s| s.thickness_m() >= 0.0019 && s.volume_m3() > 0.0));
-        let speck = convex_shell(&box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)), 0.008, None, &ConvexConfig::default());
+        let solids =
+            convex_shell(&box_mesh(Vector3::new(0.2, 0.1, 0.0005)), 0.008, None, &ConvexConfig::default());
+        assert!(
+            !solids.is_empty() && solids.iter().all(|s| s.thickness_m() >= 0.0019 && s.volume_m3() > 0.0)
+        );
+        let speck = convex_shell(
+            &box_mesh(Vector3::new(0.0004, 0.0004, 0.0004)),
+            0.008,
+            None,
+            &ConvexConfig::default(),
+        );
         assert!(!speck.is_empty() && speck.iter().all(|s| s.thickness_m() >= 0.0019));
         assert!(convex_shell(&TriangleMesh::default(), 0.008, None, &ConvexConfig::default()).is_empty());
     }

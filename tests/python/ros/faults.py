@@ -1,4 +1,4 @@
-"""Neighbours that fail, and the calls that put things right."""
+"""Neighbors that fail, and the calls that put things right."""
 import json
 import signal
 import subprocess
@@ -74,7 +74,7 @@ def jumps(args):
     replay.play(0, (0.0, 0.5), at(100))
     future = settled_for(peer, diagnostics, "keyframes_state0", 8)
     replay.play(0, (0.0, 1.0), at(0))
-    # A depth image that overtakes the color image that tells of the jump is lost, and a set with it.
+    # A depth image that overtakes the color image that shows the jump is lost, and a set with it.
     settled_for(peer, diagnostics, "views_late", 15)
     back = values(peer, diagnostics, "collection")
     expect(finish.call(0).success, "the state ends")

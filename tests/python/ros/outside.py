@@ -1,4 +1,4 @@
-"""Who reaches a node: `unshare --net outside.py PROGRAM FOLDER`. The node stands in one network namespace, with a neighbour on
+"""Who reaches a node: `unshare --net outside.py PROGRAM FOLDER`. The node stands in one network namespace, with a neighbor on
 its machine; another machine is a second namespace, joined to the first by a pair of interfaces. Prints JSON; exit code 3: namespaces
 cannot be made here."""
 import glob
@@ -89,7 +89,7 @@ def ask():
         print("nothing")
 
 
-def neighbour(address):
+def neighbor(address):
     """Settings of Cyclone DDS for a peer that talks to HERE from an address."""
     to = "127.0.0.1" if address == "127.0.0.1" else HERE
     return (f'<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="{address}" multicast="false"/></Interfaces>'
@@ -98,7 +98,7 @@ def neighbour(address):
 
 
 def reached(program, folder, there, opened):
-    """What a node tells of itself, and who reaches it."""
+    """What a node reports of itself, and who reaches it."""
     from datagrams import sockets
 
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "CYCLONEDDS", "DDS_PEER"))}
@@ -110,15 +110,15 @@ def reached(program, folder, there, opened):
         time.sleep(2)
         bound = sorted({address for address, _ in sockets(node.pid)})
 
-        def told(command, address):
-            settings = environment | {"CYCLONEDDS_URI": neighbour(address)}
+        def reached(command, address):
+            settings = environment | {"CYCLONEDDS_URI": neighbor(address)}
             where = there if address == THERE else []
             done = subprocess.run([*where, sys.executable, __file__, command], env=settings, stdout=subprocess.PIPE, text=True)
             return done.stdout.strip()
 
-        outside = {"datagrams": told("raw", THERE), "service": told("ask", THERE), "own_address": told("ask", HERE)}
+        outside = {"datagrams": reached("raw", THERE), "service": reached("ask", THERE), "own_address": reached("ask", HERE)}
         begun = len(glob.glob(os.path.join(out, "*", "state0")))
-        inside = told("ask", "127.0.0.1") if not opened else None
+        inside = reached("ask", "127.0.0.1") if not opened else None
     finally:
         node.terminate()
         log = node.communicate(timeout=20)[1]

@@ -1,4 +1,4 @@
-"""A neighbour of the node that speaks ROS 2's conventions on the wire, by Cyclone DDS or, with DDS_PEER=fastdds, Fast DDS.
+"""A neighbor of the node that speaks ROS 2's conventions on the wire, by Cyclone DDS or, with DDS_PEER=fastdds, Fast DDS.
 
 Messages travel as bytes and are packed and unpacked by rosbags, so that neither shares code with the node.
 """

@@ -1,4 +1,4 @@
-"""Bags that are published, and what the node tells of them."""
+"""Bags that are published, and what the node reports of them."""
 import sys
 import time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a neighbour of the node does in a test: `scenario.py NAME ARGUMENTS`. Prints JSON; a broken expectation ends it with 1."""
+"""What a neighbor of the node does in a test: `scenario.py NAME ARGUMENTS`. Prints JSON; a broken expectation ends it with 1."""
 import argparse
 import json
 import struct

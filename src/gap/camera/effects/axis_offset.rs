@@ -1,50 +1,69 @@
 //! A joint's axis lies elsewhere or points elsewhere.
 //!
-//! Two ways: the line alone is off, so that the child is right at position 0 and leaves its place as it moves,
-//! `M' = D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of the child's subtree
-//! that grows with the position (the line), or is the same rigid motion of it in every state (the frame).
+//! Two ways: the line alone is off, so that the child is right at position 0 and leaves its place as it
+//! moves, `M' = D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of
+//! the child's subtree that grows with the position (the line), or is the same rigid motion of it in every
+//! state (the frame).
 
-use crate::gap::camera::{
-    parameter::Parameter,
-    trial::{CameraEffect, column, free_joints},
+use crate::gap::{
+    camera::model::{
+        interval::INTERVAL,
+        parameter::Parameter,
+        scales::MISPLACED,
+        trial::{CameraEffect, Column, column, free_joints},
+    },
+    judge::verdict::ParameterEstimate,
 };
-
-/// Prior of shifts, metres.
-const SHIFT_M: f64 = 0.015;
-/// Prior of turns, radians.
-const TURN_RAD: f64 = 0.05;
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "axis_offset",
-    trials: |twin, _| {
+    trials: |twin, _, scales| {
         let mut all = Vec::new();
         for j in free_joints(twin) {
-            let hinge = twin.joints[j].hinge.turns();
-            let turns: Vec<_> = (0..2).map(|k| column(Parameter::AxisTurn(j, k), TURN_RAD)).collect();
-            let shifts: Vec<_> = (0..2).map(|k| column(Parameter::AxisShift(j, k), SHIFT_M)).collect();
-            if hinge {
+            let shift_m = MISPLACED * scales.child_lever_m(twin, j);
+            let turning = twin.joints[j].kind.turns();
+            let line = |of: fn(usize, usize) -> Parameter, prior: f64| -> Vec<Column> {
+                (0..2).map(|k| column(of(j, k), prior)).collect()
+            };
+            let turns = line(Parameter::AxisTurn, MISPLACED);
+            if turning {
+                let shifts = line(Parameter::AxisShift, shift_m);
                 all.push((Some(j), [turns.clone(), shifts.clone()].concat()));
                 all.push((Some(j), shifts));
             }
             all.push((Some(j), turns));
             // Along the axis of a slide a shift is a change of position.
-            let shifts: Vec<_> = (0..if hinge { 3 } else { 2 }).map(|k| column(Parameter::Frame(j, k), SHIFT_M)).collect();
-            let turns: Vec<_> = (3..5).map(|k| column(Parameter::Frame(j, k), TURN_RAD)).collect();
+            let along = if turning { 3 } else { 2 };
+            let shifts: Vec<_> = (0..along).map(|k| column(Parameter::Frame(j, k), shift_m)).collect();
+            let turns: Vec<_> = (3..5).map(|k| column(Parameter::Frame(j, k), MISPLACED)).collect();
             all.push((Some(j), [shifts.clone(), turns.clone()].concat()));
             all.extend([(Some(j), shifts), (Some(j), turns)]);
         }
         all
     },
     log_odds: 0.0,
-    tell: |f| {
-        let of = |turn: bool| -> Vec<usize> {
-            let is_turn = |p: &Parameter| matches!(p, Parameter::AxisTurn(..) | Parameter::Frame(_, 3..));
-            (0..f.trial.columns.len()).filter(|&k| is_turn(&f.trial.columns[k].parameter) == turn).collect()
-        };
-        let told = [("axis_angle", "rad", of(true)), ("axis_position", "m", of(false))];
-        told.into_iter().filter(|t| !t.2.is_empty()).map(|(name, unit, columns)| f.length(name, unit, &columns)).collect()
+    reported: |f| {
+        let own = f.trial.joint.and_then(|j| f.twin.own.joints.get(j)).copied().unwrap_or_default();
+        let all = [
+            ("axis_angle", "rad", f.columns(true), own.axis_rad),
+            ("axis_position", "m", f.columns(false), own.place_m),
+        ];
+        all.into_iter()
+            .filter(|(_, _, columns, _)| !columns.is_empty())
+            .map(|(name, unit, columns, own)| widened(f.length(name, unit, &columns), own))
+            .collect()
     },
+    types: None,
     in_urdf: "native",
     experiment: "film the joint at three more positions over its whole range",
 };
+
+/// A length whose interval holds what the twin itself does not know, a standard deviation.
+fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
+    let own = INTERVAL * own;
+    p.interval =
+        (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));
+    p.interval.0 = p.interval.0.max(0.0);
+    p
+}

@@ -1,27 +1,30 @@
-//! The camera stands off where its pose tells it, by the same rigid motion in every frame (a wrong hand-eye or mount
-//! transform): `world_from_camera = told * X`.
+//! The camera stands off its reported pose, by the same rigid motion in every frame (a wrong hand-eye
+//! or mount transform): `world_from_camera = reported * X`.
 //!
-//! Signature: one rigid motion in the camera's frame explains the residuals of all views, from all sides, in all states;
-//! a wrong placement of the object would be one in the world's frame.
+//! Signature: one rigid motion in the camera's frame explains the residuals of all views, from all sides, in
+//! all states; a wrong placement of the object would be one in the world's frame.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
+    scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "camera_extrinsic_offset",
-    trials: |_, _| {
-        let prior = |k| if k < 3 { 0.015 } else { 0.025 };
+    trials: |_, _, scales| {
+        let prior = |k| MISCALIBRATED * if k < 3 { scales.range_m } else { 1.0 };
         vec![(None, (0..6).map(|k| column(Parameter::Extrinsic(k), prior(k))).collect())]
     },
     log_odds: 0.0,
-    tell: |f| {
+    reported: |f| {
         let mut all: Vec<_> = ["x", "y", "z"].iter().enumerate().map(|(k, n)| f.column(n, "m", k)).collect();
         all.extend(["roll", "pitch", "yaw"].iter().enumerate().map(|(k, n)| f.column(n, "rad", 3 + k)));
         all
     },
+    types: None,
     in_urdf: "not expressible",
-    experiment: "film the object from all sides and with the camera rolled by 90 degrees: an offset of the camera turns with it",
+    experiment: "film the object from all sides and with the camera rolled by 90 degrees: \
+                 an offset of the camera turns with it",
 };

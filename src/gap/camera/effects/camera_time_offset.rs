@@ -1,21 +1,29 @@
 //! Images are stamped late or early: the pose at `stamp + delay` is that of the image.
 //!
-//! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on the way back.
+//! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
+//! the way back.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, column},
 };
 
+/// Prior of the offset, seconds.
+///
+/// derived: one frame at 30 Hz
+const FRAME_S: f64 = 1.0 / 30.0;
+
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "camera_time_offset",
-    trials: |_, runs| {
+    trials: |_, runs, _| {
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
-        if known { vec![(None, vec![column(Parameter::Delay, 0.03)])] } else { Vec::new() }
+        if known { vec![(None, vec![column(Parameter::Delay, FRAME_S)])] } else { Vec::new() }
     },
     log_odds: 0.0,
-    tell: |f| vec![f.column("offset", "s", 0)],
+    reported: |f| vec![f.column("offset", "s", 0)],
+    types: None,
     in_urdf: "not expressible",
-    experiment: "move the camera to and fro, and rest between: an offset in time vanishes at rest and changes sign with the motion",
+    experiment: "move the camera to and fro, and rest between: \
+                 an offset in time vanishes at rest and changes sign with the motion",
 };

@@ -2,18 +2,20 @@
 //!
 //! Signature: the same residual along every ray, near and far, on every part, in every state.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
+    scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "depth_bias",
-    trials: |_, _| vec![(None, vec![column(Parameter::DepthBias, 0.01)])],
+    trials: |_, _, scales| vec![(None, vec![column(Parameter::DepthBias, MISCALIBRATED * scales.range_m)])],
     log_odds: 0.0,
-    tell: |f| vec![f.column("bias", "m", 0)],
+    reported: |f| vec![f.column("bias", "m", 0)],
+    types: None,
     in_urdf: "not expressible",
-    experiment: "film the object from half and from twice the distance, and steep views of flat parts: a bias acts along the ray, a \
-                 camera that stands off along its view shifts all points alike",
+    experiment: "film the object from half and from twice the distance, and steep views of flat parts: a \
+                 bias acts along the ray, a camera that stands off along its view shifts all points alike",
 };

@@ -2,21 +2,24 @@
 //!
 //! Signature: a residual along the ray in proportion to the depth, on every part, in every state.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
+    scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
-    trials: |_, _| vec![(None, vec![column(Parameter::DepthScale, 0.03)])],
+    trials: |_, _, _| vec![(None, vec![column(Parameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,
-    tell: |f| {
+    reported: |f| {
         let mut p = f.column("scale", "1", 0);
         (p.value, p.interval) = (1.0 + p.value, (1.0 + p.interval.0, 1.0 + p.interval.1));
         vec![p]
     },
+    types: None,
     in_urdf: "not expressible",
-    experiment: "film the object from half and from twice the distance: a scale grows with the distance, a bias does not",
+    experiment: "film the object from half and from twice the distance: \
+                 a scale grows with the distance, a bias does not",
 };

@@ -1,27 +1,32 @@
-//! Told joint positions are too small by a factor: `position = (1 + x) * told`.
+//! Reported joint positions are too small by a factor: `position = (1 + x) * reported`.
 //!
-//! Signature: a residual of the child's subtree along its motion that grows with the told position.
+//! Signature: a residual of the child's subtree along its motion that grows with the reported position.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
+    scales::MISPLACED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_scale",
-    trials: |twin, runs| {
-        let told = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
-        (0..twin.joints.len()).filter(told).map(|j| (Some(j), vec![column(Parameter::EncoderScale(j), 0.05)])).collect()
+    trials: |twin, runs, _| {
+        let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
+        (0..twin.joints.len())
+            .filter(reported)
+            .map(|j| (Some(j), vec![column(Parameter::EncoderScale(j), MISPLACED)]))
+            .collect()
     },
     log_odds: 0.0,
-    tell: |f| {
+    reported: |f| {
         let mut p = f.column("scale", "1", 0);
-        // The encoder tells `scale` times the position.
+        // The encoder reports `scale` times the position.
         let (low, high) = (1.0 / (1.0 + p.interval.1), 1.0 / (1.0 + p.interval.0));
         (p.value, p.interval) = (1.0 / (1.0 + p.value), (low, high));
         vec![p]
     },
+    types: None,
     in_urdf: "not expressible",
     experiment: "film the joint at three more positions over its whole range, with its encoder recorded",
 };

@@ -12,13 +12,16 @@ mod screw_pitch;
 mod second_dof;
 
 use super::{
-    frames::FrameRun,
-    trial::{CameraEffect, Trial},
-    twin::SeenTwin,
+    model::{
+        scales::Scales,
+        trial::{CameraEffect, Trial},
+        twin::SeenTwin,
+    },
+    record::frames::FrameRun,
 };
 
-/// All effects that act smoothly. Two more are found in other ways: another type of joint (`kinds`) and missing geometry
-/// (`missing`).
+/// All effects that act smoothly. Two more are found in other ways: another type of joint
+/// (`judge::other_types`) and missing geometry (`judge::missing_geometry`).
 pub const CATALOGUE: [CameraEffect; 10] = [
     depth_scale::EFFECT,
     depth_bias::EFFECT,
@@ -34,9 +37,9 @@ pub const CATALOGUE: [CameraEffect; 10] = [
 
 /// All ways in which the effects of the catalogue may act.
 #[must_use]
-pub fn trials(twin: &SeenTwin, runs: &[FrameRun]) -> Vec<Trial> {
+pub fn trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
     let of = |(effect, spec): (usize, &CameraEffect)| {
-        (spec.trials)(twin, runs).into_iter().map(move |(joint, columns)| Trial {
+        (spec.trials)(twin, runs, scales).into_iter().map(move |(joint, columns)| Trial {
             effect,
             name: CATALOGUE[effect].name,
             joint,

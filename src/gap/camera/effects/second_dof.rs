@@ -1,26 +1,40 @@
-//! A joint's child moves in a second way: a slide or a turn beyond the joint's own, by another amount in every state.
+//! A joint's child moves in a second way: a slide or a turn beyond the joint's own, by another amount in
+//! every state.
 //!
-//! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the position.
+//! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the
+//! position.
 
-use crate::gap::camera::{
+use crate::gap::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };
 
+/// Prior of the second way, in radians and as a share of the child's size.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const SECOND: f64 = 0.15;
+
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "second_dof",
-    trials: |twin, runs| {
-        let prior = |k| if k < 3 { 0.04 } else { 0.2 };
-        let of = |j, k| (0..runs.len()).map(move |r| column(Parameter::Extra(r, j, k), prior(k))).collect();
-        if runs.len() < 3 { Vec::new() } else { free_joints(twin).flat_map(|j| (0..6).map(move |k| (Some(j), of(j, k)))).collect() }
+    trials: |twin, runs, scales| {
+        let of = |j, k: usize| {
+            let prior = SECOND * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
+            (0..runs.len()).map(|r| column(Parameter::Extra(r, j, k), prior)).collect()
+        };
+        if runs.len() < 3 {
+            Vec::new()
+        } else {
+            free_joints(twin).flat_map(|j| (0..6).map(move |k| (Some(j), of(j, k)))).collect()
+        }
     },
     log_odds: STATEWISE,
-    tell: |f| {
-        let turns = matches!(f.trial.columns.first().map(|c| c.parameter), Some(Parameter::Extra(_, _, 3..)));
+    reported: |f| {
+        let turns = f.trial.columns.iter().any(|c| c.parameter.is_turn());
         let (name, unit) = if turns { ("turn", "rad") } else { ("slide", "m") };
         (0..f.trial.columns.len()).map(|k| f.column(&format!("{name}_{k}"), unit, k)).collect()
     },
+    types: None,
     in_urdf: "not expressible",
     experiment: "hold the joint still and move the part in its second way; film three positions of it",
 };

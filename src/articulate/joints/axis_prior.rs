@@ -1,0 +1,213 @@
+//! A joint with a prior of its axis direction. See docs/method.md 8.8.
+
+use nalgebra::{DMatrix, Matrix2, Matrix3x2, Matrix6, SMatrix, Unit, Vector3};
+
+use crate::articulate::joints::{
+    free_motion::{ParentMotion, surface_sigma_m},
+    joint::JointEstimate,
+    joint_fit::{JointMotion, Residuals},
+    joint_motion::{Freedom, frame_across},
+    minimise::{DIFFERENCE, left_difference},
+    motion_evidence::RefineConfig,
+    square_axes::SeenDirection,
+};
+use crate::{
+    geometry::Pose,
+    model::{AxisAlone, JointKind},
+};
+
+/// Share of the largest slope below which a slope is none: of (direction 3, point 3) two have no effect, and
+/// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them, whose inverse would blow any
+/// covariance up.
+///
+/// derived: between that noise and the slopes of a real joint, which are no smaller than its motion in
+/// radians
+const FLAT: f64 = 1e-6;
+
+impl JointEstimate {
+    /// The direction of the axis by the motion alone; `None` where that does not determine it.
+    #[must_use]
+    pub fn seen_direction(&self) -> Option<SeenDirection> {
+        let covariance: nalgebra::Matrix3<f64> = self.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
+        let known = covariance.iter().all(|c| c.is_finite()) && !matches!(self.kind, JointKind::Free { .. });
+        known.then_some(SeenDirection { direction: self.axis, covariance })
+    }
+
+    /// The joint with a prior of its direction, the rest of it moved by what the covariance says goes with
+    /// that (linear update of a Gaussian). `parents` are the motions of the parent to the states behind state
+    /// 0.
+    #[must_use]
+    pub fn towards(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
+        let before = self.evidence.covariance;
+        let (a, b) = frame_across(&prior.direction);
+        let across = Matrix3x2::from_columns(&[a, b]);
+        let mut observe = SMatrix::<f64, 2, 7>::zeros();
+        observe.fixed_view_mut::<2, 3>(0, 0).copy_from(&across.transpose());
+        let noise: Matrix2<f64> = across.transpose() * prior.covariance * across;
+        // Kalman's gain, and Joseph's form of the covariance, which stays positive.
+        let Some(inverse) = (observe * before * observe.transpose() + noise).try_inverse() else {
+            return self;
+        };
+        let gain = before * observe.transpose() * inverse;
+        let step = gain * -(across.transpose() * self.axis.into_inner());
+        let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.motion());
+        // A step past the start of the motion is no small one: the linear update does not hold.
+        let Some(farthest) = farthest.filter(|_| self.motion() + step[6] > 0.0) else { return self };
+        let std_rad = before.fixed_view::<3, 3>(0, 0).trace().sqrt();
+        self.evidence.axis_alone = Some(AxisAlone { axis: self.axis, std_rad });
+        let kept = SMatrix::<f64, 7, 7>::identity() - gain * observe;
+        self.evidence.covariance = kept * before * kept.transpose() + gain * noise * gain.transpose();
+        for k in 0..self.positions.len() {
+            let slopes = self.slopes(k, k == farthest, &parents[k].state1_from_state0);
+            let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
+            let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
+            let added = &slopes * gain * noise * gain.transpose() * slopes.transpose();
+            // The prior does not lessen what the parent's motion adds.
+            let parent = parents[k].covariance;
+            let covariance = &kept * (self.covariances[k] - parent) * kept.transpose() + added;
+            self.covariances[k] = parent + Matrix6::from_fn(|r, c| covariance[(r, c)]);
+        }
+        self.axis = Unit::new_normalize(self.axis.into_inner() + step.fixed_rows::<3>(0));
+        self.point += step.fixed_rows::<3>(3);
+        self.positions[farthest] += step[6];
+        if let Some(std) = self.evidence.position_std.get_mut(farthest) {
+            *std = self.evidence.covariance[(6, 6)].max(0.0).sqrt();
+        }
+        self.moved(parents.iter().map(|p| p.state1_from_state0))
+    }
+
+    /// The joint with the motions that it makes on parents that moved.
+    fn moved(mut self, parents: impl Iterator<Item = Pose>) -> Self {
+        let joint = self.placed();
+        self.motions = parents.enumerate().map(|(k, parent)| joint.motion(k, &parent)).collect();
+        self
+    }
+
+    /// A turning joint whose axis keeps its direction, moved to where it suits that best; any other as it is.
+    /// A motion that the joint left out stays out.
+    pub(crate) fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
+        if !matches!(self.kind, JointKind::Revolute | JointKind::Screw { .. }) {
+            return self;
+        }
+        let explained = |k: &usize| self.evidence.position_std.get(*k).is_some_and(|std| std.is_finite());
+        // An infinite deviation marks a motion that contradicts the others.
+        let kept: Vec<usize> = (0..motions.len()).filter(explained).collect();
+        if kept.is_empty() {
+            return self;
+        }
+        let chosen: Vec<JointMotion> = kept.iter().map(|&k| motions[k]).collect();
+        let sigma_m = kept.iter().map(|&k| surface_sigma_m(&motions[k].evidence, &self.motions[k])).collect();
+        let mut start = self.placed();
+        start.positions = kept.iter().map(|&k| self.positions[k]).collect();
+        let joint = Residuals { motions: &chosen, sigma_m, config }.fit(start, 2).joint;
+        for (k, m) in motions.iter().enumerate() {
+            self.positions[k] = match kept.iter().position(|&own| own == k) {
+                Some(own) => joint.positions[own],
+                None => joint.nearest(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point),
+            };
+        }
+        self.point = joint.point;
+        if joint.freedom == Freedom::Helix {
+            self.kind = JointKind::Screw { pitch_m_per_rad: joint.pitch_m_per_rad };
+        }
+        self.moved(motions.iter().map(|m| m.parent.state1_from_state0))
+    }
+
+    /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7;
+    /// without the motion's where it is that of another state.
+    fn slopes(&self, k: usize, own: bool, parent: &Pose) -> DMatrix<f64> {
+        let moved = |i: usize, by: f64| {
+            let mut joint = self.placed();
+            match i {
+                0..3 => joint.direction = Unit::new_normalize(self.axis.into_inner() + Vector3::ith(i, by)),
+                3..6 => joint.point += Vector3::ith(i - 3, by),
+                _ => joint.positions[k] += if own { by } else { 0.0 },
+            }
+            joint.motion(k, parent)
+        };
+        let mut slopes = DMatrix::zeros(6, 7);
+        (0..7).for_each(|i| {
+            slopes.column_mut(i).copy_from(
+                &(left_difference(&moved(i, DIFFERENCE), &moved(i, -DIFFERENCE)) / (2.0 * DIFFERENCE)),
+            )
+        });
+        slopes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use nalgebra::{Matrix3, Point3, UnitQuaternion};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::{JointEvidence, TypeScores};
+
+    /// A hinge on a parent that turned, its covariances those of one another.
+    fn hinge(
+        axis: Unit<Vector3<f64>>,
+        point: Point3<f64>,
+        angle_rad: f64,
+        parent: &ParentMotion,
+    ) -> JointEstimate {
+        let evidence = JointEvidence {
+            covariance: SMatrix::zeros(),
+            state1_from_state0: Pose::identity(),
+            inliers: 1,
+            tried: 1,
+            residual_rms_m: 0.0,
+            position_std: Vec::new(),
+            pitch_std_m_per_rad: 0.0,
+            dispersion: 1.0,
+            type_scores: TypeScores::default(),
+            parents: BTreeMap::new(),
+            axis_alone: None,
+            cautions: Vec::new(),
+            not_observable: Vec::new(),
+        };
+        let mut joint = JointEstimate {
+            kind: JointKind::Revolute,
+            axis,
+            point,
+            positions: vec![angle_rad],
+            motions: Vec::new(),
+            covariances: Vec::new(),
+            evidence,
+        };
+        joint.motions = vec![joint.placed().motion(0, &parent.state1_from_state0)];
+        let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
+        let covariance = &mut joint.evidence.covariance;
+        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * 3e-4));
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * 1e-6));
+        covariance[(6, 6)] = 2e-5;
+        let slopes = joint.slopes(0, true, &parent.state1_from_state0);
+        let own = &slopes * joint.evidence.covariance * slopes.transpose();
+        joint.covariances = vec![Matrix6::from_fn(|r, c| own[(r, c)]) + parent.covariance];
+        joint
+    }
+
+    proptest! {
+        /// What is learned takes uncertainty away. (The inverse of slopes that are rounding alone made it
+        /// 1450 deg.)
+        #[test]
+        fn a_prior_never_makes_a_motion_less_certain(
+            tilt in prop::array::uniform3(-1.0f64..1.0),
+            place in prop::array::uniform3(-2.0f64..2.0),
+            angle_rad in 0.05f64..3.0,
+            turned in prop::array::uniform3(-1.0f64..1.0),
+        ) {
+            prop_assume!(Vector3::from(tilt).norm() > 0.1);
+            let axis = Unit::new_normalize(Vector3::from(tilt));
+            let turn = UnitQuaternion::from_scaled_axis(turned.into());
+            let state1_from_state0 = Pose::from_parts(Vector3::from(turned).into(), turn);
+            let parent = ParentMotion { state1_from_state0, covariance: Matrix6::identity() * 1e-5 };
+            let before = hinge(axis, Point3::from(place), angle_rad, &parent);
+            let prior = SeenDirection { direction: axis, covariance: Matrix3::identity() * 1e-5 };
+            let after = before.clone().towards(&prior, &[parent]);
+            let [was, is] = [&before, &after].map(|j| j.covariances[0].trace());
+            prop_assert!(is <= was * (1.0 + 1e-6), "{was:e} became {is:e}");
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! The one joint behind the motions of a part to all other states: type, axis, positions, chosen by evidence.
+//!
+//! Two states are the case of one motion. The released evaluation of the published method takes the type from
+//! the ground truth; nothing here does.
+
+use std::collections::BTreeMap;
+
+use crate::{
+    articulate::joints::{
+        cautions::{Judged, cautions, not_observable},
+        joint::JointEstimate,
+        joint_covariance::JointCovariance,
+        joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
+        joint_motion::{Freedom, PlacedJoint, foot},
+        joint_type::{DECISIVE, TypeFits, excess},
+        motion_evidence::RefineConfig,
+    },
+    geometry::Pose,
+    model::{JointEvidence, JointKind, TypeScores},
+    note::{Note, NoteCode},
+};
+
+/// A motion is left out where that leaves less than this share of what no joint explains.
+///
+/// tuned: tests/states.rs
+const OUTLIER_SHARE: f64 = 0.2;
+
+/// How a joint is estimated.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct JointChoice {
+    /// Whether a motion that contradicts the others may be left out of the axis.
+    pub doubt: bool,
+    /// Its kind, where that is known.
+    pub kind: Option<JointKind>,
+}
+
+/// Fits all joint types to all motions of a part and chooses. Where a doubt is allowed and no joint explains
+/// all motions, the one whose absence lets the others agree is left out of the axis, with a caution.
+///
+/// The motions must share the side of their blocks
+/// ([`MotionEvidence::block_m`](super::motion_evidence::MotionEvidence::block_m)).
+#[must_use]
+pub fn estimate_joint(
+    motions: &[JointMotion],
+    place: PartPlace,
+    choice: JointChoice,
+    config: &RefineConfig,
+) -> JointEstimate {
+    let found = FreeFits::new(motions, place, config);
+    let types = TypeFits::new(&found);
+    if choice.doubt
+        && motions.len() > 1
+        && let Some(left_out) = outlier(motions, place, excess(&types.scores, true), config)
+    {
+        let others = without(motions, left_out);
+        let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice }, config);
+        return with_contradiction(estimate, &found, left_out);
+    }
+    let (fit, scores) = types.chosen(choice.kind);
+    estimate(&found, &fit, scores)
+}
+
+/// The motions but one.
+fn without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<JointMotion<'a>> {
+    motions.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, m)| *m).collect()
+}
+
+/// The motion without which the others agree on a joint, where they do not with it (by the excess of `all`).
+fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineConfig) -> Option<usize> {
+    if all <= DECISIVE {
+        return None;
+    }
+    // All others agree best without the motion that is wrong.
+    let left = |k: usize| {
+        let others = without(motions, k);
+        (excess(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true), k)
+    };
+    let best = (0..motions.len()).map(left).reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+    (best.0 < DECISIVE.max(OUTLIER_SHARE * all)).then_some(best.1)
+}
+
+/// The estimate with a position for the motion that it leaves out, and what that motion needs beyond the
+/// joint.
+fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: usize) -> JointEstimate {
+    let (joint, middle) = (estimate.placed(), &found.place.middle);
+    let (relative, parent) = (found.relative(left_out), found.parent(left_out));
+    let q = joint.nearest(&relative, middle);
+    let pose = parent.state1_from_state0 * joint.at(q);
+    let off = pose.inverse() * found.free[left_out].motion;
+    estimate.evidence.cautions.push(Note::new(
+        NoteCode::StateContradicts,
+        format!(
+            "state {} contradicts the other states: there the part is {:.1} mm and {:.1} deg off the joint \
+         that they show; it is left out of the axis",
+            left_out + 1,
+            1e3 * (off * middle - middle).norm(),
+            off.rotation.angle().to_degrees()
+        ),
+    ));
+    estimate.positions.insert(left_out, q);
+    estimate.motions.insert(left_out, pose);
+    estimate.covariances.insert(left_out, parent.covariance);
+    estimate.evidence.position_std.insert(left_out, f64::INFINITY);
+    estimate
+}
+
+/// What a fitted joint is called.
+fn kind_of(joint: &PlacedJoint, place: &PartPlace) -> JointKind {
+    let pitch_m_per_rad = joint.pitch_m_per_rad;
+    let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
+    match joint.freedom {
+        Freedom::Slide => JointKind::Prismatic,
+        Freedom::Turn => JointKind::Revolute,
+        // The thread is on the part: a screw line beside it is that of a free motion.
+        Freedom::Helix if off_m < place.radius_m => JointKind::Screw { pitch_m_per_rad },
+        Freedom::Helix => JointKind::Free { pitch_m_per_rad },
+    }
+}
+
+/// The joint that was fitted, with what it rests on.
+fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstimate {
+    let joint = &fit.joint;
+    let motions = 0..joint.positions.len();
+    let kind = kind_of(joint, &found.place);
+    let size = |k: usize| joint.positions[k].abs();
+    let farthest = motions.clone().reduce(|a, b| if size(b) > size(a) { b } else { a }).unwrap_or(0);
+    // The axis points to where the farthest motion is positive.
+    let sign = if joint.positions[farthest] >= 0.0 { 1.0 } else { -1.0 };
+    let axis = if sign > 0.0 { joint.direction } else { -joint.direction };
+    let covariance = JointCovariance::new(fit, found);
+    let full = covariance.axis(farthest);
+    let pitch_std_m_per_rad = kind.pitch_m_per_rad().map(|_| full[(7, 7)].max(0.0).sqrt());
+    let agreement = fit.quadratics.iter().fold([0, 0], |[a, b], q| [a + q.inliers, b + q.tried]);
+    let judged = Judged { kind, motion: size(farthest), scores: &scores, agreement };
+    let evidence = JointEvidence {
+        covariance: full.fixed_view::<7, 7>(0, 0).into(),
+        position_std: motions.clone().map(|k| covariance.position_std(k)).collect(),
+        pitch_std_m_per_rad: pitch_std_m_per_rad.unwrap_or(0.0),
+        state1_from_state0: found.free[farthest].motion,
+        inliers: agreement[0],
+        tried: agreement[1],
+        residual_rms_m: residual_rms_m(fit),
+        dispersion: covariance.dispersion,
+        axis_alone: None,
+        cautions: cautions(&judged),
+        type_scores: scores,
+        parents: BTreeMap::new(),
+        not_observable: not_observable(kind, joint.positions.len() + 1),
+    };
+    let motion = |k: usize| -> Pose { joint.motion(k, &found.parent(k).state1_from_state0) };
+    JointEstimate {
+        kind,
+        axis,
+        point: foot(&joint.point, &axis, &found.place.middle),
+        positions: joint.positions.iter().map(|q| sign * q).collect(),
+        motions: motions.clone().map(motion).collect(),
+        covariances: motions.map(|k| covariance.motion(k)).collect(),
+        evidence,
+    }
+}
+
+/// Root mean square distance of the inlier surface points, meters.
+fn residual_rms_m(fit: &JointFit) -> f64 {
+    let squared_m2: f64 = fit.quadratics.iter().map(|q| q.squared_m2).sum();
+    let points: usize = fit.quadratics.iter().map(|q| q.surface_inliers).sum();
+    (squared_m2 / points.max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+#[path = "estimate_tests.rs"]
+mod tests;

@@ -1,0 +1,229 @@
+//! Joints of one and of several motions with a known answer.
+
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
+
+use super::*;
+use crate::{
+    articulate::{MatchEvidence, MotionEvidence, ParentMotion, SeenDirection, SurfaceSamples},
+    geometry::{Grid3, SceneBox, Screw, line_distance_m},
+};
+
+const HALF: Vector3<f64> = Vector3::new(0.2, 0.03, 0.15);
+
+fn box_distance(p: &Point3<f64>) -> f64 {
+    let q = p.coords.abs() - HALF;
+    q.map(|x| x.max(0.0)).norm() + q.max().min(0.0)
+}
+
+fn box_samples(place: &Pose) -> SurfaceSamples {
+    const N: usize = 12;
+    let mut s = SurfaceSamples::default();
+    for (axis, side, i) in
+        (0..3).flat_map(|a| [-1.0, 1.0].into_iter().flat_map(move |s| (0..N * N).map(move |i| (a, s, i))))
+    {
+        let mut p = Vector3::zeros();
+        p[axis] = side * HALF[axis];
+        p[(axis + 1) % 3] = HALF[(axis + 1) % 3] * (2.0 * ((i % N) as f64 + 0.5) / N as f64 - 1.0);
+        p[(axis + 2) % 3] = HALF[(axis + 2) % 3] * (2.0 * ((i / N) as f64 + 0.5) / N as f64 - 1.0);
+        let mut normal = Vector3::zeros();
+        normal[axis] = side;
+        s.points.push(place * Point3::from(p));
+        s.normals.push(place.rotation * normal);
+        s.colors.push([0.5; 3]);
+    }
+    s
+}
+
+/// The joint of a box that makes some motions; the fits start off the truth, with so many matches.
+fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
+    let place = Pose::translation(0.1, 0.05, 0.0);
+    let scene = SceneBox::around(&Point3::new(-0.6, -0.6, -0.6), &Point3::new(0.6, 0.6, 0.6));
+    let poses: Vec<Pose> = std::iter::once(place).chain(motions.iter().map(|m| m * place)).collect();
+    let grid = |pose: &Pose| {
+        let mut grid = Grid3::over(&scene, 101, 0.0f32);
+        (0..grid.values.len()).for_each(|i| {
+            grid.values[i] = box_distance(&pose.inverse_transform_point(&grid.position(i))) as f32
+        });
+        grid
+    };
+    let sdf: Vec<Grid3<f32>> = poses.iter().map(grid).collect();
+    let samples: Vec<SurfaceSamples> = poses.iter().map(box_samples).collect();
+    let seen = Grid3::over(&scene, 101, true);
+    let still = ParentMotion::still();
+    let off = Pose::new(Vector3::new(0.006, -0.005, 0.007), Vector3::new(0.01, 0.015, -0.01));
+    let on_box = |m: &Pose| -> Vec<MatchEvidence> {
+        let of = |p: &Point3<f64>| MatchEvidence {
+            point0: *p,
+            point1: m * p,
+            covariance0: Matrix3::identity() * 4e-6,
+            covariance1: Matrix3::identity() * 4e-6,
+            share: 1.0,
+        };
+        samples[0].points[..matched].iter().map(of).collect()
+    };
+    let matches: Vec<Vec<MatchEvidence>> = motions.iter().map(on_box).collect();
+    let motion = |(k, m): (usize, &Pose)| JointMotion {
+        start: off * m,
+        parent: &still,
+        evidence: MotionEvidence {
+            surfaces: [&samples[0], &samples[k + 1]],
+            sdf: [&sdf[0], &sdf[k + 1]],
+            visible: [&seen, &seen],
+            matches: &matches[k],
+            independent_area_m2: 1e-3,
+            areas_m2: [0.3, 0.3],
+            reach_m: 0.05,
+            block_m: 0.08,
+            offsets_m: [&[]; 2],
+            displacement_m: 0.0,
+            patch_m: 0.2,
+        },
+    };
+    let all: Vec<JointMotion> = motions.iter().enumerate().map(motion).collect();
+    let place = PartPlace { middle: Point3::new(0.1, 0.05, 0.0), radius_m: 0.25 };
+    estimate_joint(&all, place, JointChoice { doubt: true, kind: None }, &RefineConfig::default())
+}
+
+fn hinge(angle_rad: f64) -> Pose {
+    Screw {
+        direction: Unit::new_normalize(Vector3::new(0.1, 0.2, 1.0)),
+        point: Point3::new(-0.1, 0.05, 0.0),
+        angle_rad,
+        advance_m: 0.0,
+    }
+    .motion()
+}
+
+/// Root of the sum of the variances of the axis direction, radians.
+fn direction_std(joint: &JointEstimate) -> f64 {
+    (0..3).map(|i| joint.evidence.covariance[(i, i)]).sum::<f64>().sqrt()
+}
+
+#[test]
+fn all_positions_of_one_hinge_are_found() {
+    let angles = [0.4, -0.3, 0.0];
+    let joint = joint_of(&angles.map(hinge), 0);
+    assert_eq!(joint.kind, JointKind::Revolute, "{:?}", joint.evidence.type_scores);
+    assert!(joint.axis.angle(&Vector3::new(0.1, 0.2, 1.0)) < 4e-3);
+    assert!(
+        line_distance_m(
+            (&joint.point, &joint.axis),
+            (&Point3::new(-0.1, 0.05, 0.0), &Vector3::new(0.1, 0.2, 1.0))
+        ) < 2e-3
+    );
+    for (found, truth) in joint.positions.iter().zip(angles) {
+        assert!((found - truth).abs() < 2e-3, "{found} {truth}");
+    }
+    assert!((joint.motion() - 0.4).abs() < 2e-3);
+    assert_eq!(joint.evidence.position_std.len(), 3);
+}
+
+#[test]
+fn information_of_motions_adds() {
+    let [one, two] = [vec![hinge(0.4)], vec![hinge(0.4), hinge(-0.4)]].map(|m| joint_of(&m, 0));
+    let ratio = direction_std(&two) / direction_std(&one);
+    // Two equal and independent motions: 1 / sqrt(2). State 0 is in both, whose errors do not average out.
+    assert!((0.6..0.95).contains(&ratio), "{ratio}");
+    // A motion that hardly turns says hardly anything about the axis.
+    let small = direction_std(&joint_of(&[hinge(0.4), hinge(0.0)], 0)) / direction_std(&one);
+    assert!(small > 0.9, "{small}");
+}
+
+#[test]
+fn slides_to_both_sides_are_one_slide() {
+    let along = Unit::new_normalize(Vector3::new(1.0, 0.2, 0.0));
+    let slide =
+        |m: f64| Pose::from_parts((along.into_inner() * m).into(), nalgebra::UnitQuaternion::identity());
+    let joint = joint_of(&[slide(-0.05), slide(0.12)], 0);
+    assert_eq!(joint.kind, JointKind::Prismatic, "{:?}", joint.evidence.type_scores);
+    assert!(
+        joint.axis.angle(&along) < 5e-3
+            && (joint.positions[0] + 0.05).abs() < 1e-3
+            && (joint.positions[1] - 0.12).abs() < 1e-3
+    );
+}
+
+#[test]
+fn a_motion_that_contradicts_the_others_is_left_out_with_a_caution() {
+    let astray = Pose::new(Vector3::new(0.02, 0.03, 0.04), Vector3::new(0.2, -0.1, 0.05));
+    let joint = joint_of(&[hinge(0.4), astray, hinge(-0.3)], 0);
+    assert_eq!(joint.kind, JointKind::Revolute, "{:?}", joint.evidence.type_scores);
+    assert!(joint.axis.angle(&Vector3::new(0.1, 0.2, 1.0)) < 4e-3);
+    assert!(
+        joint.evidence.cautions.iter().any(|c| c.text.contains("state 2 contradicts")),
+        "{:?}",
+        joint.evidence.cautions
+    );
+    assert_eq!(joint.positions.len(), 3);
+    assert!((joint.positions[2] + 0.3).abs() < 2e-3);
+}
+
+/// The joint of one motion, which it must be.
+fn check(motion: &Pose, kind: JointKind) -> JointEstimate {
+    let e = joint_of(&[*motion], 40);
+    assert_eq!(e.kind, kind, "{:?}", e.evidence.type_scores);
+    let difference = e.motions[0] * motion.inverse();
+    assert!(difference.rotation.angle() < 2e-3, "{}", difference.rotation.angle());
+    assert!((e.motions[0] * Point3::origin() - motion * Point3::origin()).norm() < 1e-3);
+    e
+}
+
+#[test]
+fn a_turned_box_is_revolute_about_its_line() {
+    let axis = Unit::new_normalize(Vector3::new(0.1, 0.2, 1.0));
+    let screw =
+        Screw { direction: axis, point: Point3::new(-0.1, 0.05, 0.0), angle_rad: 0.6, advance_m: 0.0 };
+    let e = check(&screw.motion(), JointKind::Revolute);
+    assert!(e.axis.angle(&axis) < 4e-3, "{}", e.axis.angle(&axis));
+    assert!(line_distance_m((&e.point, &e.axis), (&screw.point, &axis)) < 2e-3);
+    assert!((e.motion() - 0.6).abs() < 2e-3);
+}
+
+#[test]
+fn a_small_turn_is_no_slide() {
+    let screw = Screw {
+        direction: Vector3::z_axis(),
+        point: Point3::new(-0.1, 0.05, 0.0),
+        angle_rad: 0.1,
+        advance_m: 0.0,
+    };
+    check(&screw.motion(), JointKind::Revolute);
+}
+
+#[test]
+fn a_prior_moves_the_axis_and_what_goes_with_it() {
+    let screw = Screw {
+        direction: Vector3::z_axis(),
+        point: Point3::new(-0.1, 0.05, 0.0),
+        angle_rad: 0.3,
+        advance_m: 0.0,
+    };
+    let e = check(&screw.motion(), JointKind::Revolute);
+    let still = [ParentMotion::still()];
+    let prior = |tilt: f64, std_rad: f64| {
+        let direction = Unit::new_normalize(e.axis.into_inner() + Vector3::x() * tilt);
+        SeenDirection { direction, covariance: Matrix3::identity() * std_rad.powi(2) }
+    };
+    let deviation = |e: &JointEstimate| e.evidence.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    // One that says nothing changes nothing.
+    let vague = e.clone().towards(&prior(0.03, 1e3), &still);
+    assert!(vague.axis.angle(&e.axis) < 1e-6 && (deviation(&vague) / deviation(&e) - 1.0).abs() < 1e-6);
+    assert!((vague.covariances[0] - e.covariances[0]).norm() < 1e-6 * e.covariances[0].norm());
+    assert!(vague.evidence.axis_alone.is_some_and(|a| a.axis == e.axis && a.std_rad == deviation(&e)));
+    // One that is known better is followed, and the motion is that of the joint.
+    let firm = e.clone().towards(&prior(0.03, 1e-5), &still);
+    assert!(firm.axis.angle(&prior(0.03, 1.0).direction) < 1e-4 && deviation(&firm) < 3e-5);
+    assert!(firm.covariances[0].trace() < e.covariances[0].trace());
+    let by_joint =
+        Screw { direction: firm.axis, point: firm.point, angle_rad: firm.motion(), advance_m: 0.0 }.motion();
+    let middle = Point3::new(0.1, 0.05, 0.0);
+    assert!((firm.motions[0] * by_joint.inverse()).rotation.angle() < 1e-9);
+    assert!((by_joint * middle - screw.motion() * middle).norm() < 5e-4);
+}
+
+#[test]
+fn a_slid_box_is_prismatic() {
+    let e = check(&Pose::translation(0.12, 0.0, 0.02), JointKind::Prismatic);
+    assert!((e.motion() - 0.12f64.hypot(0.02)).abs() < 1e-3);
+    assert!(e.evidence.covariance[(6, 6)].sqrt() < 1e-3);
+}

@@ -1,0 +1,104 @@
+//! The motion of a part without a joint, with its covariance.
+
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+
+use crate::{
+    articulate::joints::{
+        minimise::minimise,
+        motion_evidence::{MotionEvidence, RefineConfig},
+        quadratic::Quadratic,
+    },
+    geometry::{Pose, exp_so3},
+};
+
+/// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error
+/// of poses and surfaces that more points do not average out.
+///
+/// tuned: shared/bags
+const SIGMA_FLOOR: f64 = 0.02;
+/// Degrees of freedom of a rigid motion.
+///
+/// derived: three of translation, three of rotation
+pub(crate) const FREEDOMS: f64 = 6.0;
+
+/// What a joint's parent did between the states.
+#[derive(Clone, Debug)]
+pub struct ParentMotion {
+    /// Its `state1_from_state0` in the world; the identity for the static part.
+    pub state1_from_state0: Pose,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of that motion, square meters and
+    /// radians; zero for the static part.
+    pub covariance: Matrix6<f64>,
+}
+
+impl ParentMotion {
+    /// The static part.
+    #[must_use]
+    pub fn still() -> Self {
+        Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros() }
+    }
+}
+
+/// The fit of a rigid motion.
+#[derive(Clone, Debug)]
+pub(crate) struct FreeFit {
+    pub motion: Pose,
+    /// Quadratic model of the cost at the end.
+    pub quadratic: Quadratic,
+    /// Standard deviation of a surface residual, meters.
+    pub sigma_m: f64,
+    /// Squared error of the motion against what independent residuals give.
+    pub dispersion: f64,
+}
+
+impl FreeFit {
+    /// Fits a rigid motion to evidence: once with the surface residuals' deviation at the start, once with
+    /// that at the motion found.
+    pub fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
+        // Away from the true motion residuals are large; their scale is that of the errors only near it.
+        let (near, _) = fit(start, evidence, surface_sigma_m(evidence, start), config);
+        let sigma_m = surface_sigma_m(evidence, &near);
+        let (motion, quadratic) = fit(&near, evidence, sigma_m, config);
+        // Errors may exceed the stated ones within blocks or across them: the larger excess holds.
+        let scale = quadratic.cost / quadratic.independent.max(2.0);
+        let dispersion = scale.max(quadratic.dispersion());
+        Self { motion, quadratic, sigma_m, dispersion }
+    }
+
+    /// Independent residuals.
+    pub fn independent(&self) -> f64 {
+        self.quadratic.independent.max(2.0)
+    }
+}
+
+/// Standard deviation of the surface residuals at a motion, meters, no smaller than the systematic error.
+pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
+    evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
+}
+
+fn fit(start: &Pose, evidence: &MotionEvidence, sigma_m: f64, config: &RefineConfig) -> (Pose, Quadratic) {
+    minimise(
+        *start,
+        config.iterations,
+        |motion| evidence.linearise(motion, sigma_m, config),
+        |q| q.cost,
+        |_, q| {
+            let information = DMatrix::from_column_slice(6, 6, q.information.as_slice());
+            (information, DVector::from_column_slice(q.gradient.as_slice()))
+        },
+        |motion, s| {
+            let turn = exp_so3(&Vector3::new(s[3], s[4], s[5]));
+            Pose::from_parts(Vector3::new(s[0], s[1], s[2]).into(), turn) * motion
+        },
+    )
+}
+
+/// The motion of a part without a joint, with its covariance; zero where some direction is not observed.
+#[must_use]
+pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
+    let free = FreeFit::new(start, evidence, config);
+    let displacements = free.quadratic.displacements();
+    let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
+    let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
+    ParentMotion { state1_from_state0: free.motion, covariance }
+}

@@ -1,0 +1,94 @@
+//! Gray frames of one state, and patches of its surface averaged from them.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::articulate::{joints::patch_alignment::Patch, matches::luma::luma};
+use crate::capture::{NoiseConfig, RgbdFrame};
+
+/// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
+pub(crate) struct Tangent {
+    pub center: Point3<f64>,
+    pub normal: Vector3<f64>,
+    pub axes: [Vector3<f64>; 2],
+    pub spacing_m: f64,
+}
+
+/// Gray frames of one state.
+pub(crate) struct GrayFrames<'a> {
+    frames: &'a [RgbdFrame],
+    gray: Vec<Vec<f32>>,
+    noise: &'a NoiseConfig,
+}
+
+impl<'a> GrayFrames<'a> {
+    pub fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
+        let gray = frames.par_iter().map(|f| f.rgb.iter().map(|c| luma(*c)).collect()).collect();
+        Self { frames, gray, noise }
+    }
+
+    /// Bilinear gray value of a surface point in a frame; `None` where the frame does not see it.
+    fn see(&self, frame: usize, point: &Point3<f64>) -> Option<f32> {
+        let f = &self.frames[frame];
+        let in_camera = f.in_camera(point);
+        let pixel = f.intrinsics.pixel(&in_camera)?;
+        let depth = f64::from(f.depth_m[pixel]);
+        if depth <= 0.0
+            || !f.is_object(pixel)
+            || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + 0.002 * depth
+        {
+            return None;
+        }
+        let (u, v) = f.intrinsics.project(&in_camera)?;
+        let (w, h) = (f.intrinsics.width, f.intrinsics.height);
+        let (x, y) = (u.max(0.0) as usize, v.max(0.0) as usize);
+        if x + 1 >= w || y + 1 >= h {
+            return None;
+        }
+        let (a, b) = ((u - x as f64) as f32, (v - y as f64) as f32);
+        let g = |i: usize, j: usize| self.gray[frame][(y + j) * w + x + i];
+        Some((g(0, 0) * (1.0 - a) + g(1, 0) * a) * (1.0 - b) + (g(0, 1) * (1.0 - a) + g(1, 1) * a) * b)
+    }
+
+    /// Frames that see a point best: most pixels per area, at most `count`, in a fixed order; with the meters
+    /// per pixel of the best one.
+    pub fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
+        let mut scored: Vec<(f64, usize, f64)> = (0..self.frames.len())
+            .filter_map(|i| {
+                let f = &self.frames[i];
+                let ray = point - Point3::from(f.world_from_camera.translation.vector);
+                let cosine = -ray.dot(normal) / ray.norm();
+                let pixel_m = f.in_camera(point).z / f.intrinsics.fx;
+                (cosine > 0.35 && self.see(i, point).is_some()).then_some((
+                    cosine / (pixel_m * pixel_m),
+                    i,
+                    pixel_m,
+                ))
+            })
+            .collect();
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        scored.truncate(count);
+        let pixel_m = scored.iter().map(|s| s.2).fold(f64::INFINITY, f64::min);
+        (scored.iter().map(|s| s.1).collect(), pixel_m)
+    }
+
+    /// The mean patch of the given frames on a tangent square.
+    pub fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
+        let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
+        for v in -radius..=radius {
+            for u in -radius..=radius {
+                let point = tangent.center
+                    + (tangent.axes[0] * f64::from(u) + tangent.axes[1] * f64::from(v)) * tangent.spacing_m;
+                let (mut sum, mut seen) = (0.0, 0);
+                for &f in frames {
+                    if let Some(g) = self.see(f, &point) {
+                        sum += g;
+                        seen += 1;
+                    }
+                }
+                values.push(if 2 * seen >= frames.len().max(1) { sum / seen as f32 } else { f32::NAN });
+            }
+        }
+        Patch { radius, values }
+    }
+}

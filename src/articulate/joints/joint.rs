@@ -1,0 +1,52 @@
+//! A joint between a parent and a moving part.
+
+use nalgebra::{Matrix6, Point3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    articulate::joints::joint_motion::{Freedom, PlacedJoint},
+    geometry::Pose,
+    model::{JointEvidence, JointKind},
+};
+
+/// A joint between a parent and a moving part, in the world frame as it stands in state 0.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct JointEstimate {
+    /// Type with the best evidence.
+    pub kind: JointKind,
+    /// Unit axis direction; the farthest motion from state 0 is positive.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point of the axis near the part, meters.
+    pub point: Point3<f64>,
+    /// Position in every state behind state 0, where it is 0, radians or meters.
+    pub positions: Vec<f64>,
+    /// Rigid motions of the part in the world from state 0 to these: that of the parent and of the joint.
+    pub motions: Vec<Pose>,
+    /// Covariance of a left perturbation (translation 3, rotation 3) of each motion.
+    pub covariances: Vec<Matrix6<f64>>,
+    /// What it rests on.
+    pub evidence: JointEvidence,
+}
+
+impl JointEstimate {
+    /// Position farthest from that of state 0, radians or meters, positive.
+    #[must_use]
+    pub fn motion(&self) -> f64 {
+        self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })
+    }
+
+    /// The joint as a family of motions.
+    pub(crate) fn placed(&self) -> PlacedJoint {
+        PlacedJoint {
+            freedom: match self.kind {
+                JointKind::Prismatic => Freedom::Slide,
+                JointKind::Revolute => Freedom::Turn,
+                JointKind::Screw { .. } | JointKind::Free { .. } => Freedom::Helix,
+            },
+            direction: self.axis,
+            point: self.point,
+            pitch_m_per_rad: self.kind.pitch_m_per_rad().unwrap_or_default(),
+            positions: self.positions.clone(),
+        }
+    }
+}

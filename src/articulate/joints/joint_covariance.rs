@@ -1,0 +1,130 @@
+//! Covariances of a fitted joint: of its parameters, its axis and its motions.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix};
+
+use crate::articulate::joints::{
+    joint_fit::{FreeFits, JointFit},
+    joint_motion::{Freedom, frame_across},
+    quadratic::Source,
+};
+
+/// Covariance of the parameters of a joint.
+pub(crate) struct JointCovariance<'a> {
+    fit: &'a JointFit,
+    found: &'a FreeFits<'a>,
+    /// Squared error of the axis against what independent residuals give.
+    pub dispersion: f64,
+    /// By what the fit rests on: residuals, and displacements of the surfaces; `None` where some direction is
+    /// not observed.
+    own: Option<DMatrix<f64>>,
+    /// That, and what the motions of the parents add.
+    total: Option<DMatrix<f64>>,
+}
+
+impl<'a> JointCovariance<'a> {
+    pub fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
+        let dispersion = found.dispersion * shared_error(fit);
+        let own = fit.inverse.as_ref().map(|c| own(c, fit, dispersion));
+        // Errors of the parents are not of this part: its motions have them once, its axis as the fit bears
+        // them.
+        let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| total(own, c, fit, found));
+        Self { fit, found, dispersion, own, total }
+    }
+
+    /// Standard deviation of the position in motion `k`; infinite where it is not observed.
+    pub fn position_std(&self, k: usize) -> f64 {
+        let at = self.fit.joint.axis_dimension() + k;
+        self.total.as_ref().map_or(f64::INFINITY, |c| c[(at, at)].max(0.0).sqrt())
+    }
+
+    /// Covariance of a left perturbation of motion `k` in the world.
+    pub fn motion(&self, k: usize) -> Matrix6<f64> {
+        let t = &self.fit.tangents[k];
+        let own = self.own.as_ref().map(|c| t * c * t.transpose());
+        let own = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
+        own + self.found.parent(k).covariance
+    }
+
+    /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. Where that
+    /// is not positive the axis is turned round. Infinite where some direction is not observed.
+    pub fn axis(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
+        let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
+        let joint = &self.fit.joint;
+        let (a, b) = frame_across(&joint.direction);
+        let mut to = DMatrix::zeros(8, joint.dimension());
+        to.fixed_view_mut::<3, 1>(0, 0).copy_from(&a);
+        to.fixed_view_mut::<3, 1>(0, 1).copy_from(&b);
+        if joint.freedom != Freedom::Slide {
+            to.fixed_view_mut::<3, 1>(3, 2).copy_from(&a);
+            to.fixed_view_mut::<3, 1>(3, 3).copy_from(&b);
+        }
+        if joint.freedom == Freedom::Helix {
+            to[(7, 4)] = 1.0;
+        }
+        to[(6, joint.axis_dimension() + farthest)] = 1.0;
+        let full = &to * total * to.transpose();
+        directed(&full, joint.positions[farthest] >= 0.0)
+    }
+}
+
+/// The covariance of (direction 3, point 3, motion 1, pitch 1) where the axis is turned round unless it
+/// points `forward`.
+fn directed(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
+    let turned = |i: usize| !forward && !(3..6).contains(&i) && i != 7;
+    SMatrix::from_fn(|r, c| if turned(r) == turned(c) { covariance[(r, c)] } else { -covariance[(r, c)] })
+}
+
+/// Covariance of the parameters by residuals, and by displacements of the surfaces.
+fn own(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
+    let mut covariance = inverse * dispersion;
+    for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
+        let response = inverse * t.transpose();
+        covariance += &response * q.displacements() * response.transpose();
+    }
+    covariance
+}
+
+/// That, and the covariances of the parents' motions, which shift the joint by what the fit makes of them.
+/// See docs/method.md (8.12).
+fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> DMatrix<f64> {
+    let mut covariance = own.clone();
+    for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
+        // A parent that moved by a little moves what the fit sees by as much.
+        let carried = inverse * t.transpose() * q.information;
+        covariance += &carried * found.parent(k).covariance * carried.transpose();
+    }
+    covariance
+}
+
+/// Factor by which errors of state 0, which run through all motions, add to the squared error of the axis:
+/// its cluster-robust variance with the blocks of state 0 joined across motions, against that with those of
+/// every motion apart. At least 1, and 1 for a single motion. See docs/method.md (8.11).
+fn shared_error(fit: &JointFit) -> f64 {
+    let Some(inverse) = &fit.inverse else { return 1.0 };
+    let variance = |joined: bool| -> f64 {
+        let robust = inverse * blocks(fit, joined) * inverse;
+        let of = |i: usize| robust[(i, i)] / inverse[(i, i)];
+        (0..fit.joint.axis_dimension()).map(of).sum()
+    };
+    let [joined, apart] = [true, false].map(variance);
+    if apart > 0.0 { (joined / apart).max(1.0) } else { 1.0 }
+}
+
+/// Sum of the squared gradients of all blocks in the joint's parameters.
+fn blocks(fit: &JointFit, joined: bool) -> DMatrix<f64> {
+    let n = fit.joint.dimension();
+    let mut gradients = BTreeMap::new();
+    for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
+        for (block, gradient) in &q.block_gradients {
+            // The surface of the other state is in one motion only.
+            let motion = if joined && block.source != Source::Surface1 { 0 } else { k };
+            *gradients.entry((*block, motion)).or_insert_with(|| DVector::zeros(n)) +=
+                t.transpose() * gradient;
+        }
+    }
+    let mut sum = DMatrix::zeros(n, n);
+    gradients.values().for_each(|g| sum += g * g.transpose());
+    sum
+}

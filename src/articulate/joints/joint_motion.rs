@@ -1,0 +1,160 @@
+//! Motions that one joint makes: an axis of some freedom, and a position in every state behind state 0.
+//!
+//! The parameters are those of the axis (direction 2; point 2 where it turns; pitch 1 of a screw) and one
+//! position a state.
+
+use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
+
+use crate::{
+    articulate::joints::minimise::{DIFFERENCE, left_difference},
+    geometry::{Pose, Screw, log_so3},
+    model::JointFamily,
+};
+
+/// How a joint moves its part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Freedom {
+    Slide,
+    Turn,
+    Helix,
+}
+
+impl Freedom {
+    /// The type of joint that has it.
+    pub fn family(self) -> JointFamily {
+        match self {
+            Self::Slide => JointFamily::Prismatic,
+            Self::Turn => JointFamily::Revolute,
+            Self::Helix => JointFamily::Screw,
+        }
+    }
+}
+
+/// A smaller rotation, radians, has no axis to start a fit from.
+///
+/// derived: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
+/// no hinge is (`far` in joint_type.rs)
+const LEAST_ANGLE_RAD: f64 = 1e-3;
+/// A shorter slide, meters, has no direction.
+///
+/// derived: above the rounding of coordinates, below any reading
+const LEAST_SLIDE_M: f64 = 1e-9;
+
+/// A joint and its position in every state behind state 0. The axis stands as in state 0.
+#[derive(Clone, Debug)]
+pub(crate) struct PlacedJoint {
+    pub freedom: Freedom,
+    pub direction: Unit<Vector3<f64>>,
+    pub point: Point3<f64>,
+    pub pitch_m_per_rad: f64,
+    pub positions: Vec<f64>,
+}
+
+impl PlacedJoint {
+    /// The slide that takes a point where a motion relative to the parent takes it; without positions.
+    pub fn slide(motion: &Pose, near: &Point3<f64>) -> Self {
+        let direction = Unit::try_new(motion * near - near, LEAST_SLIDE_M).unwrap_or_else(Vector3::x_axis);
+        let (point, positions) = (*near, Vec::new());
+        Self { freedom: Freedom::Slide, direction, point, pitch_m_per_rad: 0.0, positions }
+    }
+
+    /// The turn about the screw axis of a motion relative to the parent, its point near another; without
+    /// positions. `None` where the motion hardly turns.
+    pub fn turn(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
+        let screw = Screw::of(motion).filter(|s| s.angle_rad > LEAST_ANGLE_RAD)?;
+        let point = foot(&screw.point, &screw.direction, near);
+        Some(Self {
+            freedom: Freedom::Turn,
+            direction: screw.direction,
+            point,
+            pitch_m_per_rad: 0.0,
+            positions: Vec::new(),
+        })
+    }
+
+    /// The screw of a motion relative to the parent, as [`Self::turn`].
+    pub fn helix(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
+        let pitch_m_per_rad = Screw::of(motion).map_or(0.0, |s| s.advance_m / s.angle_rad);
+        Self::turn(motion, near).map(|turn| Self { freedom: Freedom::Helix, pitch_m_per_rad, ..turn })
+    }
+
+    /// Number of parameters of the axis; the positions follow them.
+    pub fn axis_dimension(&self) -> usize {
+        match self.freedom {
+            Freedom::Slide => 2,
+            Freedom::Turn => 4,
+            Freedom::Helix => 5,
+        }
+    }
+
+    /// Number of parameters.
+    pub fn dimension(&self) -> usize {
+        self.axis_dimension() + self.positions.len()
+    }
+
+    /// The joint moved by a step of its parameters.
+    pub fn stepped(&self, s: &DVector<f64>) -> Self {
+        let (a, b) = frame_across(&self.direction);
+        let mut next = self.clone();
+        next.direction = Unit::new_normalize(self.direction.into_inner() + a * s[0] + b * s[1]);
+        if self.freedom != Freedom::Slide {
+            next.point = self.point + a * s[2] + b * s[3];
+        }
+        if self.freedom == Freedom::Helix {
+            next.pitch_m_per_rad += s[4];
+        }
+        next.positions.iter_mut().enumerate().for_each(|(k, q)| *q += s[self.axis_dimension() + k]);
+        next
+    }
+
+    /// Motion relative to the parent at a position.
+    pub fn at(&self, position: f64) -> Pose {
+        let (angle_rad, advance_m) = match self.freedom {
+            Freedom::Slide => (0.0, position),
+            Freedom::Turn => (position, 0.0),
+            Freedom::Helix => (position, self.pitch_m_per_rad * position),
+        };
+        Screw { direction: self.direction, point: self.point, angle_rad, advance_m }.motion()
+    }
+
+    /// Motion number `k` in the world, on a parent that moved.
+    pub fn motion(&self, k: usize, parent: &Pose) -> Pose {
+        parent * self.at(self.positions[k])
+    }
+
+    /// The position that comes nearest to a motion relative to the parent.
+    pub fn nearest(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
+        match self.freedom {
+            Freedom::Slide => self.direction.dot(&(relative * near - near)),
+            Freedom::Turn | Freedom::Helix => log_so3(&relative.rotation).dot(&self.direction),
+        }
+    }
+
+    /// Left perturbation of motion `k` in the world per unit of each parameter, 6 x dimension (central
+    /// differences).
+    pub fn tangent(&self, k: usize, parent: &Pose) -> DMatrix<f64> {
+        let n = self.dimension();
+        let mut tangent = DMatrix::zeros(6, n);
+        for i in 0..n {
+            let mut step = DVector::zeros(n);
+            step[i] = DIFFERENCE;
+            let plus = self.stepped(&step).motion(k, parent);
+            let minus = self.stepped(&-step).motion(k, parent);
+            tangent.column_mut(i).copy_from(&(left_difference(&plus, &minus) / (2.0 * DIFFERENCE)));
+        }
+        tangent
+    }
+}
+
+/// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
+pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
+    let d = direction.into_inner();
+    let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let a = d.cross(&helper).normalize();
+    (a, d.cross(&a))
+}
+
+/// The point of a line nearest to another point.
+pub(crate) fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
+    point + direction.into_inner() * direction.dot(&(near - point))
+}

@@ -1,0 +1,94 @@
+//! Which type of joint explains the motions of a part: by the Bayesian information criterion.
+//! See docs/method.md 8.6.
+//!
+//! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is `cost
+//! + parameters * ln(independent residuals)`; the type with the lowest score wins, a screw only decisively.
+
+use crate::{
+    articulate::joints::{
+        free_motion::FREEDOMS,
+        joint_fit::{FreeFits, JointFit, PartPlace},
+        joint_motion::{Freedom, PlacedJoint, foot},
+    },
+    model::{JointFamily, JointKind, TypeScores},
+};
+
+/// Difference of two scores from which one is decisively better: very strong evidence on the scale of twice
+/// the log likelihood.
+///
+/// derived: Kass and Raftery (1995), table in section 3.2
+pub(crate) const DECISIVE: f64 = 10.0;
+
+/// The best joint of every type, with the scores of all.
+pub(crate) struct TypeFits {
+    slide: JointFit,
+    turn: Option<JointFit>,
+    helix: Option<JointFit>,
+    pub scores: TypeScores,
+}
+
+impl TypeFits {
+    pub fn new(found: &FreeFits) -> Self {
+        let (slide, turn, helix) = (found.slide(), found.turn(), found.helix());
+        let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
+        let still = found.residuals.at(|k| found.parent(k).state1_from_state0);
+        let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
+        let of_joint = |fit: &JointFit| {
+            let score = score(fit.cost(), fit.joint.dimension() as f64);
+            (fit.joint.freedom.family(), score + far(&fit.joint, &found.place))
+        };
+        // The free motion has six parameters in every state, a joint one.
+        let without_axis = [
+            (JointFamily::Fixed, score(still.iter().map(|q| q.cost).sum(), 0.0)),
+            (JointFamily::Free, score(free, FREEDOMS * found.free.len() as f64)),
+        ];
+        let joints = [Some(&slide), turn.as_ref(), helix.as_ref()].into_iter().flatten().map(of_joint);
+        let scores = without_axis.into_iter().chain(joints).collect();
+        Self { slide, turn, helix, scores }
+    }
+
+    /// The joint of the best type, or of a known kind.
+    pub fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
+        let best = match known.map_or_else(|| best_type(&self.scores), JointKind::family) {
+            JointFamily::Revolute => self.turn,
+            JointFamily::Screw => self.helix,
+            JointFamily::Fixed | JointFamily::Free | JointFamily::Prismatic => None,
+        };
+        (best.unwrap_or(self.slide), self.scores)
+    }
+}
+
+/// The type of the lowest score, a screw only decisively.
+fn best_type(scores: &TypeScores) -> JointFamily {
+    let [slide, turn] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
+    // A screw explains any motion of two states, a slide and a turn only some.
+    if scores.of(JointFamily::Screw) + DECISIVE < slide.min(turn) {
+        JointFamily::Screw
+    } else if turn < slide {
+        JointFamily::Revolute
+    } else {
+        JointFamily::Prismatic
+    }
+}
+
+/// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any
+/// motion, pays as in the choice of the type, and counts only where it is `threaded`.
+/// See docs/method.md (8.15).
+pub(crate) fn excess(scores: &TypeScores, threaded: bool) -> f64 {
+    let screw = if threaded { scores.of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
+    let simple = scores.of(JointFamily::Prismatic).min(scores.of(JointFamily::Revolute));
+    simple.min(screw) - scores.of(JointFamily::Free)
+}
+
+/// What speaks against an axis far from its part, on the scale of the scores: a hinge is on the part or
+/// beside it, so that the axis lies about the part's middle as a Student distribution in the plane across it
+/// with two degrees of freedom and a scale of sqrt 2 radii. A slide is a turn about an axis far away.
+/// See docs/method.md (8.9).
+fn far(joint: &PlacedJoint, place: &PartPlace) -> f64 {
+    // A slide has no place.
+    if joint.freedom == Freedom::Slide {
+        return 0.0;
+    }
+    let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
+    4.0 * (off_m / (2.0 * place.radius_m)).powi(2).ln_1p()
+}

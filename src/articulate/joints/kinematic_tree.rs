@@ -1,0 +1,152 @@
+//! Which part carries which: parents by the simplicity of the relative motion and by contact.
+//! See docs/method.md 8.10.
+//!
+//! A part moves simply against its parent: it turns about one line or slides along one direction. Against any
+//! other part it makes the motions of all joints between them, which are simple only by chance (parallel
+//! axes, equal directions). A part touches its parent in all states, and turns about a line that runs by
+//! both. The static part is preferred where it qualifies: of the explanations it is the one with the shortest
+//! chains.
+
+use nalgebra::Matrix6;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    articulate::{
+        joints::{
+            cautions::vagueness,
+            estimate::JointChoice,
+            flat_faces::flat_faces,
+            free_motion::ParentMotion,
+            joint::JointEstimate,
+            joint_config::JointConfig,
+            joint_type::DECISIVE,
+            pair_evidence::ObservedState,
+            parent_candidates::{Candidate, Candidates, candidates},
+            part_evidence::PartEvidence,
+            square_axes::{SeenDirection, square_priors},
+        },
+        observations::SurfaceSamples,
+    },
+    geometry::Pose,
+    model::JointKind,
+    note::{Note, NoteCode},
+};
+
+/// Two parts touch where their samples come closer than this share of the object's longest side, or two grid
+/// spacings: what the surfaces of a joint are apart that hides between them.
+///
+/// tuned: random objects (eval/random_objects.md)
+const CONTACT_SHARE: f64 = 0.06;
+
+/// A joint and what it hangs on.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TreeJointEstimate {
+    /// Part that carries it: 0 is the static one, k the k-th moving part.
+    pub parent: usize,
+    /// The joint, the parent's motion taken out.
+    pub joint: JointEstimate,
+}
+
+/// The joints of all moving parts, in their order, each with its parent. `root` are the motions of the static
+/// part to all states behind state 0, `extent_m` is the longest side of the object.
+#[must_use]
+pub fn kinematic_tree(
+    root: &[ParentMotion],
+    parts: &[PartEvidence],
+    states: &[ObservedState],
+    extent_m: f64,
+    config: &JointConfig,
+) -> Vec<TreeJointEstimate> {
+    let contact_m = (CONTACT_SHARE * extent_m).max(2.0 * states[0].sdf.spacing_m);
+    let still: Vec<SurfaceSamples> = states.iter().map(|s| s.part(0)).collect();
+    // Contact and simplicity make the tree before any axis is drawn to another.
+    let candidates = candidates(root, parts, &still, contact_m, config);
+    let parents = attach(&candidates, contact_m);
+    let doubtful = JointChoice { doubt: true, kind: None };
+    // Axes by their motions alone are what the prior of each other axis rests on.
+    let alone = grown(&parents, |k, carried| parts[k].joint(carried, doubtful, config), root);
+    let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
+    let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
+    let square = |k: usize, carried: &[ParentMotion]| {
+        // Where the parent's joint changes, so does the motion against it, not its kind.
+        let known = JointChoice { kind: Some(alone[k].kind), ..doubtful };
+        let joint = if parents[k] == 0 { alone[k].clone() } else { parts[k].joint(carried, known, config) };
+        with_prior(joint, priors[k].as_ref(), &parts[k], carried, config)
+    };
+    let mut joints = grown(&parents, square, root);
+    for (k, joint) in joints.iter_mut().enumerate() {
+        explain(joint, &parts[k], extent_m, config);
+        candidates[k].explain(joint, k, parents[k]);
+    }
+    joints.into_iter().zip(parents).map(|(joint, parent)| TreeJointEstimate { parent, joint }).collect()
+}
+
+/// Writes down what the motions of a part leave open of its joint.
+fn explain(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
+    if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
+        let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
+        joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open));
+    }
+    let vague = vagueness(joint, extent_m);
+    joint.evidence.cautions.splice(0..0, vague);
+}
+
+/// A joint with what the other axes and the faces say of its direction.
+fn with_prior(
+    joint: JointEstimate,
+    prior: Option<&SeenDirection>,
+    part: &PartEvidence,
+    carried: &[ParentMotion],
+    config: &JointConfig,
+) -> JointEstimate {
+    match prior {
+        Some(prior) => part.settled(joint.towards(prior, carried), carried, config),
+        None => joint,
+    }
+}
+
+/// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
+fn grown(
+    parents: &[usize],
+    estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate,
+    root: &[ParentMotion],
+) -> Vec<JointEstimate> {
+    let mut found: Vec<Option<JointEstimate>> = vec![None; parents.len()];
+    while let Some(k) = (0..parents.len())
+        .find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some()))
+    {
+        let carried =
+            parents[k].checked_sub(1).and_then(|p| found[p].as_ref()).map_or_else(|| root.to_vec(), carried);
+        found[k] = Some(estimate(k, &carried));
+    }
+    found.into_iter().flatten().collect()
+}
+
+/// What the joint's part does in every state behind state 0.
+fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
+    let motion = |(m, c): (&Pose, &Matrix6<f64>)| ParentMotion { state1_from_state0: *m, covariance: *c };
+    joint.motions.iter().zip(&joint.covariances).map(motion).collect()
+}
+
+/// Parent of every part: the static part where it qualifies, else the candidate that does and is in the tree
+/// already, simplest and nearest first; the static part where none does.
+fn attach(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
+    let qualified: Vec<Vec<&Candidate>> = candidates.iter().map(Candidates::qualified).collect();
+    let on_base = |of: &Vec<&Candidate>| of.iter().any(|c| c.parent == 0).then_some(0);
+    let mut parents: Vec<Option<usize>> = qualified.iter().map(on_base).collect();
+    let cost_m = |c: &Candidate| c.gap_m + contact_m * c.excess / DECISIVE;
+    loop {
+        let reached = |c: &&&Candidate| c.parent > 0 && parents[c.parent - 1].is_some();
+        let open = (0..parents.len()).filter(|&k| parents[k].is_none());
+        let best = open
+            .flat_map(|k| qualified[k].iter().filter(reached).map(move |c| (k, c)))
+            .min_by(|(_, a), (_, b)| cost_m(a).total_cmp(&cost_m(b)));
+        let Some((k, c)) = best else { break };
+        parents[k] = Some(c.parent);
+    }
+    parents.into_iter().map(Option::unwrap_or_default).collect()
+}
+
+#[cfg(test)]
+#[path = "kinematic_tree_tests.rs"]
+mod tests;

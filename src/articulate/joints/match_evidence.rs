@@ -1,0 +1,62 @@
+//! Covariances of lifted matches: tight across the ray, loose along it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Matrix3, Point3};
+
+use crate::articulate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch};
+use crate::capture::{NoiseConfig, RgbdFrame};
+
+/// Covariance of a point lifted from a pixel, square meters, world axes: `sigma_pixel * depth / f` across the
+/// ray and the depth noise along it. See docs/method.md (8.2).
+fn lifted_covariance(
+    point: &Point3<f64>,
+    frame: &RgbdFrame,
+    noise: &NoiseConfig,
+    pixel_sigma: f64,
+) -> Matrix3<f64> {
+    let camera = frame.world_from_camera.translation.vector;
+    let depth_m = frame.in_camera(point).z;
+    let across = pixel_sigma * depth_m / frame.intrinsics.fx;
+    let along = noise.sigma_m(depth_m);
+    let ray = (point.coords - camera).normalize();
+    Matrix3::identity() * (across * across) + ray * ray.transpose() * (along * along)
+}
+
+/// Evidence of the matches for a motion. See docs/method.md (8.3).
+///
+/// Matches whose state-0 ends lie in one cell of side `cell_m` see one feature. Seen in `n0` frames of state
+/// 0 and `n1` of state 1, its displacement is known to `sigma^2 (1/n0 + 1/n1)`, however many of the pairs
+/// were matched; each of the `m` pairs (variance `2 sigma^2`) gets the share of an observation that adds up
+/// to that.
+#[must_use]
+pub fn match_evidence(
+    matches: &[LiftedMatch],
+    states: [&[RgbdFrame]; 2],
+    noise: &NoiseConfig,
+    pixel_sigma: f64,
+    cell_m: f64,
+) -> Vec<MatchEvidence> {
+    let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
+    let mut features: BTreeMap<_, (usize, [BTreeSet<usize>; 2])> = BTreeMap::new();
+    for m in matches {
+        let (pairs, seen) = features.entry(cell(&m.point0)).or_default();
+        *pairs += 1;
+        seen[0].insert(m.frames[0]);
+        seen[1].insert(m.frames[1]);
+    }
+    matches
+        .iter()
+        .map(|m| {
+            let (pairs, seen) = &features[&cell(&m.point0)];
+            let [n0, n1] = [0, 1].map(|s| seen[s].len() as f64);
+            MatchEvidence {
+                point0: m.point0,
+                point1: m.point1,
+                covariance0: lifted_covariance(&m.point0, &states[0][m.frames[0]], noise, pixel_sigma),
+                covariance1: lifted_covariance(&m.point1, &states[1][m.frames[1]], noise, pixel_sigma),
+                share: (2.0 * n0 * n1 / ((n0 + n1) * *pairs as f64)).min(1.0),
+            }
+        })
+        .collect()
+}

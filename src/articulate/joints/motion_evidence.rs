@@ -1,0 +1,244 @@
+//! What two states show of the motion of one part: distances of surfaces and lifted matches, as robust
+//! residuals of a motion. See docs/method.md (8.1).
+//!
+//! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
+//! - a surface point `x` of state 0: the other state's signed distance `d1(T x)`;
+//! - a surface point `y` of state 1: `d0(T^-1 y)`, both by as much more as the readings lie above the one
+//!   surface and not above the other;
+//! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
+//!
+//! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals
+//! are thinned to the number of independent ones, so that the information matrix can be read as an inverse
+//! covariance.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix3, Point3, Vector6};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{
+    joints::quadratic::{Block, Patch, Quadratic, Source},
+    observations::SurfaceSamples,
+};
+use crate::{
+    geometry::{Grid3, Pose},
+    statistics::{SIGMAS_PER_MAD, median},
+};
+
+/// Settings of the refinement.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineConfig {
+    /// Gauss-Newton iterations at most.
+    pub iterations: usize,
+    /// Robust scale (Geman-McClure), in standard deviations.
+    pub robust_sigmas: f64,
+    /// Distances beyond this share of the object's extent say nothing about a correspondence.
+    pub reach: f64,
+    /// Smallest cosine between a warped normal and the other surface's normal.
+    pub normal_cosine: f64,
+    /// Length over which errors of a reconstructed surface are correlated, in grid spacings.
+    pub correlation_spacings: f64,
+    /// Standard deviation of a match's pixel, pixels.
+    pub match_pixel_sigma: f64,
+}
+
+impl Default for RefineConfig {
+    fn default() -> Self {
+        Self {
+            iterations: 30,
+            robust_sigmas: 2.5,
+            reach: 0.03,
+            normal_cosine: 0.5,
+            correlation_spacings: 3.0,
+            match_pixel_sigma: 1.0,
+        }
+    }
+}
+
+/// A lifted match with the covariance of `point1 - T point0` for a motion near the current one.
+#[derive(Clone, Debug)]
+pub struct MatchEvidence {
+    /// World point in state 0, meters.
+    pub point0: Point3<f64>,
+    /// World point in state 1, meters.
+    pub point1: Point3<f64>,
+    /// Covariance of point 0, square meters.
+    pub covariance0: Matrix3<f64>,
+    /// Covariance of point 1, square meters.
+    pub covariance1: Matrix3<f64>,
+    /// Share of an independent observation (matches of one feature in many frame pairs share one).
+    pub share: f64,
+}
+
+/// All that is known about the motion of one part.
+#[derive(Clone, Copy)]
+pub struct MotionEvidence<'a> {
+    /// Surface points of the part in each state.
+    pub surfaces: [&'a SurfaceSamples; 2],
+    /// Signed distance of each state's whole surface, meters.
+    pub sdf: [&'a Grid3<f32>; 2],
+    /// What is added to the distance of every surface point, meters, where fused surfaces lie off their
+    /// readings; none where empty.
+    pub offsets_m: [&'a [f64]; 2],
+    /// Where each state was seen.
+    pub visible: [&'a Grid3<bool>; 2],
+    /// Matches on the part.
+    pub matches: &'a [MatchEvidence],
+    /// Area that one independent surface residual covers, square meters, and the area of each surface.
+    pub independent_area_m2: f64,
+    /// Area of the part's surface in each state, square meters.
+    pub areas_m2: [f64; 2],
+    /// Largest distance that counts, meters.
+    pub reach_m: f64,
+    /// Side of the blocks of the surface over which errors may run together, meters.
+    pub block_m: f64,
+    /// Displacement of fused surfaces that runs together over a side of the part and leaves no residual,
+    /// meters, and the size of the patches that share it, meters.
+    pub displacement_m: f64,
+    /// See [`Self::displacement_m`].
+    pub patch_m: f64,
+}
+
+/// Points per parallel task; fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 1024;
+
+impl MotionEvidence<'_> {
+    /// Robust quadratic model of the cost at a motion. `sigma_m` is the standard deviation of a surface
+    /// residual.
+    #[must_use]
+    pub fn linearise(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Quadratic {
+        let mut q = Quadratic::default();
+        for state in [0, 1] {
+            // Samples closer than errors run together are no further observations.
+            let share = (self.areas_m2[state]
+                / self.independent_area_m2
+                / self.surfaces[state].points.len().max(1) as f64)
+                .min(1.0);
+            let parts: Vec<Quadratic> = self.surfaces[state]
+                .points
+                .par_chunks(CHUNK)
+                .enumerate()
+                .map(|(chunk, points)| {
+                    self.linearise_surface(
+                        state,
+                        chunk * CHUNK..chunk * CHUNK + points.len(),
+                        motion,
+                        sigma_m,
+                        share,
+                        config,
+                    )
+                })
+                .collect();
+            q = parts.into_iter().fold(q, Quadratic::merge);
+        }
+        self.linearise_matches(&mut q, motion, config);
+        q
+    }
+
+    fn linearise_surface(
+        &self,
+        state: usize,
+        points: Range<usize>,
+        motion: &Pose,
+        sigma_m: f64,
+        share: f64,
+        config: &RefineConfig,
+    ) -> Quadratic {
+        let mut q = Quadratic::default();
+        let source = [Source::Surface0, Source::Surface1][state];
+        let warp = if state == 0 { *motion } else { motion.inverse() };
+        let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
+        // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
+        let missing = share * config.robust_sigmas * config.robust_sigmas;
+        for i in points {
+            let (x, n) = (&self.surfaces[state].points[i], &self.surfaces[state].normals[i]);
+            let y = warp * x;
+            let seen = visible.nearest(&y).is_some_and(|i| visible.values[i]);
+            let (d, g) = sdf.sample_with_gradient(&y);
+            let (d, g) = (f64::from(d), g.cast::<f64>());
+            let norm = g.norm();
+            // A gradient far below one is that of the middle between two surfaces.
+            if !seen || norm < 0.3 || d.abs() > self.reach_m {
+                q.cost += missing;
+                continue;
+            }
+            q.tried += 1;
+            if g.dot(&(warp * n)) < config.normal_cosine * norm {
+                q.cost += missing;
+                continue;
+            }
+            // Towards state 1 the point moves with the perturbation; towards state 0 the perturbation acts
+            // before the inverse: d(T^-1 y) = -R^T (v + w x y).
+            let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
+            let w = lever.cross(&slope);
+            let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
+            let d = d + self.offset_m(state, i);
+            let r = d / sigma_m;
+            if r.abs() < config.robust_sigmas {
+                q.inliers += 1;
+                q.surface_inliers += 1;
+                q.squared_m2 += d * d;
+            }
+            let weight = q.add(r, &row, share, config.robust_sigmas, Block::of(x, self.block_m, source));
+            *q.displaced.entry(Patch::of(x, n, self.patch_m, source)).or_default() +=
+                row * (weight * self.displacement_m / sigma_m);
+        }
+        q
+    }
+
+    fn offset_m(&self, state: usize, point: usize) -> f64 {
+        self.offsets_m[state].get(point).copied().unwrap_or(0.0)
+    }
+
+    fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose, config: &RefineConfig) {
+        let rotation = motion.rotation.to_rotation_matrix();
+        for m in self.matches {
+            let y = motion * m.point0;
+            let covariance =
+                m.covariance1 + rotation.matrix() * m.covariance0 * rotation.matrix().transpose();
+            let Some(whiten) = covariance.try_inverse().and_then(|i| i.cholesky()).map(|c| c.l().transpose())
+            else {
+                continue;
+            };
+            let residual = whiten * (m.point1 - y);
+            q.tried += 1;
+            let distance = residual.norm();
+            q.inliers += usize::from(distance < 2.0 * config.robust_sigmas);
+            // One robust weight a match: the three rows fade together.
+            let k = 4.0 * config.robust_sigmas * config.robust_sigmas;
+            let u = k / (k + distance * distance);
+            let weight = m.share * u * u;
+            let move_by = whiten;
+            let turn_by = -whiten * y.coords.cross_matrix();
+            let block =
+                q.block_gradients.entry(Block::of(&m.point0, self.block_m, Source::Matches)).or_default();
+            for i in 0..3 {
+                let (a, b) = (move_by.row(i), turn_by.row(i));
+                let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
+                q.information += row * row.transpose() * weight;
+                q.gradient += row * (residual[i] * weight);
+                *block += row * (residual[i] * weight);
+            }
+            q.cost += m.share * distance * distance * u;
+            q.independent += 3.0 * m.share;
+        }
+    }
+
+    /// Standard deviation of the surface residuals at a motion, from their median absolute value, meters.
+    #[must_use]
+    pub fn surface_sigma_m(&self, motion: &Pose, floor_m: f64) -> f64 {
+        let mut all: Vec<f64> = Vec::new();
+        for state in [0, 1] {
+            let warp = if state == 0 { *motion } else { motion.inverse() };
+            let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
+            all.extend(self.surfaces[state].points.iter().enumerate().filter_map(|(i, x)| {
+                let y = warp * x;
+                let d = (f64::from(sdf.sample(&y)) + self.offset_m(state, i)).abs();
+                (d < self.reach_m && visible.nearest(&y).is_some_and(|i| visible.values[i])).then_some(d)
+            }));
+        }
+        median(all).map_or(self.reach_m / 3.0, |m| m * SIGMAS_PER_MAD).max(floor_m)
+    }
+}

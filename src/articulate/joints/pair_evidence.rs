@@ -1,0 +1,199 @@
+//! What state 0 and another state show of one part: surfaces, matches, texture, and the motion by these.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::articulate::{
+    joints::{
+        estimate::{JointChoice, estimate_joint},
+        free_motion::{ParentMotion, free_motion},
+        joint_config::JointConfig,
+        joint_fit::{JointMotion, PartPlace},
+        match_evidence::match_evidence,
+        motion_evidence::{MatchEvidence, MotionEvidence},
+        surface_error::{ReadingHeights, clear, surface_error_m},
+        texture::texture_matches,
+    },
+    observations::{LiftedMatch, SurfaceSamples},
+};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame, smoothing_m},
+    geometry::{Grid3, Pose},
+};
+
+/// What is known of one state once its surface is there.
+#[derive(Clone, Copy)]
+pub struct ObservedState<'a> {
+    /// Frames of the state.
+    pub frames: &'a [RgbdFrame],
+    /// Points on the whole surface.
+    pub samples: &'a SurfaceSamples,
+    /// Part of every point.
+    pub labels: &'a [u8],
+    /// Untruncated signed distance, meters.
+    pub sdf: &'a Grid3<f32>,
+    /// Where the state was seen.
+    pub visible: &'a Grid3<bool>,
+    /// Area of the whole surface, square meters.
+    pub area_m2: f64,
+}
+
+impl ObservedState<'_> {
+    /// Points on the surface of one part.
+    #[must_use]
+    pub fn part(&self, part: u8) -> SurfaceSamples {
+        let chosen: Vec<usize> = (0..self.labels.len()).filter(|&i| self.labels[i] == part).collect();
+        SurfaceSamples {
+            points: chosen.iter().map(|&i| self.samples.points[i]).collect(),
+            normals: chosen.iter().map(|&i| self.samples.normals[i]).collect(),
+            colors: chosen.iter().map(|&i| self.samples.colors[i]).collect(),
+        }
+    }
+}
+
+/// Rounds of texture matching and motion refinement: each starts from a better motion.
+const ROUNDS: usize = 2;
+/// Blocks along the side of a square with the area of a part, over which surface errors may run together:
+/// enough of them to measure a spread, few enough for a block to be wider than what fusion smooths.
+///
+/// tuned: shared/bags
+const BLOCKS_ALONG: f64 = 6.0;
+/// Patches along that side which a displacement of the fused surface shares: a side of a part may also tilt.
+///
+/// derived: two, the fewest that can tilt
+const PATCHES_ALONG: f64 = 2.0;
+/// A displacement of a fused surface by less than this share of its grid's spacing is not known:
+/// interpolation moves it so far.
+///
+/// tuned: shared/bags
+const UNCLEAR_SPACINGS: f64 = 0.25;
+
+/// All that state 0 and another state show of one part.
+pub struct PairEvidence<'a> {
+    states: [ObservedState<'a>; 2],
+    /// Surface points in each state.
+    pub surfaces: [SurfaceSamples; 2],
+    /// Lifted and dense matches on it.
+    pub matches: Vec<MatchEvidence>,
+    /// Its motion from state 0 to the other in the world, refined without a joint.
+    pub motion: Pose,
+    /// Where it is in state 0.
+    pub place: PartPlace,
+    /// Length over which surface errors are correlated, meters.
+    correlation_m: f64,
+    /// Area of its surface in each state, square meters.
+    areas_m2: [f64; 2],
+    /// Largest distance that counts, meters.
+    reach_m: f64,
+    /// Displacement of the fused surfaces, meters.
+    displacement_m: f64,
+    /// What it makes distances too small by at every sample of each state, meters.
+    offsets_m: [Vec<f64>; 2],
+}
+
+impl<'a> PairEvidence<'a> {
+    /// Evidence of part `part`, from a starting motion `state1_from_state0`. `matches` are the lifted matches
+    /// on the part, `extent_m` is the longest side of the object.
+    #[must_use]
+    pub fn gather(
+        part: u8,
+        start: &Pose,
+        states: [ObservedState<'a>; 2],
+        matches: &[LiftedMatch],
+        noise: &NoiseConfig,
+        extent_m: f64,
+        config: &JointConfig,
+    ) -> Self {
+        let surfaces = states.each_ref().map(|s| s.part(part));
+        let share = |s: usize| surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
+        let areas_m2 = [0, 1].map(|s| states[s].area_m2 * share(s));
+        let frames = states.map(|s| s.frames);
+        let spacing_m = states[0].sdf.spacing_m;
+        let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
+        let matches =
+            match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
+        let mut pair = Self {
+            states,
+            place: place(&surfaces[0]),
+            surfaces,
+            matches,
+            motion: *start,
+            correlation_m: (config.refine.correlation_spacings * spacing_m).max(smoothing_m),
+            areas_m2,
+            reach_m: config.refine.reach * extent_m,
+            displacement_m: 0.0,
+            offsets_m: [Vec::new(), Vec::new()],
+        };
+        pair.refine(noise, config);
+        pair
+    }
+
+    /// Rounds of offsets of the surfaces, joint and dense texture.
+    fn refine(&mut self, noise: &NoiseConfig, config: &JointConfig) {
+        let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
+        let (spacing_m, correlation_m) = (sdf[0].spacing_m, self.correlation_m);
+        let heights = ReadingHeights::new(self.surfaces.each_ref(), frames, noise, correlation_m, spacing_m);
+        let offsets_m =
+            |pair: &Self| heights.offsets_m(pair.surfaces.each_ref(), &pair.motion, correlation_m);
+        let known = |offsets_m: [Vec<f64>; 2]| offsets_m.map(|o| clear(o, UNCLEAR_SPACINGS * spacing_m));
+        // Dense matches of a round give way to those of the next, which start from a better motion.
+        let sparse = self.matches.len();
+        for _ in 0..ROUNDS {
+            self.offsets_m = known(offsets_m(self));
+            let still = ParentMotion::still();
+            let found = estimate_joint(
+                &[self.joint_motion(&still)],
+                self.place,
+                JointChoice::default(),
+                &config.refine,
+            );
+            let (surfaces, motion) = (self.surfaces.each_ref(), &found.motions[0]);
+            let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
+            self.matches.truncate(sparse);
+            self.matches.extend(dense);
+            self.motion = found.evidence.state1_from_state0;
+        }
+        // What offsets do not explain any more is the error that remains.
+        let all = offsets_m(self);
+        self.displacement_m = surface_error_m(&all[0]);
+        self.offsets_m = known(all);
+    }
+
+    /// What is known of the part's motion, on a parent that moved.
+    #[must_use]
+    pub fn joint_motion<'m>(&'m self, parent: &'m ParentMotion) -> JointMotion<'m> {
+        JointMotion { start: self.motion, parent, evidence: self.evidence() }
+    }
+
+    /// The motion of this part by itself, with its covariance.
+    #[must_use]
+    pub fn free_motion(&self, config: &JointConfig) -> ParentMotion {
+        free_motion(&self.motion, &self.evidence(), &config.refine)
+    }
+
+    /// The residuals of a motion.
+    #[must_use]
+    pub fn evidence(&self) -> MotionEvidence<'_> {
+        let side_m = (0.5 * (self.areas_m2[0] + self.areas_m2[1])).sqrt();
+        MotionEvidence {
+            surfaces: self.surfaces.each_ref(),
+            sdf: self.states.map(|s| s.sdf),
+            visible: self.states.map(|s| s.visible),
+            matches: &self.matches,
+            independent_area_m2: self.correlation_m * self.correlation_m,
+            areas_m2: self.areas_m2,
+            reach_m: self.reach_m,
+            block_m: (side_m / BLOCKS_ALONG).max(self.correlation_m),
+            offsets_m: self.offsets_m.each_ref().map(Vec::as_slice),
+            displacement_m: self.displacement_m,
+            patch_m: (side_m / PATCHES_ALONG).max(self.correlation_m),
+        }
+    }
+}
+
+/// Where a surface is.
+fn place(surface: &SurfaceSamples) -> PartPlace {
+    let sum: Vector3<f64> = surface.points.iter().map(|p| p.coords).sum();
+    let middle = Point3::from(sum / surface.points.len().max(1) as f64);
+    let radius_m = surface.points.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max);
+    PartPlace { middle, radius_m }
+}

@@ -1,0 +1,151 @@
+//! A patch of gray values found in a larger one.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Samples on each side of a patch's center.
+pub(crate) const RADIUS: i32 = 4;
+/// Largest shift that is looked for, in patch samples.
+pub(crate) const REACH: i32 = 4;
+/// Lucas-Kanade iterations.
+const ITERATIONS: usize = 12;
+/// Share of a patch that must be seen.
+///
+/// tuned: shared/bags
+const MIN_SEEN: f64 = 0.9;
+
+/// Gray values on a square of `2 radius + 1` samples a side; NaN where no frame saw the surface.
+pub(crate) struct Patch {
+    pub radius: i32,
+    pub values: Vec<f32>,
+}
+
+impl Patch {
+    fn at(&self, u: i32, v: i32) -> f32 {
+        let side = 2 * self.radius + 1;
+        self.values[((v + self.radius) * side + u + self.radius) as usize]
+    }
+
+    /// Bilinear value; NaN outside or where a neighbor was not seen.
+    fn sample(&self, u: f64, v: f64) -> f64 {
+        let (x, y) = (u.floor() as i32, v.floor() as i32);
+        if x < -self.radius || y < -self.radius || x >= self.radius || y >= self.radius {
+            return f64::NAN;
+        }
+        let (a, b) = (u - f64::from(x), v - f64::from(y));
+        let f = |i: i32, j: i32| f64::from(self.at(x + i, y + j));
+        (f(0, 0) * (1.0 - a) + f(1, 0) * a) * (1.0 - b) + (f(0, 1) * (1.0 - a) + f(1, 1) * a) * b
+    }
+}
+
+/// A patch found in a larger one.
+pub(crate) struct Shift {
+    /// Patch samples along the two tangents.
+    pub shift: Vector2<f64>,
+    pub covariance: Matrix2<f64>,
+    /// Normalized correlation there.
+    pub correlation: f64,
+}
+
+/// One sample of a patch, that of the other one, and the gradient there.
+type Row = (f64, f64, Vector2<f64>);
+
+/// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
+/// if the search does not converge. See docs/method.md (8.6).
+pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
+    let mut shift = Vector2::zeros();
+    let mut last: Option<Shift> = None;
+    for _ in 0..ITERATIONS {
+        let (step, covariance, correlation) = step(&rows(reference, target, &shift), min_contrast)?;
+        last = Some(Shift { shift, covariance, correlation });
+        shift += step.map(|s| s.clamp(-1.0, 1.0));
+        if shift.amax() > f64::from(REACH - 1) {
+            return None;
+        }
+        if step.norm() < 0.02 {
+            return last;
+        }
+    }
+    last.filter(|last| (last.shift - shift).norm() < 0.1)
+}
+
+/// The samples of a patch that are seen in both.
+fn rows(reference: &Patch, target: &Patch, shift: &Vector2<f64>) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for v in -RADIUS..=RADIUS {
+        for u in -RADIUS..=RADIUS {
+            let (x, y) = (f64::from(u) + shift.x, f64::from(v) + shift.y);
+            let a = f64::from(reference.at(u, v));
+            let b = target.sample(x, y);
+            let gradient = Vector2::new(
+                target.sample(x + 0.5, y) - target.sample(x - 0.5, y),
+                target.sample(x, y + 0.5) - target.sample(x, y - 0.5),
+            );
+            if a.is_finite() && b.is_finite() && gradient.x.is_finite() && gradient.y.is_finite() {
+                rows.push((a, b, gradient));
+            }
+        }
+    }
+    rows
+}
+
+/// A step of the shift, its covariance and the correlation before it; `None` where too little is seen, or is
+/// plain.
+fn step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matrix2<f64>, f64)> {
+    let n = rows.len() as f64;
+    if n < MIN_SEEN * f64::from((2 * RADIUS + 1).pow(2)) {
+        return None;
+    }
+    let (ma, mb) = (rows.iter().map(|r| r.0).sum::<f64>() / n, rows.iter().map(|r| r.1).sum::<f64>() / n);
+    let sa = (rows.iter().map(|r| (r.0 - ma).powi(2)).sum::<f64>() / n).sqrt();
+    let sb = (rows.iter().map(|r| (r.1 - mb).powi(2)).sum::<f64>() / n).sqrt();
+    if sa < min_contrast || sb < min_contrast {
+        return None;
+    }
+    let (mut h, mut g, mut square, mut product) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0);
+    for (a, b, d) in rows {
+        // Light may have changed with the normal: brightness and contrast of both patches are made equal.
+        let (a, b, d) = ((a - ma) / sa, (b - mb) / sb, d / sb);
+        h += d * d.transpose();
+        g += d * (a - b);
+        square += (a - b) * (a - b);
+        product += a * b;
+    }
+    let inverse = h.try_inverse()?;
+    Some((inverse * g, inverse * (square / n), product / n))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texture(u: f64, v: f64) -> f32 {
+        (0.5 + 0.2 * (0.55 * u + 0.2 * v).sin() + 0.2 * (0.5 * v - 0.3 * u + 1.0).cos()) as f32
+    }
+
+    fn patch(radius: i32, f: impl Fn(f64, f64) -> f32) -> Patch {
+        let values = (-radius..=radius)
+            .flat_map(|v| (-radius..=radius).map(move |u| (u, v)))
+            .map(|(u, v)| f(f64::from(u), f64::from(v)))
+            .collect();
+        Patch { radius, values }
+    }
+
+    #[test]
+    fn a_shifted_and_dimmed_patch_is_found() {
+        for (du, dv) in [(0.0, 0.0), (1.3, -0.7), (-2.2, 1.9)] {
+            let reference = patch(RADIUS, texture);
+            let target = patch(RADIUS + REACH, |u, v| 0.1 + 0.6 * texture(u - du, v - dv));
+            let found = align(&reference, &target, 0.01).unwrap();
+            assert!((found.shift - Vector2::new(du, dv)).norm() < 0.1, "{}", found.shift);
+            assert!(found.correlation > 0.98);
+        }
+    }
+
+    #[test]
+    fn a_plain_patch_and_an_unseen_one_are_not_found() {
+        let plain = patch(RADIUS + REACH, |_, _| 0.4);
+        assert!(align(&patch(RADIUS, |_, _| 0.4), &plain, 0.01).is_none());
+        let hidden = patch(RADIUS + REACH, |u, v| if u > 0.0 { f32::NAN } else { texture(u, v) });
+        assert!(align(&patch(RADIUS, texture), &hidden, 0.01).is_none());
+    }
+}

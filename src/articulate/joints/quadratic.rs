@@ -1,0 +1,154 @@
+//! Quadratic model of a robust cost around a motion.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+
+/// What a residual was seen on. Errors run together within one kind, not across kinds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Source {
+    /// The surface of state 0.
+    Surface0,
+    /// The surface of the other state.
+    Surface1,
+    /// Matches.
+    Matches,
+}
+
+/// A cube of space whose residuals of one source may share an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Block {
+    cell: [i64; 3],
+    /// What its residuals were seen on.
+    pub source: Source,
+}
+
+impl Block {
+    /// The block of side `side_m` that holds a point.
+    #[must_use]
+    pub fn of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
+        Self { cell: cell(x, side_m), source }
+    }
+}
+
+/// A patch on one side of a surface that a displacement moves as a whole: place, side, source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Patch {
+    cell: [i64; 3],
+    side: usize,
+    source: Source,
+}
+
+impl Patch {
+    /// The patch of size `size_m` that holds a point with a normal.
+    #[must_use]
+    pub fn of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
+        let axis = normal.iamax();
+        Self { cell: cell(x, size_m), side: 2 * axis + usize::from(normal[axis] > 0.0), source }
+    }
+}
+
+fn cell(x: &Point3<f64>, side_m: f64) -> [i64; 3] {
+    [x.x, x.y, x.z].map(|x| (x / side_m).floor() as i64)
+}
+
+/// Quadratic model of the cost around a motion: `cost + 2 g.x + x.H x` for a left perturbation `x = (v, w)`.
+/// See docs/method.md (8.5).
+#[derive(Clone, Debug)]
+pub struct Quadratic {
+    /// Information matrix.
+    pub information: Matrix6<f64>,
+    /// Half the gradient.
+    pub gradient: Vector6<f64>,
+    /// Robust cost in independent residuals.
+    pub cost: f64,
+    /// Surface points and matches that agree with the motion (within the robust scale).
+    pub inliers: usize,
+    /// Surface points and matches that were compared.
+    pub tried: usize,
+    /// Sum of squared inlier surface distances, square meters, and their number.
+    pub squared_m2: f64,
+    /// Number of inlier surface points.
+    pub surface_inliers: usize,
+    /// Independent residuals.
+    pub independent: f64,
+    /// Sums of the rows times residuals over blocks of the surface, by block; matches are blocks of their
+    /// own.
+    pub block_gradients: BTreeMap<Block, Vector6<f64>>,
+    /// What a displacement of one patch of a surface adds to the gradient.
+    pub displaced: BTreeMap<Patch, Vector6<f64>>,
+}
+
+impl Default for Quadratic {
+    fn default() -> Self {
+        Self {
+            information: Matrix6::zeros(),
+            gradient: Vector6::zeros(),
+            cost: 0.0,
+            inliers: 0,
+            tried: 0,
+            squared_m2: 0.0,
+            surface_inliers: 0,
+            independent: 0.0,
+            block_gradients: BTreeMap::new(),
+            displaced: BTreeMap::new(),
+        }
+    }
+}
+
+impl Quadratic {
+    /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
+    /// its weight.
+    pub(crate) fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
+        let k = scale * scale;
+        let u = k / (k + r * r);
+        let w = share * u * u;
+        self.information += row * row.transpose() * w;
+        self.gradient += row * (r * w);
+        *self.block_gradients.entry(block).or_default() += row * (r * w);
+        self.cost += share * r * r * u;
+        self.independent += share;
+        w
+    }
+
+    pub(crate) fn merge(mut self, o: Self) -> Self {
+        self.information += o.information;
+        self.gradient += o.gradient;
+        self.cost += o.cost;
+        self.inliers += o.inliers;
+        self.tried += o.tried;
+        self.squared_m2 += o.squared_m2;
+        self.surface_inliers += o.surface_inliers;
+        self.independent += o.independent;
+        for (block, gradient) in o.block_gradients {
+            *self.block_gradients.entry(block).or_default() += gradient;
+        }
+        for (patch, gradient) in o.displaced {
+            *self.displaced.entry(patch).or_default() += gradient;
+        }
+        self
+    }
+
+    /// Covariance of the gradient by displacements of the surfaces' patches.
+    #[must_use]
+    pub fn displacements(&self) -> Matrix6<f64> {
+        self.displaced.values().map(|g| g * g.transpose()).sum()
+    }
+
+    /// Factor by which the squared errors of a free motion exceed what independent residuals would give: the
+    /// cluster-robust covariance (Liang and Zeger 1986) over blocks of the surface against the inverse
+    /// information, averaged over the six parameters; at least 1. Errors of a reconstructed surface that run
+    /// together over a block do not average out within it. See docs/method.md (8.10).
+    #[must_use]
+    pub fn dispersion(&self) -> f64 {
+        let (parameters, blocks) = (6, self.block_gradients.len());
+        let Some(covariance) = self.information.cholesky().map(|c| c.inverse()) else { return 1.0 };
+        // Fewer blocks than parameters show no spread.
+        if blocks <= parameters {
+            return 1.0;
+        }
+        let spread: Matrix6<f64> = self.block_gradients.values().map(|g| g * g.transpose()).sum();
+        let small_sample = blocks as f64 / (blocks - parameters) as f64;
+        (small_sample * (covariance * spread).trace() / parameters as f64).max(1.0)
+    }
+}

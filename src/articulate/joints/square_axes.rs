@@ -1,0 +1,314 @@
+//! Directions that the axes of one object share: most mechanisms are built square. See docs/method.md (8.14).
+//!
+//! Hinges and slides mostly run along or across each other and the flat faces of the body. A frame of three
+//! square directions is fitted to all axes, each with its covariance, and to the faces, by the likelihood of
+//! a mixture: a share of the directions lies along one of the frame's, but for a tolerance of building; some
+//! of these are tilted by degrees, the rest runs anywhere. What the others say about the frame is a prior of
+//! each axis, where it is likelier with it than without. The prior hardly moves an axis that is known better
+//! than things are built; it moves one that a small motion of a narrow part leaves open.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Unit, UnitQuaternion, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::joints::joint_motion::frame_across;
+
+/// How square an object is taken to be built.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SquareConfig {
+    /// Share of the axes that run along or across the others; 0 leaves every axis as its motion alone
+    /// determines it.
+    pub share: f64,
+    /// Standard deviation of such an axis from square, degrees.
+    pub tolerance_deg: f64,
+}
+
+impl Default for SquareConfig {
+    fn default() -> Self {
+        Self { share: 0.8, tolerance_deg: 0.3 }
+    }
+}
+
+/// A direction, or its opposite, and how well it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenDirection {
+    /// Unit direction.
+    pub direction: Unit<Vector3<f64>>,
+    /// Covariance, square radians.
+    pub covariance: Matrix3<f64>,
+}
+
+/// Share of the axes meant to be square that are tilted: they are not drawn to square.
+///
+/// tuned: random objects (artitwin synth --skew)
+const TILTED: f64 = 0.2;
+/// Standard deviation of a tilted axis from square, degrees.
+///
+/// tuned: random objects (artitwin synth --skew)
+const TILT_DEG: f64 = 2.0;
+/// Information on the frame's rotation from nowhere.
+///
+/// derived: any rotation to the nearest of 24 square frames is known to about a radian
+const LEAST_INFORMATION: f64 = 1.0;
+const ITERATIONS: usize = 20;
+/// A direction farther than this cosine from all of the frame's has nothing to do with it.
+///
+/// derived: 45 degrees, half way between two directions of the frame
+const LEAST_COSINE: f64 = 0.7;
+
+/// A direction as the frame sees it.
+struct View {
+    /// The frame's direction nearest to it, and two vectors across.
+    along: Vector3<f64>,
+    across: Matrix3x2<f64>,
+    /// Offset from there, and its slope by a left rotation of the frame, negative.
+    offset: Vector2<f64>,
+    slope: Matrix2x3<f64>,
+    precision: Matrix2<f64>,
+    likelihood: Likelihood,
+}
+
+impl View {
+    fn new(frame: &Matrix3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
+        let views = (0..3).filter_map(|k| {
+            let column = frame.column(k).into_owned();
+            let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
+            if along.dot(&seen.direction) < LEAST_COSINE {
+                return None;
+            }
+            let (a, b) = frame_across(&Unit::new_unchecked(along));
+            let across = Matrix3x2::from_columns(&[a, b]);
+            let offset = across.transpose() * seen.direction.into_inner();
+            let own = across.transpose() * seen.covariance * across;
+            let precision = (own + square_deg(config.tolerance_deg)).try_inverse()?;
+            let likelihood = Likelihood::new(&offset, &own, config)?;
+            Some(Self {
+                along,
+                across,
+                offset,
+                slope: -across.transpose() * along.cross_matrix(),
+                precision,
+                likelihood,
+            })
+        });
+        views.reduce(|a, b| if b.likelihood.square > a.likelihood.square { b } else { a })
+    }
+
+    /// Information and gradient on the frame's rotation.
+    fn information(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        // The step of expectation: how likely the direction is a square one.
+        let weight = 1.0 / (1.0 + (self.likelihood.other - self.likelihood.square).exp());
+        let weighed = self.slope.transpose() * self.precision * weight;
+        (weighed * self.slope, weighed * self.offset)
+    }
+
+    /// What the information of other directions says about this one; `None` where it is likelier to run
+    /// anywhere.
+    fn prior(
+        &self,
+        others: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
+        seen: &SeenDirection,
+        config: &SquareConfig,
+    ) -> Option<SeenDirection> {
+        let (h, g) = summed(others);
+        let turn = h.try_inverse()?;
+        let mean = self.slope * turn * g;
+        let frame = self.slope * turn * self.slope.transpose();
+        let own = self.across.transpose() * seen.covariance * self.across;
+        let likelihood = Likelihood::new(&(self.offset - mean), &(frame + own), config)?;
+        let spread = frame + square_deg(config.tolerance_deg);
+        let direction = Unit::new_normalize(self.along + self.across * mean);
+        let covariance = self.across * spread * self.across.transpose();
+        (likelihood.square > likelihood.other).then_some(SeenDirection { direction, covariance })
+    }
+}
+
+/// Logarithms of the density, a steradian, of a direction as a square one and as any other.
+struct Likelihood {
+    square: f64,
+    other: f64,
+}
+
+impl Likelihood {
+    /// Of a direction that is off one of the frame's, with a covariance without the tolerance.
+    fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
+        let of = |share: f64, std_deg: f64| {
+            let information = (covariance + square_deg(std_deg)).try_inverse()?;
+            Some(
+                (share / 3.0).ln() - 0.5 * offset.dot(&(information * offset))
+                    + 0.5 * information.determinant().ln()
+                    - TAU.ln(),
+            )
+        };
+        let tilted = of(config.share * TILTED, TILT_DEG.max(config.tolerance_deg))?;
+        let square = of(config.share * (1.0 - TILTED), config.tolerance_deg)?;
+        Some(Self { square, other: log_sum(tilted, any_log_density(config)) })
+    }
+}
+
+/// The variance of a standard deviation in degrees, square radians, in both directions.
+fn square_deg(std_deg: f64) -> Matrix2<f64> {
+    Matrix2::identity() * std_deg.to_radians().powi(2)
+}
+
+/// Logarithm of the density of a direction, without its sign, that may be any.
+fn any_log_density(config: &SquareConfig) -> f64 {
+    (1.0 - config.share).ln() - TAU.ln()
+}
+
+fn log_sum(a: f64, b: f64) -> f64 {
+    a.max(b) + (-(a - b).abs()).exp().ln_1p()
+}
+
+/// What the other axes and the faces say about each axis; `None` where it is likelier to run anywhere, or is
+/// not known at all.
+#[must_use]
+pub fn square_priors(
+    axes: &[Option<SeenDirection>],
+    faces: &[SeenDirection],
+    config: &SquareConfig,
+) -> Vec<Option<SeenDirection>> {
+    let known: Vec<SeenDirection> = axes.iter().flatten().chain(faces).copied().collect();
+    let Some(frame) = (config.share > 0.0).then(|| fit(&known, config)).flatten() else {
+        return vec![None; axes.len()];
+    };
+    let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
+    let information: Vec<_> = views.iter().map(|v| v.as_ref().map(View::information)).collect();
+    let prior = |own: usize| {
+        let others = information.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
+        views[own].as_ref()?.prior(others, &known[own], config)
+    };
+    let mut next = 0..;
+    axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
+}
+
+/// Information and gradient on the frame's rotation of all directions.
+fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f64>, Vector3<f64>) {
+    all.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
+}
+
+/// The likeliest frame; its columns are the directions.
+fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
+    let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
+    let any = any_log_density(config);
+    let likelihood = |v: View| log_sum(v.likelihood.square, v.likelihood.other);
+    let value = |frame: &Matrix3<f64>| -> f64 {
+        known.iter().map(|seen| View::new(frame, seen, config).map_or(any, likelihood)).sum()
+    };
+    let fits = starts.map(|start| polish(start, known, config)).map(|frame| (value(&frame), frame));
+    fits.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
+}
+
+/// A frame along a direction and, as far as it is square to it, another, which may be the same.
+fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
+    let a = first.into_inner();
+    let b = if first == second { frame_across(first).0 } else { second.into_inner() };
+    let b = Unit::try_new(b - a * a.dot(&b), LEAST_COSINE)?;
+    Some(Matrix3::from_columns(&[a, b.into_inner(), a.cross(&b)]))
+}
+
+fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
+    for _ in 0..ITERATIONS {
+        let all = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.information());
+        let (h, g) = summed(all);
+        let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };
+        frame = UnitQuaternion::from_scaled_axis(turn).to_rotation_matrix() * frame;
+        if turn.norm() < 1e-10 {
+            break;
+        }
+    }
+    frame
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(direction: [f64; 3], std_deg: f64) -> SeenDirection {
+        let direction = Unit::new_normalize(Vector3::from(direction));
+        let across = Matrix3::identity() - direction.into_inner() * direction.transpose();
+        SeenDirection { direction, covariance: across * std_deg.to_radians().powi(2) }
+    }
+
+    fn turned(all: &[SeenDirection]) -> Vec<Option<SeenDirection>> {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+        let rotation = turn.to_rotation_matrix();
+        let covariance = |s: &SeenDirection| rotation * s.covariance * rotation.transpose();
+        all.iter()
+            .map(|s| Some(SeenDirection { direction: turn * s.direction, covariance: covariance(s) }))
+            .collect()
+    }
+
+    fn off_deg(prior: &SeenDirection, direction: [f64; 3]) -> f64 {
+        let truth = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0) * Vector3::from(direction);
+        prior.direction.cross(&truth).norm().asin().to_degrees()
+    }
+
+    fn std_deg(prior: &SeenDirection) -> f64 {
+        prior.covariance.trace().sqrt().to_degrees()
+    }
+
+    #[test]
+    fn an_axis_takes_the_direction_of_its_likes() {
+        // Two hinges and a slide that are known, a hinge that is hardly.
+        let all = turned(&[
+            seen([0.0, 0.0, 1.0], 0.05),
+            seen([0.0, 0.001, -1.0], 0.05),
+            seen([1.0, 0.0, 0.0], 0.05),
+            seen([0.05, 0.03, 1.0], 2.0),
+        ]);
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        let open = priors[3].expect("square");
+        assert!(
+            off_deg(&open, [0.0, 0.0, 1.0]) < 0.05 && std_deg(&open) < 0.6,
+            "{} {}",
+            off_deg(&open, [0.0, 0.0, 1.0]),
+            std_deg(&open)
+        );
+        // What is known well hardly learns from what is not.
+        let without = square_priors(&all[..3], &[], &SquareConfig::default());
+        for (a, b) in priors.iter().zip(&without) {
+            assert!(a.unwrap().direction.angle(&b.unwrap().direction) < 2e-3);
+        }
+    }
+
+    #[test]
+    fn one_face_is_a_prior_of_what_is_across_it_and_no_more() {
+        let face = turned(&[seen([0.0, 0.0, 1.0], 0.1)])[0].unwrap();
+        let all = turned(&[seen([1.0, 0.2, 0.04], 1.5)]);
+        let prior = square_priors(&all, &[face], &SquareConfig::default())[0].expect("square");
+        let normal = face.direction.into_inner();
+        assert!(prior.direction.dot(&normal).abs() < 2e-3);
+        assert!(normal.dot(&(prior.covariance * normal)).sqrt().to_degrees() < 0.5);
+        assert!(std_deg(&prior) > 20.0);
+    }
+
+    #[test]
+    fn a_tilted_axis_is_left_alone() {
+        let all = turned(&[
+            seen([0.0, 0.0, 1.0], 0.05),
+            seen([1.0, 0.0, 0.0], 0.05),
+            seen([0.05, 0.0, 1.0], 0.2),
+            seen([0.5, 0.5, 0.7], 2.0),
+        ]);
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        assert!(priors[0].is_some() && priors[1].is_some() && priors[2].is_none() && priors[3].is_none());
+        let none = SquareConfig { share: 0.0, ..SquareConfig::default() };
+        assert!(square_priors(&all, &[], &none).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn an_axis_that_is_not_known_has_no_prior_and_keeps_its_place() {
+        let mut all =
+            turned(&[seen([0.0, 0.0, 1.0], 0.05), seen([0.0, 0.0, 1.0], 0.05), seen([0.0, 1.0, 0.0], 0.05)]);
+        all[0] = None;
+        let priors = square_priors(&all, &[], &SquareConfig::default());
+        assert!(priors[0].is_none());
+        assert!(
+            off_deg(&priors[1].unwrap(), [0.0, 0.0, 1.0]) < 1e-6
+                && off_deg(&priors[2].unwrap(), [0.0, 1.0, 0.0]) < 1e-6
+        );
+    }
+}

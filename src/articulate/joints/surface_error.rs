@@ -1,0 +1,177 @@
+//! How far fused surfaces lie from the readings that they were fused from.
+//!
+//! A thin panel fused on a coarse grid is displaced, and differently in each pose and from other views. Such
+//! errors run together over a side of a part: they move its motion and leave no residual, so that they are
+//! measured here.
+
+use rayon::prelude::*;
+
+use crate::articulate::{observations::SurfaceSamples, samples::sample_index::SampleIndex};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::Pose,
+};
+
+/// Readings of surfaces seen at a smaller cosine to their normal do not count: they hold no height.
+///
+/// tuned: shared/bags
+const GRAZING_COSINE: f64 = 0.25;
+/// Normals of neighbors on one side of a part have a larger cosine between them.
+///
+/// tuned: shared/bags
+const SAME_COSINE: f64 = 0.9;
+
+/// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
+/// frame shows one.
+pub(crate) struct ReadingHeights {
+    of: [Vec<Option<f64>>; 2],
+}
+
+impl ReadingHeights {
+    /// Readings further from a surface than `reach_m` and their noise are of another one.
+    pub fn new(
+        surfaces: [&SurfaceSamples; 2],
+        frames: [&[RgbdFrame]; 2],
+        noise: &NoiseConfig,
+        radius_m: f64,
+        reach_m: f64,
+    ) -> Self {
+        Self { of: [0, 1].map(|s| heights_m(surfaces[s], frames[s], noise, radius_m, reach_m)) }
+    }
+
+    /// For every sample of each state by how much the readings lie further above it than those of the other
+    /// state above the surface that a motion brings to it, found within `radius_m`: the distance from that
+    /// surface is too small by so much, meters; 0 where either is not known.
+    pub fn offsets_m(
+        &self,
+        surfaces: [&SurfaceSamples; 2],
+        state1_from_state0: &Pose,
+        radius_m: f64,
+    ) -> [Vec<f64>; 2] {
+        let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
+        [0, 1].map(|s| {
+            let warp = if s == 0 { *state1_from_state0 } else { state1_from_state0.inverse() };
+            let offset = |i: usize| {
+                let (point, normal) = (warp * surfaces[s].points[i], warp * surfaces[s].normals[i]);
+                Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest(&point, &normal)?]?)
+            };
+            (0..surfaces[s].points.len()).into_par_iter().map(|i| offset(i).unwrap_or(0.0)).collect()
+        })
+    }
+}
+
+/// Offsets that are clearly those of a displaced surface: those smaller than `noise_m`, as heights of
+/// averaged readings have them by chance, shrink to nothing. See docs/method.md (8.7).
+pub(crate) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
+    offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
+}
+
+/// Root mean square of the offsets of state 0's samples that are known, meters; 0 where none is.
+pub(crate) fn surface_error_m(offsets_m: &[f64]) -> f64 {
+    let (sum, count) =
+        offsets_m.iter().filter(|d| **d != 0.0).fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Mean height of the readings over every sample and its neighbors, meters.
+fn heights_m(
+    surface: &SurfaceSamples,
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+    radius_m: f64,
+    reach_m: f64,
+) -> Vec<Option<f64>> {
+    let (samples, index) = (0..surface.points.len(), SampleIndex::new(surface, radius_m));
+    let own: Vec<[f64; 2]> =
+        samples.clone().into_par_iter().map(|i| weighed_height(surface, i, frames, noise, reach_m)).collect();
+    samples.into_par_iter().map(|i| mean_height(surface, i, &own, &index, radius_m, reach_m)).collect()
+}
+
+/// Mean of the heights over a sample and its neighbors on the same side; `None` without a reading.
+fn mean_height(
+    surface: &SurfaceSamples,
+    sample: usize,
+    heights: &[[f64; 2]],
+    index: &SampleIndex,
+    radius_m: f64,
+    reach_m: f64,
+) -> Option<f64> {
+    let (point, normal) = (&surface.points[sample], &surface.normals[sample]);
+    let [mut sum, mut weights] = [0.0; 2];
+    index.around(point, |j| {
+        let offset = surface.points[j] - point;
+        // The other side of a thin panel is as near.
+        let near = offset.norm_squared() < radius_m * radius_m && offset.dot(normal).abs() < reach_m;
+        if near && normal.dot(&surface.normals[j]) > SAME_COSINE {
+            sum += heights[j][0];
+            weights += heights[j][1];
+        }
+    });
+    (weights > 0.0).then(|| sum / weights)
+}
+
+/// Heights of the readings over a sample by their weights, and the sum of these.
+fn weighed_height(
+    surface: &SurfaceSamples,
+    sample: usize,
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+    reach_m: f64,
+) -> [f64; 2] {
+    let (point, normal) = (surface.points[sample], surface.normals[sample]);
+    frames.iter().fold([0.0; 2], |[sum, weights], frame| {
+        let Some(pixel) = frame.intrinsics.pixel(&frame.in_camera(&point)) else { return [sum, weights] };
+        let Some(reading) = frame.world_point(pixel) else { return [sum, weights] };
+        let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
+        let (cosine, height_m) = (sight.dot(&normal), normal.dot(&(reading - point)));
+        let sigma_m = cosine * frame.sigma_m(pixel, noise);
+        if cosine < GRAZING_COSINE || height_m.abs() > reach_m + 3.0 * sigma_m {
+            return [sum, weights];
+        }
+        let weight = sigma_m.powi(-2);
+        [sum + weight * height_m, weights + weight]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+    use crate::{
+        geometry::Intrinsics,
+        surface::shapes::{cuboid, looking_at_origin, view_of},
+    };
+
+    /// The upper side of a box, a plate of samples 0.02 m high that lie `above_m` over it.
+    fn plate(above_m: f64) -> SurfaceSamples {
+        let at =
+            |i: i32| Point3::new(0.02 * f64::from(i % 10 - 5), 0.02 * f64::from(i / 10 - 5), 0.02 + above_m);
+        let points: Vec<Point3<f64>> = (0..100).map(at).collect();
+        SurfaceSamples {
+            normals: vec![Vector3::z(); points.len()],
+            colors: vec![[0.5; 3]; points.len()],
+            points,
+        }
+    }
+
+    #[test]
+    fn what_one_state_shows_too_high_is_measured() {
+        let noise =
+            NoiseConfig { constant_m: 0.001, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+        let k = Intrinsics { width: 320, height: 240, fx: 340.0, fy: 340.0, cx: 161.0, cy: 118.0 };
+        let block = cuboid(Vector3::new(0.2, 0.2, 0.02));
+        let frames = [Point3::new(0.1, 0.2, 0.7), Point3::new(-0.3, 0.1, 0.6)]
+            .map(|eye| view_of(&block, k, looking_at_origin(eye)));
+        let error_m = |above_m: [f64; 2]| {
+            let plates = above_m.map(plate);
+            let heights = ReadingHeights::new(plates.each_ref(), [&frames, &frames], &noise, 0.03, 0.005);
+            let offsets_m = heights.offsets_m(plates.each_ref(), &Pose::identity(), 0.03);
+            assert!((surface_error_m(&offsets_m[0]) - surface_error_m(&offsets_m[1])).abs() < 2e-4);
+            surface_error_m(&offsets_m[0])
+        };
+        assert!(error_m([0.0, 0.0]) < 2e-4, "{}", error_m([0.0, 0.0]));
+        assert!((error_m([0.0, 0.002]) - 0.002).abs() < 3e-4, "{}", error_m([0.0, 0.002]));
+        assert!(error_m([0.002, 0.002]) < 3e-4, "what both states share is no error of the motion");
+    }
+}

@@ -1,0 +1,146 @@
+//! Parts that look alike all round an axis: how far they turned about it is not seen.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
+
+use crate::articulate::{
+    joints::{
+        free_motion::surface_sigma_m,
+        motion_evidence::{MotionEvidence, RefineConfig},
+    },
+    observations::SurfaceSamples,
+};
+use crate::{
+    geometry::{Pose, Screw},
+    statistics::median,
+};
+
+/// Turns that are tried, all round; no regular prism but one of seven sides looks alike after any.
+const TURNS: usize = 7;
+/// A turned part fits as well where this share of its agreement stays.
+///
+/// tuned: shared/bags
+const AS_WELL: f64 = 0.9;
+/// A turn counts where more than this share of the points comes to where something was seen.
+///
+/// derived: the majority
+const SEEN: f64 = 0.5;
+/// Rounds in which the axis of a part settles.
+const CENTERINGS: usize = 10;
+
+/// Whether a part that makes a motion and, before it, any turn about a direction would fit as well.
+pub(crate) fn looks_alike_round(
+    evidence: &MotionEvidence,
+    motion: &Pose,
+    direction: &Unit<Vector3<f64>>,
+    config: &RefineConfig,
+) -> bool {
+    let sigma_m = surface_sigma_m(evidence, motion);
+    let Some(center) = center(evidence.surfaces[0], direction) else { return false };
+    let agreement = |turn_rad: f64| {
+        let turn = Screw { direction: *direction, point: center, angle_rad: turn_rad, advance_m: 0.0 };
+        let q = evidence.linearise(&(motion * turn.motion()), sigma_m, config);
+        (q.inliers as f64, q.tried as f64)
+    };
+    // A turn that brings most of the part to where nothing was seen shows nothing.
+    let (inliers, tried) = agreement(0.0);
+    let turned = (1..TURNS).map(|k| agreement(TAU * k as f64 / TURNS as f64));
+    let seen: Vec<(f64, f64)> = turned.filter(|(_, t)| *t > SEEN * tried).collect();
+    seen.len() >= 2 && seen.iter().all(|(i, t)| i * tried > AS_WELL * inliers * t)
+}
+
+/// Where the line is along a direction that most normals of a surface meet: least squares, weighed (Geman and
+/// McClure) by how far they pass it, as marks on a round part have other normals; `None` for too few points.
+fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
+    let u = direction.into_inner();
+    let across: Vec<(Vector3<f64>, f64)> = surface
+        .points
+        .iter()
+        .zip(&surface.normals)
+        .map(|(x, n)| (n.cross(&u), x.coords.cross(n).dot(&u)))
+        .collect();
+    let mut center = None;
+    for _ in 0..CENTERINGS {
+        let passes =
+            |(a, b): &(Vector3<f64>, f64)| center.map_or(0.0, |c: Vector3<f64>| (a.dot(&c) - b).abs());
+        let median_m = median(across.iter().filter(|(a, _)| a.norm() > 0.5).map(passes).collect())?;
+        let (mut matrix, mut right) = (u * u.transpose(), Vector3::zeros());
+        for line in &across {
+            let weight =
+                if median_m > 0.0 { (1.0 + (passes(line) / (2.0 * median_m)).powi(2)).powi(-2) } else { 1.0 };
+            matrix += line.0 * line.0.transpose() * weight;
+            right += line.0 * (line.1 * weight);
+        }
+        let inverse: Matrix3<f64> = matrix.try_inverse()?;
+        center = Some(inverse * right);
+    }
+    center.map(Point3::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Grid3, SceneBox};
+
+    /// A part with so many sides round a vertical axis through (.1, .05), seen in two states, lifted by 2 cm
+    /// between them.
+    fn alike(sides: f64) -> bool {
+        const RADIUS_M: f64 = 0.06;
+        let (middle, lift) = (Point3::new(0.1, 0.05, 0.0), Pose::translation(0.0, 0.0, 0.02));
+        let facing = |angle: f64| {
+            let face = (angle / TAU * sides).round() * TAU / sides;
+            (Vector3::new(face.cos(), face.sin(), 0.0), RADIUS_M / (angle - face).cos())
+        };
+        let distance_m = |p: &Point3<f64>| {
+            let v = p - middle;
+            let (normal, _) = facing(v.y.atan2(v.x));
+            (normal.dot(&v) - RADIUS_M).max(v.z.abs() - 0.03)
+        };
+        let around = SceneBox::around(&Point3::new(-0.05, -0.1, -0.15), &Point3::new(0.25, 0.2, 0.15));
+        let seen = Grid3::over(&around, 101, true);
+        let sdf = [Pose::identity(), lift].map(|pose| {
+            let mut grid = Grid3::over(&around, 101, 0.0f32);
+            (0..grid.values.len()).for_each(|i| {
+                grid.values[i] = distance_m(&pose.inverse_transform_point(&grid.position(i))) as f32
+            });
+            grid
+        });
+        let surfaces = [Pose::identity(), lift].map(|pose| {
+            let mut s = SurfaceSamples::default();
+            for i in 0..1200 {
+                let angle = TAU * (i % 60) as f64 / 60.0;
+                let (normal, radius_m) = facing(angle);
+                let at = Vector3::new(
+                    radius_m * angle.cos(),
+                    radius_m * angle.sin(),
+                    0.0028 * (i / 60) as f64 - 0.027,
+                );
+                s.points.push(pose * (middle + at));
+                s.normals.push(normal);
+                s.colors.push([0.5; 3]);
+            }
+            s
+        });
+        let evidence = MotionEvidence {
+            surfaces: [&surfaces[0], &surfaces[1]],
+            sdf: [&sdf[0], &sdf[1]],
+            offsets_m: [&[]; 2],
+            visible: [&seen, &seen],
+            matches: &[],
+            independent_area_m2: 1e-4,
+            areas_m2: [0.02; 2],
+            reach_m: 0.02,
+            block_m: 0.02,
+            displacement_m: 0.0,
+            patch_m: 0.05,
+        };
+        looks_alike_round(&evidence, &lift, &Vector3::z_axis(), &RefineConfig::default())
+    }
+
+    #[test]
+    fn a_cap_does_and_a_block_does_not() {
+        assert!(alike(360.0));
+        assert!(!alike(4.0) && !alike(6.0));
+    }
+}

@@ -1,0 +1,164 @@
+//! Surface texture aligned between the states: dense matches where pixel features are few.
+//!
+//! Around a surface point the frames of one state are averaged on the tangent plane into a small patch.
+//! Warped by the part's motion, the same patch is looked for on the other state's surface by Lucas-Kanade
+//! with normalized brightness, so that shading may change. A patch holds the surface in its own plane, where
+//! distance fields hold nothing.
+
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{
+    joints::{
+        gray_frames::{GrayFrames, Tangent},
+        joint_motion::frame_across,
+        motion_evidence::MatchEvidence,
+        patch_alignment::{RADIUS, REACH, Shift, align},
+    },
+    observations::SurfaceSamples,
+};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::{Grid3, Pose},
+};
+
+/// Settings of the texture alignment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TextureConfig {
+    /// Surface points tried per part and state.
+    pub points: usize,
+    /// Frames averaged into a patch at most.
+    pub frames: usize,
+    /// Distance between patch samples, in pixels of the closest camera.
+    pub spacing_pixels: f64,
+    /// Smallest contrast of a patch (standard deviation of the gray value, 0 to 1).
+    pub min_contrast: f64,
+    /// Smallest normalized correlation of an aligned pair.
+    pub min_correlation: f64,
+    /// Smallest standard deviation of an aligned patch, pixels of the closest camera.
+    pub pixel_sigma: f64,
+}
+
+impl Default for TextureConfig {
+    fn default() -> Self {
+        Self {
+            points: 3000,
+            frames: 8,
+            spacing_pixels: 2.0,
+            min_contrast: 0.015,
+            min_correlation: 0.8,
+            pixel_sigma: 0.5,
+        }
+    }
+}
+
+/// Dense matches of one part under a motion near the true one. `sdf` are the distance fields of both states,
+/// meters.
+#[must_use]
+pub fn texture_matches(
+    surfaces: [&SurfaceSamples; 2],
+    states: [&[RgbdFrame]; 2],
+    sdf: [&Grid3<f32>; 2],
+    motion: &Pose,
+    noise: &NoiseConfig,
+    config: &TextureConfig,
+) -> Vec<MatchEvidence> {
+    let gray = [GrayFrames::new(states[0], noise), GrayFrames::new(states[1], noise)];
+    let mut all = Vec::new();
+    for from in [0, 1] {
+        let to = 1 - from;
+        let warp = if from == 0 { *motion } else { motion.inverse() };
+        let surface = surfaces[from];
+        let stride = surface.points.len().div_ceil(config.points.max(1)).max(1);
+        let picked: Vec<usize> = (0..surface.points.len()).step_by(stride).collect();
+        let found: Vec<Option<(Point3<f64>, Point3<f64>, Matrix3<f64>, f64)>> = picked
+            .par_iter()
+            .map(|&i| {
+                match_point(
+                    &surface.points[i],
+                    &surface.normals[i],
+                    &warp,
+                    &gray[from],
+                    &gray[to],
+                    sdf[to],
+                    config,
+                )
+            })
+            .collect();
+        for (point, other, covariance, patch_area_m2) in found.into_iter().flatten() {
+            // The covariance belongs to the far end; the near end is exact by definition.
+            let (point0, point1) = if from == 0 { (point, other) } else { (other, point) };
+            let (covariance0, covariance1) =
+                if from == 0 { (Matrix3::zeros(), covariance) } else { (covariance, Matrix3::zeros()) };
+            all.push((MatchEvidence { point0, point1, covariance0, covariance1, share: 1.0 }, patch_area_m2));
+        }
+    }
+    share_out(all)
+}
+
+/// Overlapping patches are no independent observations: each counts as its share of the patches around it.
+fn share_out(all: Vec<(MatchEvidence, f64)>) -> Vec<MatchEvidence> {
+    let centers: Vec<Point3<f64>> = all.iter().map(|(m, _)| m.point0).collect();
+    let shares: Vec<f64> = all
+        .par_iter()
+        .map(|(m, area)| {
+            1.0 / centers.iter().filter(|c| (**c - m.point0).norm_squared() < area / 4.0).count().max(1)
+                as f64
+        })
+        .collect();
+    all.into_iter().zip(shares).map(|((m, _), share)| MatchEvidence { share, ..m }).collect()
+}
+
+/// Finds one surface point on the other state's surface: both points, covariance of the other, area of the
+/// patch.
+fn match_point(
+    point: &Point3<f64>,
+    normal: &Vector3<f64>,
+    warp: &Pose,
+    from: &GrayFrames,
+    to: &GrayFrames,
+    sdf: &Grid3<f32>,
+    config: &TextureConfig,
+) -> Option<(Point3<f64>, Point3<f64>, Matrix3<f64>, f64)> {
+    let warped = warp * point;
+    let (distance, gradient) = sdf.sample_with_gradient(&warped);
+    let other_normal = warp.rotation * normal;
+    let gradient = gradient.cast::<f64>();
+    if gradient.dot(&other_normal) < 0.7 * gradient.norm() {
+        return None;
+    }
+    let center = warped - other_normal * f64::from(distance);
+    let (frames, pixel_m) = from.best(point, normal, config.frames);
+    let (other_frames, other_pixel_m) = to.best(&center, &other_normal, config.frames);
+    if frames.is_empty() || other_frames.is_empty() {
+        return None;
+    }
+    let (a, b) = frame_across(&Unit::new_unchecked(*normal));
+    let axes = [a, b];
+    let pixel_m = pixel_m.max(other_pixel_m);
+    let spacing_m = config.spacing_pixels * pixel_m;
+    let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
+    let there = Tangent { center, normal: other_normal, axes: axes.map(|a| warp.rotation * a), spacing_m };
+    let reference = from.patch(&here, &frames, RADIUS);
+    let target = to.patch(&there, &other_frames, RADIUS + REACH);
+    let Shift { shift, covariance, correlation } = align(&reference, &target, config.min_contrast)?;
+    if correlation < config.min_correlation {
+        return None;
+    }
+    let other = center + (there.axes[0] * shift.x + there.axes[1] * shift.y) * spacing_m;
+    let floor = (config.pixel_sigma * pixel_m).powi(2);
+    let mut spread = Matrix3::identity() * floor;
+    for i in 0..2 {
+        for j in 0..2 {
+            spread +=
+                there.axes[i] * there.axes[j].transpose() * (covariance[(i, j)] * spacing_m * spacing_m);
+        }
+    }
+    // Along the normal the distance fields speak; here it is left open.
+    let open = (spacing_m * f64::from(RADIUS)).powi(2);
+    spread += there.normal * there.normal.transpose() * open;
+    let side = spacing_m * f64::from(2 * RADIUS + 1);
+    Some((*point, other, spread, side * side))
+}

@@ -1,0 +1,344 @@
+//! Image features: extrema of differences of Gaussians (Lowe, IJCV 2004) with gradient descriptors.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::matches::{
+    descriptor::{Descriptor, Gradients, describe, orientations},
+    luma::luma,
+    scale_space::{Octave, Plane, octaves},
+};
+use crate::capture::RgbdFrame;
+
+/// How features are found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FeatureConfig {
+    /// Whether the image is doubled first, which finds features down to 1 pixel of blur.
+    pub upsample: bool,
+    /// Scales in an octave.
+    pub scales: usize,
+    /// Blur of the first image of an octave, pixels.
+    pub sigma_px: f32,
+    /// Weakest difference of Gaussians that counts, for gray values in `[0, 1]`.
+    pub contrast: f32,
+    /// Largest ratio of principal curvatures; higher is an edge.
+    pub edge_ratio: f32,
+    /// Features closer than this to the mask's border are dropped, pixels.
+    pub mask_erosion_px: usize,
+    /// Most features of one frame; the strongest are kept.
+    pub limit: usize,
+}
+
+impl Default for FeatureConfig {
+    fn default() -> Self {
+        Self {
+            upsample: true,
+            scales: 3,
+            sigma_px: 1.6,
+            contrast: 0.006,
+            edge_ratio: 10.0,
+            mask_erosion_px: 3,
+            limit: 1000,
+        }
+    }
+}
+
+/// A point of an image with the look of its surroundings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Feature {
+    /// Sub-pixel position (u, v), pixels.
+    pub pixel: [f32; 2],
+    /// Blur at which it is an extremum, pixels.
+    pub scale_px: f32,
+    /// Dominant gradient direction, radians from u towards v.
+    pub angle_rad: f32,
+    /// Difference of Gaussians at the extremum.
+    pub response: f32,
+    /// Look of the surroundings.
+    pub descriptor: Descriptor,
+}
+
+/// Pixels around the object that are kept for blurring.
+const MARGIN_PX: usize = 20;
+
+/// Features on the object in one frame, strongest first.
+#[must_use]
+pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
+    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
+    let Some([left, top, right, bottom]) = bounds(&object, w) else { return Vec::new() };
+    // Only the object is searched: most frames show it in a small part.
+    let (left, top) = (left.saturating_sub(MARGIN_PX), top.saturating_sub(MARGIN_PX));
+    let (right, bottom) = ((right + MARGIN_PX).min(w - 1), (bottom + MARGIN_PX).min(h - 1));
+    let (cw, ch) = (right + 1 - left, bottom + 1 - top);
+    let source = |i: usize| (i / cw + top) * w + i % cw + left;
+    let values = (0..cw * ch).map(|i| luma(frame.rgb[source(i)])).collect();
+    let crop: Vec<bool> = (0..cw * ch).map(|i| object[source(i)]).collect();
+    let image = Plane { width: cw, height: ch, values };
+    let mut found = detect(&image, &crop, config);
+    for f in &mut found {
+        f.pixel = [f.pixel[0] + left as f32, f.pixel[1] + top as f32];
+    }
+    found
+}
+
+/// Left, top, right, bottom of the set pixels.
+fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
+    mask.iter().enumerate().filter(|(_, m)| **m).map(|(i, _)| [i % width, i / width]).fold(
+        None,
+        |b: Option<[usize; 4]>, [x, y]| {
+            let [l, t, r, bottom] = b.unwrap_or([x, y, x, y]);
+            Some([l.min(x), t.min(y), r.max(x), bottom.max(y)])
+        },
+    )
+}
+
+/// Pixels whose whole `(2 radius + 1)` square is set.
+fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
+    let height = mask.len() / width;
+    let along = |source: &[bool], n: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
+        let mut out = vec![false; source.len()];
+        for line in 0..lines {
+            let mut run = 0;
+            for i in 0..n {
+                run = if source[at(line, i)] { run + 1 } else { 0 };
+                if run > 2 * radius {
+                    out[at(line, i - radius)] = true;
+                }
+            }
+        }
+        out
+    };
+    let rows = along(mask, width, height, &|y, x| y * width + x);
+    along(&rows, height, width, &|x, y| y * width + x)
+}
+
+/// An extremum: octave coordinates, level with fraction, response.
+struct Extremum {
+    x: f32,
+    y: f32,
+    level: f32,
+    response: f32,
+}
+
+/// Features of an image inside a mask, strongest first.
+fn detect(image: &Plane, mask: &[bool], config: &FeatureConfig) -> Vec<Feature> {
+    let inner = eroded(mask, image.width, config.mask_erosion_px);
+    let inside = |set: &[bool], u: f32, v: f32| {
+        let (x, y) = (u.round(), v.round());
+        x >= 0.0
+            && y >= 0.0
+            && (x as usize) < image.width
+            && (y as usize) < image.height
+            && set[y as usize * image.width + x as usize]
+    };
+    let mut found = Vec::new();
+    for octave in octaves(image, config.scales, config.sigma_px, config.upsample) {
+        let step = octave.step;
+        for level in 1..=config.scales {
+            let extrema =
+                extrema(&octave, level, config, |x, y| inside(&inner, x as f32 * step, y as f32 * step));
+            if extrema.is_empty() {
+                continue;
+            }
+            let gradients = Gradients::of(&octave.gaussians[level], |x, y| {
+                inside(mask, x as f32 * step, y as f32 * step)
+            });
+            for e in extrema {
+                let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
+                for angle_rad in orientations(&gradients, e.x, e.y, scale) {
+                    if let Some(descriptor) = describe(&gradients, e.x, e.y, scale, angle_rad) {
+                        let pixel = [e.x * step, e.y * step];
+                        found.push(Feature {
+                            pixel,
+                            scale_px: scale * step,
+                            angle_rad,
+                            response: e.response,
+                            descriptor,
+                        });
+                    }
+                }
+            }
+        }
+    }
+    found.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
+    found.truncate(config.limit);
+    found
+}
+
+/// Refined extrema of one level of differences.
+fn extrema(
+    octave: &Octave,
+    level: usize,
+    config: &FeatureConfig,
+    inside: impl Fn(usize, usize) -> bool,
+) -> Vec<Extremum> {
+    let d = &octave.differences;
+    let (w, h) = (d[level].width, d[level].height);
+    let mut found = Vec::new();
+    for y in 1..h - 1 {
+        for x in 1..w - 1 {
+            let value = d[level].at(x, y);
+            // Half, because the refined value may be larger than that at the pixel.
+            if value.abs() > 0.5 * config.contrast && inside(x, y) && is_extremum(d, level, x, y, value) {
+                found.extend(refined(d, level, x, y, config));
+            }
+        }
+    }
+    found
+}
+
+/// Whether a pixel is above or below all 26 neighbors in space and scale.
+fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> bool {
+    let sign = value.signum();
+    let mut beaten = true;
+    for plane in &d[level - 1..=level + 1] {
+        for row in y - 1..=y + 1 {
+            let i = row * plane.width + x;
+            beaten &= plane.values[i - 1..=i + 1].iter().all(|&n| sign * n <= sign * value);
+        }
+        if !beaten {
+            return false;
+        }
+    }
+    true
+}
+
+/// Position, scale and response of the quadratic through the 27 values; `None` for weak ones, edges and
+/// drift.
+fn refined(
+    d: &[Plane],
+    mut level: usize,
+    mut x: usize,
+    mut y: usize,
+    config: &FeatureConfig,
+) -> Option<Extremum> {
+    let (w, h) = (d[level].width, d[level].height);
+    // An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
+    // tolerated, so that no extremum jumps between two forever.
+    for _ in 0..5 {
+        let (gradient, hessian, value) = quadratic(d, level, x, y);
+        let offset = -(hessian.lu().solve(&gradient)?);
+        if offset.amax() <= 0.6 {
+            let response = value + 0.5 * gradient.dot(&offset);
+            // Along an edge one principal curvature is much larger than the other, and the place is
+            // uncertain.
+            let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
+            let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
+            let r = config.edge_ratio;
+            let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
+            return (response.abs() >= config.contrast && corner).then_some(Extremum {
+                x: x as f32 + offset[0],
+                y: y as f32 + offset[1],
+                level: level as f32 + offset[2],
+                response,
+            });
+        }
+        let moved = |c: usize, o: f32, low: usize, high: usize| {
+            let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
+            (m >= low as i64 && m <= high as i64).then_some(m as usize)
+        };
+        x = moved(x, offset[0], 1, w - 2)?;
+        y = moved(y, offset[1], 1, h - 2)?;
+        level = moved(level, offset[2], 1, config.scales)?;
+    }
+    None
+}
+
+/// The values around a sample of the differences, by steps of (x, y, level); derivatives are central.
+struct Around<'a> {
+    differences: &'a [Plane],
+    sample: Vector3<i64>,
+}
+
+impl Around<'_> {
+    fn at(&self, step: Vector3<i64>) -> f32 {
+        let [x, y, level] = (self.sample + step).map(|c| c as usize).into();
+        self.differences[level].at(x, y)
+    }
+
+    fn first(&self, a: Vector3<i64>) -> f32 {
+        0.5 * (self.at(a) - self.at(-a))
+    }
+
+    fn second(&self, a: Vector3<i64>) -> f32 {
+        self.at(a) + self.at(-a) - 2.0 * self.at(Vector3::zeros())
+    }
+
+    fn mixed(&self, a: Vector3<i64>, b: Vector3<i64>) -> f32 {
+        0.25 * (self.at(a + b) - self.at(a - b) - self.at(b - a) + self.at(-a - b))
+    }
+}
+
+/// Gradient, Hessian and value of the differences by (x, y, level).
+fn quadratic(d: &[Plane], level: usize, x: usize, y: usize) -> (Vector3<f32>, Matrix3<f32>, f32) {
+    let around = Around { differences: d, sample: Vector3::new(x, y, level).map(|c| c as i64) };
+    let (ex, ey, el) = (Vector3::x(), Vector3::y(), Vector3::z());
+    let (xy, xl, yl) = (around.mixed(ex, ey), around.mixed(ex, el), around.mixed(ey, el));
+    let (xx, yy, ll) = (around.second(ex), around.second(ey), around.second(el));
+    let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
+    let gradient = Vector3::new(around.first(ex), around.first(ey), around.first(el));
+    (gradient, hessian, around.at(Vector3::zeros()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gaussian blobs at sub-pixel positions.
+    fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> Plane {
+        let mut p = Plane::zeros(width, height);
+        for i in 0..width * height {
+            let (x, y) = ((i % width) as f32, (i / width) as f32);
+            p.values[i] = 0.2
+                + centers
+                    .iter()
+                    .map(|(c, s)| {
+                        let (dx, dy) = (x - c[0], y - c[1]);
+                        0.5 * (-(dx * dx + 0.8 * dy * dy + 0.3 * dx * dy) / (2.0 * s * s)).exp()
+                    })
+                    .sum::<f32>();
+        }
+        p
+    }
+
+    #[test]
+    fn blobs_are_found_where_they_are_to_a_tenth_of_a_pixel() {
+        let centers = [([30.3, 40.7], 3.0), ([80.6, 25.2], 4.5), ([90.45, 70.9], 2.5)];
+        let image = blobs(128, 100, &centers);
+        for upsample in [false, true] {
+            let config = FeatureConfig { upsample, ..FeatureConfig::default() };
+            let found = detect(&image, &vec![true; 128 * 100], &config);
+            for (c, s) in centers {
+                let near = found.iter().find(|f| (f.pixel[0] - c[0]).hypot(f.pixel[1] - c[1]) < 0.1);
+                let f = near.unwrap_or_else(|| panic!("no feature at {c:?}"));
+                assert!((f.scale_px / s - 1.0).abs() < 0.25, "{} for {s}", f.scale_px);
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_and_the_outside_of_the_mask_have_no_features() {
+        let mut edge = Plane::zeros(96, 96);
+        (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
+        let config = FeatureConfig::default();
+        assert!(
+            detect(&edge, &[true; 96 * 96], &config).iter().all(|f| f.pixel[1] < 16.0 || f.pixel[1] > 80.0)
+        );
+        let image = blobs(96, 96, &[([30.0, 30.0], 3.0), ([70.0, 70.0], 3.0)]);
+        let mask: Vec<bool> = (0..96 * 96).map(|i| i % 96 < 50).collect();
+        let found = detect(&image, &mask, &config);
+        assert!(!found.is_empty() && found.iter().all(|f| f.pixel[0] < 46.5));
+    }
+
+    #[test]
+    fn erosion_keeps_what_is_far_from_the_border() {
+        let mask: Vec<bool> =
+            (0..400).map(|i| (3..15).contains(&(i % 20)) && (5..18).contains(&(i / 20))).collect();
+        let small = eroded(&mask, 20, 2);
+        for (i, &kept) in small.iter().enumerate() {
+            assert_eq!(kept, (5..13).contains(&(i % 20)) && (7..16).contains(&(i / 20)), "{i}");
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::neural::{
+    feature_grid::FEATURES,
+    segmentation::{SegmentationField, SegmentationGradient},
+};
+use crate::field::{ADAM_BETAS, ADAM_EPSILON};
+
+/// Moments of a short vector and the steps taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Moments<T> {
+    first: Vec<T>,
+    second: Vec<T>,
+    taken: i32,
+}
+
+impl Moments<f64> {
+    /// No history of a vector of `length`.
+    pub(crate) fn new(length: usize) -> Self {
+        Self { first: vec![0.0; length], second: vec![0.0; length], taken: 0 }
+    }
+
+    /// The change of every parameter for a gradient.
+    pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
+        self.taken += 1;
+        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
+        let (c1, c2) = (1.0 - b1.powi(self.taken), 1.0 - b2.powi(self.taken));
+        let moments = self.first.iter_mut().zip(&mut self.second);
+        gradient
+            .iter()
+            .zip(moments)
+            .map(|(g, (m, v))| {
+                *m = b1 * *m + (1.0 - b1) * g;
+                *v = b2 * *v + (1.0 - b2) * g * g;
+                -rate * (*m / c1) / ((*v / c2).sqrt() + f64::from(ADAM_EPSILON))
+            })
+            .collect()
+    }
+}
+
+/// Moments of a segmentation field. Grid nodes that never had a gradient are passed over: Adam would leave
+/// them as they are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct FieldMoments {
+    grid: Moments<f32>,
+    layers: Vec<Moments<f32>>,
+    touched: Vec<bool>,
+}
+
+/// Rates and bias corrections of one step.
+#[derive(Clone, Copy)]
+struct Rule {
+    rate: f32,
+    root: f32,
+}
+
+impl Rule {
+    fn at(taken: i32, rate: f64) -> Self {
+        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
+        Self {
+            rate: (rate / (1.0 - b1.powi(taken))) as f32,
+            root: (1.0 / (1.0 - b2.powi(taken))).sqrt() as f32,
+        }
+    }
+
+    /// Steps parameters and clears the gradient. Epsilon stands outside the root, as in PyTorch.
+    fn apply(self, p: &mut [f32], g: &mut [f32], m: &mut [f32], v: &mut [f32]) {
+        let (b1, b2) = ADAM_BETAS;
+        for (((p, g), m), v) in p.iter_mut().zip(g).zip(m).zip(v) {
+            *m = b1 * *m + (1.0 - b1) * *g;
+            *v = b2 * *v + (1.0 - b2) * *g * *g;
+            *p -= self.rate * *m / (v.sqrt() * self.root + ADAM_EPSILON);
+            *g = 0.0;
+        }
+    }
+}
+
+impl FieldMoments {
+    /// No history.
+    pub(crate) fn new(field: &SegmentationField) -> Self {
+        let moments =
+            |length: usize| Moments { first: vec![0.0; length], second: vec![0.0; length], taken: 0 };
+        Self {
+            grid: moments(field.grid.len()),
+            layers: field
+                .layers
+                .iter()
+                .flat_map(|l| [moments(l.weights.len()), moments(l.biases.len())])
+                .collect(),
+            touched: vec![false; field.grid.len() / FEATURES],
+        }
+    }
+
+    /// Whether these are moments of a field of this shape.
+    pub(crate) fn fits(&self, field: &SegmentationField) -> bool {
+        let lengths = |m: &Moments<f32>| (m.first.len(), m.second.len());
+        let layers: Vec<_> =
+            field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).map(|n| (n, n)).collect();
+        lengths(&self.grid) == (field.grid.len(), field.grid.len())
+            && self.touched.len() * FEATURES == field.grid.len()
+            && self.layers.iter().map(lengths).collect::<Vec<_>>() == layers
+    }
+
+    /// One step; clears the gradient.
+    pub(crate) fn step(
+        &mut self,
+        field: &mut SegmentationField,
+        gradient: &mut SegmentationGradient,
+        rate: f64,
+    ) {
+        self.grid.taken += 1;
+        let rule = Rule::at(self.grid.taken, rate);
+        // A node that had a gradient once still moves by its moments.
+        for (ever, now) in self.touched.iter_mut().zip(&mut gradient.touched) {
+            *ever |= std::mem::take(now);
+        }
+        const SLAB: usize = 4096;
+        let parameters =
+            (field.grid.par_chunks_mut(SLAB * FEATURES), gradient.grid.par_chunks_mut(SLAB * FEATURES));
+        let moments = (
+            self.grid.first.par_chunks_mut(SLAB * FEATURES),
+            self.grid.second.par_chunks_mut(SLAB * FEATURES),
+        );
+        let slabs = parameters.into_par_iter().zip(moments).zip(self.touched.par_chunks(SLAB));
+        slabs.for_each(|(((p, g), (m, v)), touched)| {
+            for (node, _) in touched.iter().enumerate().filter(|(_, t)| **t) {
+                let at = node * FEATURES..(node + 1) * FEATURES;
+                rule.apply(&mut p[at.clone()], &mut g[at.clone()], &mut m[at.clone()], &mut v[at]);
+            }
+        });
+        let layers = field.layers.iter_mut().zip(&mut gradient.layers);
+        for ((layer, by_layer), moments) in layers.zip(self.layers.chunks_exact_mut(2)) {
+            rule.apply(
+                &mut layer.weights,
+                &mut by_layer.weights,
+                &mut moments[0].first,
+                &mut moments[0].second,
+            );
+            rule.apply(
+                &mut layer.biases,
+                &mut by_layer.biases,
+                &mut moments[1].first,
+                &mut moments[1].second,
+            );
+        }
+    }
+}
+
+/// Exponential fall from the first to the last rate over a number of steps.
+pub(crate) fn rate_at(range: [f64; 2], step: usize, steps: usize) -> f64 {
+    range[0] * (range[1] / range[0]).powf(step as f64 / steps.max(1) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bowl_is_descended() {
+        let (mut m, mut x) = (Moments::new(2), [3.0, -1.0]);
+        for k in 0..400 {
+            let g = [2.0 * x[0], 20.0 * x[1]];
+            let d = m.steps(&g, rate_at([0.1, 1e-4], k, 400));
+            x[0] += d[0];
+            x[1] += d[1];
+        }
+        assert!(x[0].abs() < 0.03 && x[1].abs() < 0.03, "{x:?}");
+    }
+}

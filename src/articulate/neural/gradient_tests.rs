@@ -1,0 +1,282 @@
+//! Every loss against central differences, and the losses at the truth.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::articulate::neural::{
+    collision::collision_loss,
+    config::{ArticulationConfig, LossWeights, Reading, SdfResidual},
+    consistency::Consistency,
+    motion_params::{Motions, Way},
+    objective::{ArticulationLosses, Objective, StateBatch},
+    occupancy::{BackwardFlow, occupancy_loss},
+    ray_batch::RayBatch,
+    segmentation::{GumbelNoise, SegmentationField},
+    test_scene::{TestScene, two_blocks},
+    uniform_batch::{OccupiedVoxels, UniformBatch},
+};
+use crate::{geometry::Pose, random::stage_rng};
+
+fn scene() -> TestScene {
+    two_blocks(Pose::new(Vector3::new(0.05, -0.03, 0.04), Vector3::new(0.0, 0.1, 0.4)), 61)
+}
+
+/// A small step whose loss and gradient can be asked for changed motions and fields.
+struct Fixture<'a> {
+    scene: &'a TestScene,
+    config: ArticulationConfig,
+    source: usize,
+    motions: Motions,
+    field: SegmentationField,
+    rays: [RayBatch; 2],
+    uniform: UniformBatch,
+}
+
+impl<'a> Fixture<'a> {
+    fn new(scene: &'a TestScene, weights: LossWeights, source: usize) -> Self {
+        let config = ArticulationConfig {
+            rays: 60,
+            samples_per_ray: 6,
+            uniform_points: 600,
+            grid_nodes: 9,
+            // Wide, so that many points lie on the ramp.
+            occupancy_ramp_m: Some(0.04),
+            visibility_gradient: true,
+            weights,
+            ..ArticulationConfig::default()
+        };
+        let mut rng = stage_rng(5, "test/gradient", source as u64);
+        let near = Pose::new(Vector3::new(0.07, -0.02, 0.03), Vector3::new(0.05, 0.05, 0.3));
+        let motions = Motions::from_world(&[Pose::identity(), near], &scene.scene);
+        let mut field = SegmentationField::init(2, config.grid_nodes, &mut rng);
+        let mut draw = || (rand_core::Rng::next_u32(&mut rng) >> 8) as f32 / (1u32 << 23) as f32 - 1.0;
+        field.grid.iter_mut().for_each(|g| *g = draw());
+        let (v0, v1) = (scene.volume(0, &config), scene.volume(1, &config));
+        let rays =
+            [RayBatch::draw(&v0, &config, 0.002, &mut rng), RayBatch::draw(&v1, &config, 0.002, &mut rng)];
+        let (o0, o1) = (OccupiedVoxels::of(&v0), OccupiedVoxels::of(&v1));
+        let (here, other) = if source == 0 { ((&v1, &o1), (&v0, &o0)) } else { ((&v0, &o0), (&v1, &o1)) };
+        let back = Way::from_state(source).reverse();
+        let uniform = UniformBatch::draw(config.uniform_points, here, other, (&motions, back), &mut rng);
+        Self { scene, config, source, motions, field, rays, uniform }
+    }
+
+    fn evaluate(
+        &self,
+        motions: &Motions,
+        field: &SegmentationField,
+    ) -> (ArticulationLosses, crate::articulate::neural::segmentation::SegmentationGradient, Vec<f64>) {
+        let volumes = [self.scene.volume(0, &self.config), self.scene.volume(1, &self.config)];
+        let objective = Objective {
+            source: &volumes[self.source],
+            target: &volumes[1 - self.source],
+            way: Way::from_state(self.source),
+            motions,
+            config: &self.config,
+        };
+        let batch = StateBatch {
+            rays: &self.rays[self.source],
+            matches: &self.scene.matches[..100],
+            uniform: Some(&self.uniform),
+            collision: Some(&self.rays[1 - self.source].points),
+            noise: GumbelNoise { key: Some(9) },
+        };
+        let mut gradient = field.zero_gradient();
+        let (losses, by_motions) = objective.evaluate(field, &batch, &mut gradient);
+        (losses, gradient, by_motions.parts[1].iter().flat_map(|v| [v.x, v.y, v.z]).collect())
+    }
+
+    /// Checks the six coordinates of the motion, then the direction of the gradient for the field's grid and
+    /// each layer.
+    fn check(&mut self) {
+        // Visibility jumps from voxel to voxel; the method takes it as given for motions, so none is
+        // discounted here.
+        let unseen = std::mem::replace(&mut self.config.unseen_weight, 1.0);
+        self.check_motions();
+        self.config.unseen_weight = unseen;
+        let (losses, gradient, _) = self.evaluate(&self.motions, &self.field);
+        assert!(losses.total > 1e-6, "the loss is there: {losses:?}");
+        self.check_direction("grid", &gradient.grid, |f| &mut f.grid);
+        for l in 0..3 {
+            self.check_direction("weights", &gradient.layers[l].weights, |f| &mut f.layers[l].weights);
+            self.check_direction("biases", &gradient.layers[l].biases, |f| &mut f.layers[l].biases);
+        }
+    }
+
+    fn check_motions(&self) {
+        let by_motion = self.evaluate(&self.motions, &self.field).2;
+        let scale = by_motion.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+        for (k, analytic) in by_motion.iter().enumerate() {
+            let value = |d: f64| self.evaluate(&self.motions.nudged(1, k, d), &self.field).0.total;
+            let numeric = (value(2e-4) - value(-2e-4)) / 4e-4;
+            assert!(
+                (numeric - analytic).abs() < 0.01 * scale,
+                "motion {k}: {analytic} against {numeric}; largest {scale}"
+            );
+        }
+    }
+
+    /// Moves a block of parameters along a random direction and along its gradient.
+    fn check_direction(
+        &self,
+        name: &str,
+        gradient: &[f32],
+        block: impl Fn(&mut SegmentationField) -> &mut Vec<f32>,
+    ) {
+        let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        assert!(norm > 0.0, "{name} has a gradient");
+        let along: Vec<f64> = gradient.iter().map(|g| f64::from(*g) / norm).collect();
+        let mixed: Vec<f64> =
+            along.iter().enumerate().map(|(i, a)| if i % 3 == 1 { -2.0 * a } else { *a }).collect();
+        for direction in [along, mixed] {
+            let value = |d: f64| {
+                let mut field = self.field.clone();
+                block(&mut field).iter_mut().zip(&direction).for_each(|(p, u)| *p += (d * u) as f32);
+                self.evaluate(&self.motions, &field).0.total
+            };
+            let analytic: f64 = direction.iter().zip(gradient).map(|(u, g)| u * f64::from(*g)).sum();
+            // Long steps cross ReLU kinks, short ones drown in f32 rounding.
+            let differences = [1e-3, 3e-4, 1e-4].map(|step| (value(step) - value(-step)) / (2.0 * step));
+            let error = differences.iter().fold(f64::INFINITY, |best, d| best.min((d - analytic).abs()));
+            assert!(error < 0.02 * norm, "{name}: {analytic} against {differences:?}; norm {norm}");
+        }
+    }
+}
+
+const NOTHING: LossWeights =
+    LossWeights { sdf: 0.0, color: 0.0, occupancy: 0.0, collision: 0.0, matching: 0.0, matching_3d: 0.0 };
+
+/// One loss from both states.
+fn check(weights: LossWeights, change: impl Fn(&mut ArticulationConfig)) {
+    let scene = scene();
+    for source in 0..2 {
+        let mut fixture = Fixture::new(&scene, weights, source);
+        change(&mut fixture.config);
+        fixture.check();
+    }
+}
+
+#[test]
+fn sdf_consistency_has_its_gradient() {
+    check(LossWeights { sdf: 10.0, ..NOTHING }, |_| ());
+    check(LossWeights { sdf: 10.0, ..NOTHING }, |c| c.compatibility.visibility = Reading::Released);
+    check(LossWeights { sdf: 10.0, ..NOTHING }, |c| {
+        c.sdf_residual = SdfResidual::NoiseScaled { sigmas: 3.0 }
+    });
+}
+
+#[test]
+fn color_consistency_has_its_gradient() {
+    check(LossWeights { color: 1.0, ..NOTHING }, |_| ());
+    check(LossWeights { color: 1.0, ..NOTHING }, |c| {
+        c.compatibility.color_space = crate::articulate::neural::config::ColorSpace::Logit
+    });
+}
+
+#[test]
+fn occupancy_consistency_has_its_gradient() {
+    check(LossWeights { occupancy: 5.0, ..NOTHING }, |_| ());
+    check(LossWeights { occupancy: 5.0, ..NOTHING }, |c| {
+        c.compatibility.occupancy_target = Reading::Released
+    });
+}
+
+#[test]
+fn collision_has_its_gradient() {
+    check(LossWeights { collision: 50.0, ..NOTHING }, |_| ());
+}
+
+#[test]
+fn matching_has_its_gradient() {
+    check(LossWeights { matching: 500.0, ..NOTHING }, |_| ());
+    check(LossWeights { matching_3d: 10.0, ..NOTHING }, |_| ());
+}
+
+#[test]
+fn all_losses_together_have_their_gradient() {
+    check(LossWeights::default(), |_| ());
+}
+
+/// Probabilities that know the truth, for points of a state.
+fn truth(scene: &TestScene, state: usize, points: impl Iterator<Item = Point3<f64>>) -> Vec<f32> {
+    points
+        .flat_map(|p| {
+            [0, 1].map(|i| f32::from(u8::from(scene.shapes[state].nearest(&scene.scene.world(&p)).0 == i)))
+        })
+        .collect()
+}
+
+#[test]
+fn at_the_truth_only_the_released_occupancy_target_disagrees() {
+    let scene = scene();
+    let mut config = ArticulationConfig {
+        rays: 400,
+        uniform_points: 20_000,
+        unseen_weight: 1.0,
+        ..ArticulationConfig::default()
+    };
+    let motions = Motions::from_world(&scene.motions, &scene.scene);
+    for source in 0..2 {
+        let mut rng = stage_rng(2, "test/truth", source as u64);
+        let (from, to, way) =
+            (scene.volume(source, &config), scene.volume(1 - source, &config), Way::from_state(source));
+        let rays = RayBatch::draw(&from, &config, 0.002, &mut rng);
+        let consistency =
+            Consistency { batch: &rays, source: &from, target: &to, motions: &motions, way, config: &config };
+        let p = truth(&scene, source, rays.points.iter().copied());
+        // A point may be nearer to the other block there: the blocks move against each other. Most are not.
+        let (sdf, color) = (consistency.sdf_loss(&p).value, consistency.color_loss(&p).value);
+        let half = vec![0.5; p.len()];
+        assert!(sdf < 0.02, "{sdf}");
+        assert!(
+            consistency.sdf_loss(&half).value > 5.0 * sdf
+                && consistency.color_loss(&half).value > 5.0 * color
+        );
+
+        let (o_from, o_to) = (OccupiedVoxels::of(&from), OccupiedVoxels::of(&to));
+        let uniform = UniformBatch::draw(
+            config.uniform_points,
+            (&to, &o_to),
+            (&from, &o_from),
+            (&motions, way.reverse()),
+            &mut rng,
+        );
+        let flow =
+            BackwardFlow::gather(&uniform.points, Some(&uniform.weights), &from, (&motions, way.reverse()));
+        let p = truth(&scene, source, flow.candidates.iter().map(|c| c.image));
+        let paper = occupancy_loss(&flow, &p, (&to, &from), &config).value;
+        let collision = collision_loss(&flow, &p).value;
+        config.compatibility.occupancy_target = Reading::Released;
+        let released = occupancy_loss(&flow, &p, (&to, &from), &config).value;
+        config.compatibility.occupancy_target = Reading::Paper;
+        assert!(paper < 2e-4, "{paper}");
+        assert!(released > 20.0 * paper.max(1e-4), "{released} against {paper}");
+        assert!(collision < 1e-6, "{collision}");
+        // A lid that fills what the base fills already.
+        let both = vec![1.0; p.len()];
+        assert!(collision_loss(&flow, &both).value > 1e-3);
+    }
+}
+
+#[test]
+fn weighted_points_estimate_the_uniform_mean() {
+    let scene = scene();
+    let config = ArticulationConfig::default();
+    let motions = Motions::from_world(&scene.motions, &scene.scene);
+    let (v0, v1) = (scene.volume(0, &config), scene.volume(1, &config));
+    let (o0, o1) = (OccupiedVoxels::of(&v0), OccupiedVoxels::of(&v1));
+    let mut rng = stage_rng(8, "test/uniform", 0);
+    let batch = UniformBatch::draw(200_000, (&v1, &o1), (&v0, &o0), (&motions, Way::Backward), &mut rng);
+    let mean = |f: &dyn Fn(&Point3<f64>) -> f64| {
+        batch
+            .points
+            .iter()
+            .zip(&batch.weights)
+            .map(|(p, w)| if *w > 0.0 { w * f(p) } else { 0.0 })
+            .sum::<f64>()
+            / 200_000.0
+    };
+    assert!((mean(&|_| 1.0) - 1.0).abs() < 0.02, "{}", mean(&|_| 1.0));
+    assert!((mean(&|p| p.x * p.x) - 1.0 / 3.0).abs() < 0.02);
+    let volume = 8.0 * (0.2 * 0.15 * 0.05 + 0.07 * 0.1 * 0.06) / scene.scene.side_m().powi(3);
+    assert!((mean(&|p| v1.occupancy(p).0) / volume - 1.0).abs() < 0.02);
+}

@@ -1,0 +1,110 @@
+//! Pixel matches (docs/method.md 12.8, the form with one sample): the blended image of a lifted match must
+//! project onto its pixel in the other state.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::articulate::{
+    neural::{
+        loss_term::LossTerm,
+        motion_params::{Motions, Way},
+        state_model::Volume,
+    },
+    observations::LiftedMatch,
+};
+
+/// Some matches, the state they end in and the motions.
+pub(crate) struct Matching<'a> {
+    pub(crate) matches: &'a [LiftedMatch],
+    /// The state that the points are moved to.
+    pub(crate) target: &'a Volume<'a>,
+    pub(crate) motions: &'a Motions,
+    pub(crate) way: Way,
+}
+
+impl Matching<'_> {
+    /// World point of a match in the state it is moved from.
+    pub(crate) fn start(pair: &LiftedMatch, way: Way) -> Point3<f64> {
+        if way == Way::Forward { pair.point0 } else { pair.point1 }
+    }
+
+    /// State that points are moved to.
+    fn end(&self) -> usize {
+        usize::from(self.way == Way::Forward)
+    }
+
+    /// Normalised image of a match's start under each part, and their blend.
+    fn images(&self, pair: &LiftedMatch, p: &[f32]) -> (Point3<f64>, Vec<Point3<f64>>, Point3<f64>) {
+        let start = self.target.scene.normalise(&Self::start(pair, self.way));
+        let images: Vec<_> = (0..p.len()).map(|i| self.motions.apply(i, self.way, &start)).collect();
+        let blend: Vector3<f64> = images.iter().zip(p).map(|(y, p)| y.coords * f64::from(*p)).sum();
+        (start, images, Point3::from(blend))
+    }
+
+    /// Mean L1 distance in pixels between projection and matched pixel, in image heights. Points behind the
+    /// camera, or within a truncation distance of it, are left out.
+    pub(crate) fn pixel_loss(&self, probabilities: &[f32]) -> LossTerm {
+        let parts = self.motions.parts.len();
+        let mut valid = 0usize;
+        let mut term = self.sum(probabilities, |pair, blend| {
+            let end = self.end();
+            let (camera, world_from_camera) = &self.target.model.cameras[pair.frames[end]];
+            let point = world_from_camera.inverse_transform_point(&self.target.scene.world(blend));
+            let (u, v) = camera.project(&point).filter(|_| point.z > self.target.truncation_m)?;
+            valid += 1;
+            let height = camera.height as f64;
+            let residual = [u - f64::from(pair.pixels[end][0]), v - f64::from(pair.pixels[end][1])];
+            // The L1 norm: one wrong match pulls no harder than a right one.
+            let (su, sv) = (
+                residual[0].signum() * camera.fx / point.z / height,
+                residual[1].signum() * camera.fy / point.z / height,
+            );
+            let by_camera = Vector3::new(su, sv, -(su * point.x + sv * point.y) / point.z);
+            let by_blend = (world_from_camera.rotation * by_camera) / self.target.scene.scale;
+            Some(((residual[0].abs() + residual[1].abs()) / height, by_blend))
+        });
+        let factor = 1.0 / valid.max(1) as f64;
+        term.value *= factor;
+        term.by_probabilities.iter_mut().for_each(|g| *g *= factor as f32);
+        term.by_motions = std::mem::replace(
+            &mut term.by_motions,
+            crate::articulate::neural::motion_params::MotionGradient::zero(parts),
+        )
+        .scaled(factor);
+        term
+    }
+
+    /// Mean of `(sqrt(distance^2 + sigma^2) - sigma) / truncation` between moved and lifted point.
+    pub(crate) fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
+        let count = self.matches.len().max(1) as f64;
+        self.sum(probabilities, |pair, blend| {
+            let target =
+                self.target.scene.normalise(if self.end() == 1 { &pair.point1 } else { &pair.point0 });
+            let unit = self.target.scene.scale * self.target.truncation_m;
+            // Quadratic within the noise of the match, absolute beyond.
+            let sigma = (pair.sigma_m / self.target.truncation_m).max(1e-6);
+            let offset = (blend - target) / unit;
+            let size = (offset.norm_squared() + sigma * sigma).sqrt();
+            Some(((size - sigma) / count, offset / (size * unit * count)))
+        })
+    }
+
+    /// Sums a loss of the blended image, given with its gradient by that image.
+    fn sum(
+        &self,
+        probabilities: &[f32],
+        mut loss: impl FnMut(&LiftedMatch, &Point3<f64>) -> Option<(f64, Vector3<f64>)>,
+    ) -> LossTerm {
+        let parts = self.motions.parts.len();
+        let mut term = LossTerm::zero(self.matches.len(), parts);
+        for (k, (pair, p)) in self.matches.iter().zip(probabilities.chunks_exact(parts)).enumerate() {
+            let (start, images, blend) = self.images(pair, p);
+            let Some((value, by_blend)) = loss(pair, &blend) else { continue };
+            term.value += value;
+            for (i, image) in images.iter().enumerate() {
+                term.by_probabilities[k * parts + i] = by_blend.dot(&image.coords) as f32;
+                term.by_motions.add(self.motions, i, self.way, &start, &(by_blend * f64::from(p[i])));
+            }
+        }
+        term
+    }
+}

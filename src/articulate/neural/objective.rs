@@ -1,0 +1,258 @@
+//! All losses of one state at fixed samples and noise, with their gradients: docs/method.md (12.19).
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{
+    neural::{
+        collision::collision_loss,
+        config::ArticulationConfig,
+        consistency::Consistency,
+        loss_term::LossTerm,
+        matching_loss::Matching,
+        motion_params::{MotionGradient, Motions, Way},
+        occupancy::{BackwardFlow, occupancy_loss},
+        ray_batch::RayBatch,
+        segmentation::{GumbelNoise, SegmentationField, SegmentationGradient, softmax, softmax_backward},
+        state_model::Volume,
+        uniform_batch::UniformBatch,
+    },
+    observations::LiftedMatch,
+};
+
+/// Loss terms of a step, each the mean over the two states and not weighted, and their weighted total.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ArticulationLosses {
+    /// Signed distance consistency, truncation distances.
+    pub sdf: f64,
+    /// Color consistency.
+    pub color: f64,
+    /// Occupancy consistency.
+    pub occupancy: f64,
+    /// Collision on ray samples.
+    pub collision_rays: f64,
+    /// Collision on uniform points.
+    pub collision_uniform: f64,
+    /// Reprojection of matches, image heights.
+    pub matching: f64,
+    /// Distance of lifted matches, truncation distances.
+    pub matching_3d: f64,
+    /// Cross-entropy of given labels, nats, while they are fitted.
+    pub labels: f64,
+    /// What is minimised.
+    pub total: f64,
+}
+
+impl ArticulationLosses {
+    /// Mean of the losses of two states.
+    pub(crate) fn mean(a: &Self, b: &Self) -> Self {
+        let m = |f: fn(&Self) -> f64| 0.5 * (f(a) + f(b));
+        Self {
+            sdf: m(|l| l.sdf),
+            color: m(|l| l.color),
+            occupancy: m(|l| l.occupancy),
+            collision_rays: m(|l| l.collision_rays),
+            collision_uniform: m(|l| l.collision_uniform),
+            matching: m(|l| l.matching),
+            matching_3d: m(|l| l.matching_3d),
+            labels: m(|l| l.labels),
+            total: m(|l| l.total),
+        }
+    }
+}
+
+/// The samples of one step for the losses of one state.
+pub(crate) struct StateBatch<'a> {
+    /// Samples of this state's rays.
+    pub(crate) rays: &'a RayBatch,
+    /// Matches, moved out of this state.
+    pub(crate) matches: &'a [LiftedMatch],
+    /// Points of the other state for occupancy and collision; `None` while those losses are not active.
+    pub(crate) uniform: Option<&'a UniformBatch>,
+    /// Samples of the other state's rays, for collision; as above.
+    pub(crate) collision: Option<&'a [Point3<f64>]>,
+    /// Noise on the logits.
+    pub(crate) noise: GumbelNoise,
+}
+
+/// One state's share of the problem: `source` is the state whose segmentation is asked, `target` the other
+/// one.
+pub(crate) struct Objective<'a> {
+    pub(crate) source: &'a Volume<'a>,
+    pub(crate) target: &'a Volume<'a>,
+    /// From source to target.
+    pub(crate) way: Way,
+    pub(crate) motions: &'a Motions,
+    pub(crate) config: &'a ArticulationConfig,
+}
+
+/// Points at which the segmentation is asked, group after group, with the gradients that come back.
+struct Queries {
+    parts: usize,
+    points: Vec<[f32; 3]>,
+    noise: Vec<f32>,
+    by_probabilities: Vec<f32>,
+    by_motions: MotionGradient,
+    total: f64,
+}
+
+impl Queries {
+    /// Adds a group; every point comes with an index that ties its noise to it.
+    fn push(
+        &mut self,
+        noise: GumbelNoise,
+        group: u64,
+        points: impl Iterator<Item = (u64, Point3<f64>)>,
+    ) -> std::ops::Range<usize> {
+        let start = self.points.len();
+        for (index, point) in points {
+            self.points.push([point.x as f32, point.y as f32, point.z as f32]);
+            self.noise.extend((0..self.parts as u64).map(|k| noise.at(group, index * self.parts as u64 + k)));
+        }
+        start..self.points.len()
+    }
+
+    fn row(&self, range: &std::ops::Range<usize>) -> std::ops::Range<usize> {
+        range.start * self.parts..range.end * self.parts
+    }
+
+    /// Takes in a loss on a group, and gives its value.
+    fn add(&mut self, range: &std::ops::Range<usize>, weight: f64, term: LossTerm) -> f64 {
+        let row = self.row(range);
+        for (sum, g) in self.by_probabilities[row].iter_mut().zip(&term.by_probabilities) {
+            *sum += weight as f32 * g;
+        }
+        self.by_motions.merge(&term.by_motions.scaled(weight));
+        self.total += weight * term.value;
+        term.value
+    }
+}
+
+impl Objective<'_> {
+    /// Losses of a batch; adds to the gradient of the field and returns that by the motions.
+    pub(crate) fn evaluate(
+        &self,
+        field: &SegmentationField,
+        batch: &StateBatch<'_>,
+        gradient: &mut SegmentationGradient,
+    ) -> (ArticulationLosses, MotionGradient) {
+        let parts = field.parts;
+        let back = (self.motions, self.way.reverse());
+        let uniform =
+            batch.uniform.map(|u| BackwardFlow::gather(&u.points, Some(&u.weights), self.source, back));
+        let contact = batch.collision.map(|points| BackwardFlow::gather(points, None, self.source, back));
+
+        let mut queries = Queries {
+            parts,
+            points: Vec::new(),
+            noise: Vec::new(),
+            by_probabilities: Vec::new(),
+            by_motions: MotionGradient::zero(parts),
+            total: 0.0,
+        };
+        let samples = batch.rays.points.iter().enumerate().map(|(i, p)| (i as u64, *p));
+        let near = queries.push(batch.noise, 0, samples);
+        let starts = batch.matches.iter().enumerate();
+        let starts =
+            starts.map(|(i, m)| (i as u64, self.source.scene.normalise(&Matching::start(m, self.way))));
+        let matched = queries.push(batch.noise, 1, starts);
+        let [filled, touching] = [(2, &uniform), (3, &contact)].map(|(group, flow)| {
+            let candidates = flow.iter().flat_map(|f| &f.candidates);
+            queries.push(batch.noise, group, candidates.map(|c| ((c.point * parts + c.part) as u64, c.image)))
+        });
+
+        // All groups in one pass: a pass has a fixed cost, and every group asks the same field.
+        let activations = field.forward(&queries.points, std::mem::take(&mut gradient.spare));
+        let probabilities = softmax(&activations, parts, Some(&queries.noise));
+        queries.by_probabilities = vec![0.0; probabilities.len()];
+
+        let mut losses = ArticulationLosses::default();
+        self.add_consistency(batch, &near, &probabilities, &mut queries, &mut losses);
+        self.add_matching(batch, &matched, &probabilities, &mut queries, &mut losses);
+        self.add_volumes(
+            (&uniform, &filled),
+            (&contact, &touching),
+            &probabilities,
+            &mut queries,
+            &mut losses,
+        );
+        losses.total = queries.total;
+
+        let by_logits =
+            softmax_backward(&probabilities, &queries.by_probabilities, parts, activations.stride);
+        let by_points = field.backward(&queries.points, activations, &by_logits, gradient);
+        for (flow, range) in [(&uniform, filled), (&contact, touching)] {
+            if let Some(flow) = flow {
+                queries.by_motions.merge(&flow.by_motions(&by_points[range]));
+            }
+        }
+        (losses, queries.by_motions)
+    }
+
+    fn add_consistency(
+        &self,
+        batch: &StateBatch<'_>,
+        range: &std::ops::Range<usize>,
+        probabilities: &[f32],
+        queries: &mut Queries,
+        losses: &mut ArticulationLosses,
+    ) {
+        let Self { source, target, motions, way, config } = *self;
+        let weights = &config.weights;
+        let consistency = Consistency { batch: batch.rays, source, target, motions, way, config };
+        let p = &probabilities[queries.row(range)];
+        if weights.sdf > 0.0 {
+            losses.sdf = queries.add(range, weights.sdf, consistency.sdf_loss(p));
+        }
+        if weights.color > 0.0 {
+            losses.color = queries.add(range, weights.color, consistency.color_loss(p));
+        }
+    }
+
+    fn add_matching(
+        &self,
+        batch: &StateBatch<'_>,
+        range: &std::ops::Range<usize>,
+        probabilities: &[f32],
+        queries: &mut Queries,
+        losses: &mut ArticulationLosses,
+    ) {
+        let weights = &self.config.weights;
+        let matching =
+            Matching { matches: batch.matches, target: self.target, motions: self.motions, way: self.way };
+        let p = &probabilities[queries.row(range)];
+        if weights.matching > 0.0 && !range.is_empty() {
+            losses.matching = queries.add(range, weights.matching, matching.pixel_loss(p));
+        }
+        if weights.matching_3d > 0.0 && !range.is_empty() {
+            losses.matching_3d = queries.add(range, weights.matching_3d, matching.point_loss(p));
+        }
+    }
+
+    fn add_volumes(
+        &self,
+        (uniform, filled): (&Option<BackwardFlow<'_>>, &std::ops::Range<usize>),
+        (contact, touching): (&Option<BackwardFlow<'_>>, &std::ops::Range<usize>),
+        probabilities: &[f32],
+        queries: &mut Queries,
+        losses: &mut ArticulationLosses,
+    ) {
+        let weights = &self.config.weights;
+        if let Some(flow) = uniform {
+            let p = &probabilities[queries.row(filled)];
+            if weights.occupancy > 0.0 {
+                let term = occupancy_loss(flow, p, (self.target, self.source), self.config);
+                losses.occupancy = queries.add(filled, weights.occupancy, term);
+            }
+            if weights.collision > 0.0 {
+                losses.collision_uniform = queries.add(filled, weights.collision, collision_loss(flow, p));
+            }
+        }
+        if let Some(flow) = contact
+            && weights.collision > 0.0
+        {
+            let p = &probabilities[queries.row(touching)];
+            losses.collision_rays = queries.add(touching, weights.collision, collision_loss(flow, p));
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Occupancy carried back from one state into the other (docs/method.md 12.7), and the loss that compares it
+//! with what is there (docs/method.md 12.8).
+//!
+//! A point `x` of the `here` state has, in the other state, the candidates `x_i = T_i^-1 x`; the part
+//! probability of each times the occupancy there is `m_i`, and `O(x) = sum_i m_i` is the occupancy that parts
+//! moved here would give.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::articulate::neural::{
+    config::{ArticulationConfig, Reading},
+    loss_term::{CHUNK, LossTerm},
+    motion_params::{MotionGradient, Motions, Way},
+    state_model::Volume,
+};
+
+/// A candidate with occupancy: only these depend on the segmentation.
+#[derive(Clone, Copy)]
+pub(crate) struct Candidate {
+    /// Index of the point `x`.
+    pub(crate) point: usize,
+    /// Part.
+    pub(crate) part: usize,
+    /// `x_i`, normalised, in the other state.
+    pub(crate) image: Point3<f64>,
+    occupancy: f64,
+    by_image: Vector3<f64>,
+}
+
+/// Points of one state with their candidates in the other.
+pub(crate) struct BackwardFlow<'a> {
+    points: &'a [Point3<f64>],
+    /// Weight of every point; the mean over the points of `weight * f` estimates the mean of `f`.
+    weights: Option<&'a [f64]>,
+    motions: &'a Motions,
+    /// From here to the other state.
+    way: Way,
+    /// Candidates, by point and then part.
+    pub(crate) candidates: Vec<Candidate>,
+}
+
+impl<'a> BackwardFlow<'a> {
+    /// Finds the candidates of points; `way` leads from their state to `other`.
+    pub(crate) fn gather(
+        points: &'a [Point3<f64>],
+        weights: Option<&'a [f64]>,
+        other: &Volume<'_>,
+        (motions, way): (&'a Motions, Way),
+    ) -> Self {
+        let chunk = |(chunk, block): (usize, &[Point3<f64>])| {
+            let mut found = Vec::new();
+            for (k, x) in block.iter().enumerate() {
+                let point = chunk * CHUNK + k;
+                if weights.is_some_and(|w| w[point] == 0.0) {
+                    continue;
+                }
+                for part in 0..motions.parts.len() {
+                    let image = motions.apply(part, way, x);
+                    let (occupancy, by_image) = other.occupancy(&image);
+                    // An empty candidate adds nothing, whatever its part probability.
+                    if occupancy > 0.0 {
+                        found.push(Candidate { point, part, image, occupancy, by_image });
+                    }
+                }
+            }
+            found
+        };
+        let candidates: Vec<Vec<Candidate>> = points.par_chunks(CHUNK).enumerate().map(chunk).collect();
+        Self { points, weights, motions, way, candidates: candidates.concat() }
+    }
+
+    fn weight(&self, point: usize) -> f64 {
+        self.weights.map_or(1.0, |w| w[point])
+    }
+
+    /// `O(x)` of every point; `probabilities` are those of the candidates' images, `parts` a candidate.
+    pub(crate) fn occupancy(&self, probabilities: &[f32]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.points.len()];
+        for (c, p) in self.candidates.iter().zip(probabilities.chunks_exact(self.motions.parts.len())) {
+            sums[c.point] += f64::from(p[c.part]) * c.occupancy;
+        }
+        sums
+    }
+
+    /// Mean over the points of a loss of `O(x)`, given with its derivative.
+    pub(crate) fn loss(
+        &self,
+        probabilities: &[f32],
+        loss: impl Fn(usize, f64) -> (f64, f64) + Sync,
+    ) -> LossTerm {
+        let parts = self.motions.parts.len();
+        let share = 1.0 / self.points.len().max(1) as f64;
+        let predicted = self.occupancy(probabilities);
+        // The derivative of a point is needed by several of its candidates.
+        let each: Vec<(f64, f64)> = predicted.par_iter().enumerate().map(|(k, o)| loss(k, *o)).collect();
+        let mut term = LossTerm::zero(self.candidates.len(), parts);
+        term.value = each.iter().enumerate().map(|(k, (value, _))| share * self.weight(k) * value).sum();
+        for (k, (c, p)) in self.candidates.iter().zip(probabilities.chunks_exact(parts)).enumerate() {
+            let by_o = share * self.weight(c.point) * each[c.point].1;
+            term.by_probabilities[k * parts + c.part] = (by_o * c.occupancy) as f32;
+            let by_image = c.by_image * (by_o * f64::from(p[c.part]));
+            term.by_motions.add(self.motions, c.part, self.way, &self.points[c.point], &by_image);
+        }
+        term
+    }
+
+    /// Gradient by the motions through the images at which the segmentation was evaluated.
+    pub(crate) fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
+        let mut total = MotionGradient::zero(self.motions.parts.len());
+        for (c, g) in self.candidates.iter().zip(by_images) {
+            let by_image = Vector3::new(g[0], g[1], g[2]).cast();
+            total.add(self.motions, c.part, self.way, &self.points[c.point], &by_image);
+        }
+        total
+    }
+}
+
+/// Occupancy consistency, mean of `v (O(x) - target(x))^2`, with `v` 1 where the point was seen here and one
+/// of its candidates in the other state, else the unseen weight. The target is the occupancy of the state
+/// that the points lie in; the released program takes that of the other state at the same place.
+pub(crate) fn occupancy_loss(
+    flow: &BackwardFlow<'_>,
+    probabilities: &[f32],
+    (here, other): (&Volume<'_>, &Volume<'_>),
+    config: &ArticulationConfig,
+) -> LossTerm {
+    flow.loss(probabilities, |k, predicted| {
+        let x = &flow.points[k];
+        let target = match config.compatibility.occupancy_target {
+            Reading::Paper => here.occupancy(x).0,
+            Reading::Released => other.occupancy(x).0,
+        };
+        let error = predicted - target;
+        if error == 0.0 {
+            return (0.0, 0.0);
+        }
+        let seen = here.visible(x)
+            && (0..flow.motions.parts.len()).any(|i| other.visible(&flow.motions.apply(i, flow.way, x)));
+        let v = if seen == (config.compatibility.visibility == Reading::Paper) {
+            1.0
+        } else {
+            config.unseen_weight
+        };
+        (v * error * error, 2.0 * v * error)
+    })
+}

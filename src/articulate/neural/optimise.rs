@@ -1,0 +1,317 @@
+//! The optimiser of stage 2: part segmentation of both states and the rigid motions between them, by
+//! consistency (docs/method.md 12.8).
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{
+    neural::{
+        adam::{FieldMoments, rate_at},
+        config::ArticulationConfig,
+        label_fit::LabelSet,
+        motion_params::{MotionGradient, Motions, Way},
+        objective::{ArticulationLosses, Objective, StateBatch},
+        ray_batch::RayBatch,
+        segmentation::{GumbelNoise, SegmentationField, SegmentationGradient},
+        state_model::{StateModel, Volume},
+        trainer_error::TrainerError,
+        trainer_input::{
+            LabelledPoints, check_labels, check_matches, check_motions, check_scale, check_state,
+        },
+        uniform_batch::{OccupiedVoxels, UniformBatch},
+    },
+    observations::LiftedMatch,
+};
+use crate::{
+    geometry::{Pose, SceneBox},
+    random::{below, stage_rng},
+    statistics::median,
+};
+use rand_core::Rng;
+use rand_pcg::Pcg64Mcg;
+
+/// Names of the random streams of the two states.
+const STREAMS: [&str; 2] = ["articulate/state0", "articulate/state1"];
+
+/// Where the search starts.
+#[derive(Clone, Copy, Default)]
+pub struct ArticulationStart<'a> {
+    /// `state1_from_state0` of every part in the world, the first the identity; `None` starts all of them
+    /// from the identity, as published.
+    pub motions: Option<&'a [Pose]>,
+    /// Labelled surface points of both states that the segmentation is fitted to first.
+    pub labels: Option<[&'a LabelledPoints; 2]>,
+}
+
+/// What is known of both states together.
+#[derive(Clone, Copy)]
+pub struct ArticulationProblem<'a> {
+    /// The frozen reconstructions.
+    pub states: [StateModel<'a>; 2],
+    /// Surface points seen in both states.
+    pub matches: &'a [LiftedMatch],
+    /// The cube that holds the object in both states.
+    pub scene: SceneBox,
+    /// Truncation distance of the fields, meters.
+    pub truncation_m: f64,
+    /// Number of parts with the static one.
+    pub parts: usize,
+}
+
+/// Everything that changes: continuing from it gives bit for bit what an uninterrupted run gives.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ArticulationCheckpoint {
+    seed: u64,
+    total: usize,
+    steps: usize,
+    motions: Motions,
+    fields: [SegmentationField; 2],
+    moments: [FieldMoments; 2],
+}
+
+/// Optimises part segmentation and motions. One [`Self::step`] covers both states: the segmentation of a
+/// state gets its own gradients, the motions the sum of both.
+pub struct ArticulationTrainer<'a> {
+    volumes: [Volume<'a>; 2],
+    occupied: [OccupiedVoxels; 2],
+    typical_sigma_m: [f64; 2],
+    matches: Vec<LiftedMatch>,
+    labels: Option<[LabelSet; 2]>,
+    scene: SceneBox,
+    config: ArticulationConfig,
+    label_steps: usize,
+    motion_rate: [f64; 2],
+    state: ArticulationCheckpoint,
+    gradients: [SegmentationGradient; 2],
+}
+
+impl<'a> ArticulationTrainer<'a> {
+    /// Prepares the search. Equal inputs and seed give equal results for any number of threads.
+    ///
+    /// # Errors
+    /// [`TrainerError`] for settings out of range and for inputs that are empty, not finite or do not fit
+    /// each other.
+    pub fn new(
+        problem: &ArticulationProblem<'a>,
+        start: ArticulationStart<'_>,
+        config: &ArticulationConfig,
+        seed: u64,
+    ) -> Result<Self, TrainerError> {
+        let parts = problem.parts;
+        check_scale(parts, problem.truncation_m)?;
+        config.check()?;
+        check_state(0, &problem.states[0])?;
+        check_state(1, &problem.states[1])?;
+        check_matches(&problem.states, problem.matches)?;
+        check_motions(start.motions, parts)?;
+        check_labels(start.labels, parts)?;
+
+        let (main_steps, motion_rate) = match start.motions {
+            None => (config.identity_steps, config.identity_motion_rate),
+            Some(_) => (config.refine_steps, config.refine_motion_rate),
+        };
+        let volumes = problem.states.map(|model| Volume {
+            model,
+            scene: problem.scene,
+            truncation_m: problem.truncation_m,
+            ramp_m: config.occupancy_ramp_m.unwrap_or(model.sdf.spacing_m),
+            alignment: config.compatibility.grid_alignment,
+        });
+        let identity = vec![Pose::identity(); parts];
+        let motions = Motions::from_world(start.motions.unwrap_or(&identity), &problem.scene);
+        let label_steps = if start.labels.is_some() { config.label_steps } else { 0 };
+        let labels = start.labels.map(|both| {
+            both.map(|(points, labels)| LabelSet {
+                points: points.iter().map(|p| problem.scene.normalise(p)).collect(),
+                labels: labels.clone(),
+            })
+        });
+        let fields = STREAMS.map(|name| {
+            SegmentationField::init(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
+        });
+        let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
+        Ok(Self {
+            occupied: [OccupiedVoxels::of(&volumes[0]), OccupiedVoxels::of(&volumes[1])],
+            typical_sigma_m: problem.states.map(|s| median_sigma_m(&s)),
+            matches: problem.matches.to_vec(),
+            labels,
+            scene: problem.scene,
+            config: config.clone(),
+            label_steps,
+            motion_rate,
+            gradients: [fields[0].zero_gradient(), fields[1].zero_gradient()],
+            state: ArticulationCheckpoint {
+                seed,
+                total: label_steps + main_steps,
+                steps: 0,
+                motions,
+                fields,
+                moments,
+            },
+            volumes,
+        })
+    }
+
+    /// Steps in all, those that fit labels included.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.state.total
+    }
+
+    /// Steps taken.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.state.steps
+    }
+
+    /// Whether all steps were taken.
+    #[must_use]
+    pub fn done(&self) -> bool {
+        self.state.steps >= self.state.total
+    }
+
+    /// One optimiser step; the losses are those before it.
+    pub fn step(&mut self) -> ArticulationLosses {
+        let losses = if self.state.steps < self.label_steps { self.label_step() } else { self.motion_step() };
+        self.state.steps += 1;
+        losses
+    }
+
+    /// `state1_from_state0` of every part in the world, meters; the first is the identity.
+    #[must_use]
+    pub fn motions(&self) -> Vec<Pose> {
+        self.state.motions.world(&self.scene)
+    }
+
+    /// Part probabilities at world points of a state, `parts` a point.
+    #[must_use]
+    pub fn probabilities(&self, state: usize, points: &[Point3<f64>]) -> Vec<f32> {
+        let normalised: Vec<[f32; 3]> =
+            points.iter().map(|p| self.scene.normalise(p).coords.cast::<f32>().into()).collect();
+        self.state.fields[state].probabilities(&normalised)
+    }
+
+    /// The most probable part at world points of a state; the first of equals.
+    #[must_use]
+    pub fn labels(&self, state: usize, points: &[Point3<f64>]) -> Vec<u8> {
+        let best =
+            |row: &[f32]| (1..row.len()).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
+        self.probabilities(state, points).chunks_exact(self.state.fields[state].parts).map(best).collect()
+    }
+
+    /// Everything needed to continue.
+    #[must_use]
+    pub fn checkpoint(&self) -> &ArticulationCheckpoint {
+        &self.state
+    }
+
+    /// Continues from a checkpoint of a trainer with the same inputs, settings and seed.
+    ///
+    /// # Errors
+    /// [`TrainerError::Checkpoint`] if seed, steps or shapes differ.
+    pub fn restore(&mut self, checkpoint: ArticulationCheckpoint) -> Result<(), TrainerError> {
+        let differs = |what| Err(TrainerError::Checkpoint { what });
+        if checkpoint.seed != self.state.seed {
+            return differs("the seed");
+        }
+        if checkpoint.total != self.state.total || checkpoint.steps > checkpoint.total {
+            return differs("the number of steps");
+        }
+        let fits = |s: usize| {
+            checkpoint.fields[s].same_shape(&self.state.fields[s])
+                && checkpoint.moments[s].fits(&self.state.fields[s])
+        };
+        if checkpoint.motions.parts.len() != self.state.motions.parts.len() || !fits(0) || !fits(1) {
+            return differs("the shape of the fields");
+        }
+        self.state = checkpoint;
+        Ok(())
+    }
+
+    fn label_step(&mut self) -> ArticulationLosses {
+        let Some(labels) = &self.labels else { return ArticulationLosses::default() };
+        let (seed, step) = (self.state.seed, self.state.steps as u64);
+        let fields = &self.state.fields;
+        // Half a cell around the surface.
+        let ask = (self.config.label_points, 1.0 / (self.config.grid_nodes - 1) as f64);
+        let [g0, g1] = &mut self.gradients;
+        let (a, b) = rayon::join(
+            || labels[0].loss(&fields[0], ask, g0, &mut stage_rng(seed, STREAMS[0], step)),
+            || labels[1].loss(&fields[1], ask, g1, &mut stage_rng(seed, STREAMS[1], step)),
+        );
+        // Labels are only a start, so their rate does not fall.
+        self.step_fields(self.config.field_rate[0]);
+        let mean = 0.5 * (a + b);
+        ArticulationLosses { labels: mean, total: mean, ..ArticulationLosses::default() }
+    }
+
+    fn motion_step(&mut self) -> ArticulationLosses {
+        let (done, main) = (self.state.steps - self.label_steps, self.state.total - self.label_steps);
+        let (losses, by_motions) = self.evaluate(done as f64 >= self.config.late_start * main as f64);
+        self.step_fields(rate_at(self.config.field_rate, done, main));
+        self.state.motions.step(&by_motions, rate_at(self.motion_rate, done, main));
+        losses
+    }
+
+    /// Losses and gradients of both states at fresh samples.
+    fn evaluate(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
+        let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
+        let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
+        let [r0, r1] = &mut rngs;
+        let (a, b) = rayon::join(
+            || RayBatch::draw(&volumes[0], config, typical_sigma_m[0], r0),
+            || RayBatch::draw(&volumes[1], config, typical_sigma_m[1], r1),
+        );
+        // Both states' rays serve both states' losses: as samples of their own, as collision points of the
+        // other.
+        let rays = [a, b];
+        let share = |source: usize, gradient: &mut SegmentationGradient, rng: &mut Pcg64Mcg| {
+            let (target, way) = (1 - source, Way::from_state(source));
+            let chosen = choose_matches(matches, config.matches, rng);
+            let uniform = volumes_active.then(|| {
+                let here = (&volumes[target], &occupied[target]);
+                let other = (&volumes[source], &occupied[source]);
+                UniformBatch::draw(config.uniform_points, here, other, (&state.motions, way.reverse()), rng)
+            });
+            let batch = StateBatch {
+                rays: &rays[source],
+                matches: &chosen,
+                uniform: uniform.as_ref(),
+                collision: volumes_active.then_some(&rays[target].points[..]),
+                noise: GumbelNoise { key: Some(rng.next_u64()) },
+            };
+            let objective = Objective {
+                source: &volumes[source],
+                target: &volumes[target],
+                way,
+                motions: &state.motions,
+                config,
+            };
+            objective.evaluate(&state.fields[source], &batch, gradient)
+        };
+        let ([g0, g1], [r0, r1]) = (gradients, &mut rngs);
+        let ((l0, mut m0), (l1, m1)) = rayon::join(|| share(0, g0, r0), || share(1, g1, r1));
+        m0.merge(&m1);
+        (ArticulationLosses::mean(&l0, &l1), m0)
+    }
+
+    fn step_fields(&mut self, rate: f64) {
+        let [f0, f1] = &mut self.state.fields;
+        let [m0, m1] = &mut self.state.moments;
+        let [g0, g1] = &mut self.gradients;
+        rayon::join(|| m0.step(f0, g0, rate), || m1.step(f1, g1, rate));
+    }
+}
+
+/// Up to `count` matches: all of them, or a random choice with replacement.
+fn choose_matches(matches: &[LiftedMatch], count: usize, rng: &mut impl Rng) -> Vec<LiftedMatch> {
+    if matches.len() <= count {
+        matches.to_vec()
+    } else {
+        (0..count).map(|_| matches[below(rng, matches.len())]).collect()
+    }
+}
+
+fn median_sigma_m(model: &StateModel<'_>) -> f64 {
+    median(model.rays.iter().map(|r| r.sigma_m).collect()).unwrap_or_default()
+}

@@ -1,0 +1,118 @@
+//! Samples near the observed surface of one state (docs/method.md 12.8).
+
+use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
+use rayon::prelude::*;
+
+use crate::{
+    articulate::neural::{
+        config::{ArticulationConfig, Reading},
+        state_model::{SurfaceRay, Volume},
+    },
+    random::{below, unit},
+};
+
+/// Samples of some rays, ray-major.
+pub(crate) struct RayBatch {
+    /// Samples on every ray.
+    pub(crate) samples_per_ray: usize,
+    /// Normalised positions.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// The state's own signed distance at them, truncation distances.
+    pub(crate) sdf: Vec<f64>,
+    /// Their near-surface weight, docs/method.md (12.15), times that of the ray.
+    pub(crate) weights: Vec<f64>,
+    /// Whether the state saw them.
+    pub(crate) visible: Vec<bool>,
+    /// Expected standard deviation of every ray's depth, truncation distances.
+    pub(crate) sigma: Vec<f64>,
+    /// Unit world direction of every ray.
+    pub(crate) directions: Vec<Vector3<f64>>,
+    /// One sample of every ray, drawn by weight: where colors are compared.
+    pub(crate) colored: Vec<usize>,
+}
+
+impl RayBatch {
+    /// Draws rays with replacement, and stratified samples within one truncation distance of their depth.
+    /// `typical_sigma_m` is the depth noise of a ray of weight 1.
+    pub(crate) fn draw(
+        volume: &Volume<'_>,
+        config: &ArticulationConfig,
+        typical_sigma_m: f64,
+        rng: &mut impl Rng,
+    ) -> Self {
+        let (rays, samples) = (volume.model.rays, config.samples_per_ray);
+        // Random numbers are drawn one after the other; only what is computed from them runs in parallel.
+        let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[below(rng, rays.len())]).collect();
+        let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit(rng)).collect();
+        let picks: Vec<f64> = (0..config.rays).map(|_| unit(rng)).collect();
+        let at = |i: usize| {
+            let ray = &chosen[i / samples];
+            let share = ((i % samples) as f64 + jitter[i]) / samples as f64;
+            let depth = ray.depth_m + (2.0 * share - 1.0) * volume.truncation_m;
+            let point = volume.scene.normalise(&(ray.origin + ray.direction * depth));
+            let sdf = volume.sdf(&point).0;
+            let trust = if config.noise_weights { typical_sigma_m / ray.sigma_m } else { 1.0 };
+            // No field is defined outside the scene cube.
+            let inside = point.coords.amax() <= 1.0;
+            let weight = if inside {
+                trust * near_surface_weight(sdf, config.compatibility.near_surface_weight)
+            } else {
+                0.0
+            };
+            (point, sdf, weight, volume.visible(&point))
+        };
+        let all: Vec<_> = (0..chosen.len() * samples).into_par_iter().map(at).collect();
+        let weights: Vec<f64> = all.iter().map(|s| s.2).collect();
+        let colored = picks.iter().zip(weights.chunks_exact(samples)).enumerate();
+        Self {
+            samples_per_ray: samples,
+            points: all.iter().map(|s| s.0).collect(),
+            sdf: all.iter().map(|s| s.1).collect(),
+            visible: all.iter().map(|s| s.3).collect(),
+            sigma: chosen.iter().map(|r| r.sigma_m / volume.truncation_m).collect(),
+            directions: chosen.iter().map(|r| r.direction.normalize()).collect(),
+            colored: colored.map(|(ray, (pick, w))| ray * samples + draw_by_weight(w, *pick)).collect(),
+            weights,
+        }
+    }
+}
+
+/// Index drawn in proportion to the weights by a uniform number in `[0, 1)`.
+fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
+    let mut left = pick * weights.iter().sum::<f64>();
+    for (i, w) in weights.iter().enumerate() {
+        left -= w;
+        if left < 0.0 {
+            return i;
+        }
+    }
+    weights.len() - 1
+}
+
+/// Weight of a sample by its signed distance in truncation distances (docs/method.md 12.8;
+/// docs/method.md 12.9 for the released one).
+fn near_surface_weight(sdf: f64, reading: Reading) -> f64 {
+    let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+    let bell = |q: f64| sigmoid(5.0 * q) * sigmoid(-5.0 * q);
+    match reading {
+        Reading::Paper if sdf.abs() < 1.0 => bell(sdf),
+        Reading::Released if sdf < 0.05 => bell((sdf / 0.03).max(-0.5)),
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_readings_of_the_weight_are_as_described() {
+        assert_eq!(near_surface_weight(0.0, Reading::Paper), 0.25);
+        assert_eq!(near_surface_weight(1.0, Reading::Paper), 0.0);
+        assert!((near_surface_weight(-0.9, Reading::Released) - 0.070).abs() < 1e-3);
+        assert_eq!(near_surface_weight(0.05, Reading::Released), 0.0);
+        assert_eq!(draw_by_weight(&[0.0, 1.0, 3.0], 0.2), 1);
+        assert_eq!(draw_by_weight(&[0.0, 1.0, 3.0], 0.3), 2);
+    }
+}

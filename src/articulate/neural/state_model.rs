@@ -1,0 +1,121 @@
+//! The frozen reconstruction of one state, as the search for parts and motions reads it.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{
+    articulate::neural::config::Reading,
+    geometry::{Grid3, Intrinsics, Pose, SceneBox},
+    surface::ColorField,
+};
+
+/// A ray that hit the object, in the world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceRay {
+    /// Camera center, meters.
+    pub origin: Point3<f64>,
+    /// Direction with unit z in the camera, so that `origin + direction * depth_m` is the point at a z-depth.
+    pub direction: Vector3<f64>,
+    /// Measured z-depth, meters.
+    pub depth_m: f64,
+    /// Expected standard deviation of the depth, meters.
+    pub sigma_m: f64,
+    /// Index of the frame.
+    pub frame: usize,
+    /// Observed color in `[0, 1]`.
+    pub rgb: [f32; 3],
+}
+
+/// What is known of one state. Nothing of it changes while parts and motions are sought.
+#[derive(Clone, Copy)]
+pub struct StateModel<'a> {
+    /// Signed distance in meters (negative inside), not truncated, node-aligned in the world frame.
+    pub sdf: &'a Grid3<f32>,
+    /// Whether some view saw up to a node or beyond it (docs/method.md 3.5); the nearest node counts.
+    pub visible: &'a Grid3<bool>,
+    /// Colors.
+    pub color: &'a dyn ColorField,
+    /// Rays that hit the object.
+    pub rays: &'a [SurfaceRay],
+    /// Camera and pose (`world_from_camera`) of every frame.
+    pub cameras: &'a [(Intrinsics, Pose)],
+}
+
+/// A state in normalised coordinates and truncation distances.
+#[derive(Clone, Copy)]
+pub(crate) struct Volume<'a> {
+    pub(crate) model: StateModel<'a>,
+    pub(crate) scene: SceneBox,
+    pub(crate) truncation_m: f64,
+    /// Width over which occupancy falls, meters.
+    pub(crate) ramp_m: f64,
+    pub(crate) alignment: Reading,
+}
+
+impl Volume<'_> {
+    /// Signed distance in truncation distances, and its gradient per normalised unit.
+    pub(crate) fn sdf(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+        let (d, g) = self.sdf_m(point);
+        (d / self.truncation_m, g / self.truncation_m)
+    }
+
+    /// Occupancy (docs/method.md 12.7: 1 inside, 0 outside, a ramp of width `ramp_m` between), and its
+    /// gradient per normalised unit.
+    pub(crate) fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+        let (d, g) = self.sdf_m(point);
+        let value = 0.5 - d / self.ramp_m;
+        if value <= 0.0 {
+            (0.0, Vector3::zeros())
+        } else if value >= 1.0 {
+            (1.0, Vector3::zeros())
+        } else {
+            (value, -g / self.ramp_m)
+        }
+    }
+
+    /// Whether the point was seen in this state.
+    pub(crate) fn visible(&self, point: &Point3<f64>) -> bool {
+        self.model.visible.nearest(&self.scene.world(point)).is_some_and(|i| self.model.visible.values[i])
+    }
+
+    fn sdf_m(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+        let grid = self.model.sdf;
+        // The released program takes the grid for one of N cells a side, though it has N nodes.
+        let stretch = match self.alignment {
+            Reading::Paper => 1.0,
+            Reading::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
+        };
+        let (d, g) = grid.sample_with_gradient(&self.scene.world(&(point * stretch)));
+        (f64::from(d), g.cast::<f64>() * (stretch / self.scene.scale))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulate::neural::test_scene::two_blocks;
+
+    #[test]
+    fn occupancy_falls_over_the_ramp_and_the_released_grid_is_stretched() {
+        let scene = two_blocks(Pose::translation(0.1, 0.0, 0.0), 41);
+        let mut volume = scene.volume(0, &crate::articulate::neural::config::ArticulationConfig::default());
+        volume.ramp_m = 0.02;
+        // Below the middle of the base's lower face, which lies at -0.1 m.
+        let at = |height_m: f64| volume.scene.normalise(&Point3::new(-0.04, 0.0, -0.1 + height_m));
+        assert_eq!(volume.occupancy(&at(0.02)), (1.0, Vector3::zeros()));
+        assert_eq!(volume.occupancy(&at(-0.02)), (0.0, Vector3::zeros()));
+        let (value, gradient) = volume.occupancy(&at(-0.004));
+        assert!((value - 0.3).abs() < 0.02, "{value}");
+        assert!(
+            (gradient.z - 1.0 / (0.02 * volume.scene.scale)).abs() < 0.1 * gradient.z
+                && gradient.xy().norm() < 1e-3
+        );
+
+        let x = at(-0.004);
+        let stretched = Volume { alignment: Reading::Released, ..volume };
+        let (expected, gradient) = volume.sdf(&(x * (41.0 / 40.0)));
+        let (value, by_x) = stretched.sdf(&x);
+        assert!((value - expected).abs() < 1e-9 && (by_x - gradient * (41.0 / 40.0)).norm() < 1e-6);
+        let above = volume.scene.normalise(&Point3::new(-0.2, 0.0, 0.0));
+        assert!(volume.visible(&above) && !volume.visible(&Point3::new(3.0, 0.0, 0.0)));
+    }
+}

@@ -1,0 +1,128 @@
+//! Checks of what the articulation trainer is given.
+
+use nalgebra::Point3;
+
+use crate::{
+    articulate::{
+        neural::{
+            state_model::{StateModel, SurfaceRay},
+            trainer_error::{MAX_PARTS, MIN_PARTS, TrainerError},
+        },
+        observations::LiftedMatch,
+    },
+    geometry::Pose,
+};
+
+/// Labelled surface points of a state: world points in meters, one part index each.
+pub type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
+
+/// Refuses a number of parts or a scale that cannot be worked with.
+pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
+    if !(MIN_PARTS..=MAX_PARTS).contains(&parts) {
+        return Err(TrainerError::Parts { parts });
+    }
+    TrainerError::unless(
+        truncation_m > 0.0 && truncation_m.is_finite(),
+        "truncation_m",
+        truncation_m.to_string(),
+        "use a positive length in meters",
+    )
+}
+
+/// Refuses a state that cannot be sampled.
+pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
+    let mismatch = |what, problem: String| Err(TrainerError::Mismatch { what, state, problem });
+    if model.rays.is_empty() {
+        return Err(TrainerError::NoRays { state });
+    }
+    let bad = |r: &SurfaceRay| {
+        let finite = r.origin.coords.iter().chain(r.direction.iter()).all(|v| v.is_finite());
+        !(finite
+            && r.direction.norm() > 0.0
+            && r.depth_m.is_finite()
+            && r.depth_m > 0.0
+            && r.sigma_m.is_finite()
+            && r.sigma_m > 0.0)
+    };
+    if let Some(index) = model.rays.iter().position(bad) {
+        return mismatch(
+            "ray",
+            format!(
+                "ray {index} is not finite, or has no direction, depth or noise; drop invalid pixels first"
+            ),
+        );
+    }
+    for (what, dims, values) in [
+        ("distance grid", model.sdf.dims, model.sdf.values.len()),
+        ("visibility grid", model.visible.dims, model.visible.values.len()),
+    ] {
+        if dims.iter().any(|d| *d < 2)
+            || dims.iter().product::<usize>() != values
+            || values > u32::MAX as usize
+        {
+            return mismatch(
+                what,
+                format!("{values} values for {dims:?} nodes; give every node one value, at least 2 a side"),
+            );
+        }
+    }
+    if model.sdf.values.iter().any(|v| !v.is_finite()) {
+        return mismatch(
+            "distance grid",
+            "holds values that are not finite; extract the surface again".to_owned(),
+        );
+    }
+    Ok(())
+}
+
+/// Refuses matches that name a frame that is not there, or are not finite.
+pub(crate) fn check_matches(
+    states: &[StateModel<'_>; 2],
+    matches: &[LiftedMatch],
+) -> Result<(), TrainerError> {
+    for (index, pair) in matches.iter().enumerate() {
+        for (state, point) in [pair.point0, pair.point1].into_iter().enumerate() {
+            let (frame, frames) = (pair.frames[state], states[state].cameras.len());
+            let finite = point.coords.iter().all(|v| v.is_finite())
+                && pair.pixels[state].iter().all(|v| v.is_finite());
+            if frame >= frames || !finite || pair.sigma_m.is_nan() {
+                let problem = format!(
+                    "match {index} lies in frame {frame} of {frames} or is not finite; lift matches again \
+                     from these frames"
+                );
+                return Err(TrainerError::Mismatch { what: "match", state, problem });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses motions that do not fit.
+pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
+    let Some(init) = init else { return Ok(()) };
+    let finite = |m: &Pose| m.to_homogeneous().iter().all(|v| v.is_finite());
+    let still = |m: &Pose| m.translation.vector.norm() < 1e-9 && m.rotation.angle() < 1e-9;
+    if init.len() == parts && init.iter().all(finite) && still(&init[0]) {
+        Ok(())
+    } else {
+        Err(TrainerError::InitialMotions { got: init.len(), parts })
+    }
+}
+
+/// Refuses labels that do not fit.
+pub(crate) fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
+    for (state, (points, labels)) in labels.into_iter().flatten().enumerate() {
+        let fits = points.len() == labels.len()
+            && !points.is_empty()
+            && labels.iter().all(|l| usize::from(*l) < parts);
+        if !fits || points.iter().any(|p| p.coords.iter().any(|v| !v.is_finite())) {
+            let problem = format!(
+                "{} points with {} labels; give each finite point a label below {parts}",
+                points.len(),
+                labels.len()
+            );
+            return Err(TrainerError::Mismatch { what: "labels", state, problem });
+        }
+    }
+    Ok(())
+}

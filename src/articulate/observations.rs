@@ -1,0 +1,33 @@
+//! What the search for parts and motions works on.
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A surface point seen in both states: a pixel match lifted to 3D by both depths.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiftedMatch {
+    /// World point in state 0, meters.
+    pub point0: Point3<f64>,
+    /// World point in state 1, meters.
+    pub point1: Point3<f64>,
+    /// Expected standard deviation of their distance after the true motion, meters.
+    pub sigma_m: f64,
+    /// Frame of state 0 and of state 1.
+    pub frames: [usize; 2],
+    /// Pixel (u, v) in each of them.
+    pub pixels: [[f32; 2]; 2],
+}
+
+/// Points on the surface of one state.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct SurfaceSamples {
+    /// World points, meters.
+    #[serde(with = "crate::geometry::bytes")]
+    pub points: Vec<Point3<f64>>,
+    /// Unit normals, outward.
+    #[serde(with = "crate::geometry::bytes")]
+    pub normals: Vec<Vector3<f64>>,
+    /// Color in `[0, 1]`.
+    #[serde(with = "crate::geometry::bytes")]
+    pub colors: Vec<[f32; 3]>,
+}

@@ -1,0 +1,86 @@
+//! Where a surface sample goes in the other state, and what that costs: a robust negative log-likelihood in
+//! units of the 3 nats that a correspondence at the edge of the reach loses. See docs/method.md (6.5).
+
+/// Cost of a place that was not seen: weaker than any agreement, hardly evidence against.
+/// tuned: shared/bags
+pub(crate) const HIDDEN: f32 = 0.9;
+/// Additional cost of a surface that follows another motion.
+/// tuned: shared/bags
+const TAKEN: f32 = 0.4;
+/// Cost of a place in space seen to be empty.
+/// tuned: shared/bags
+pub(crate) const FREE: f32 = 1.6;
+/// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
+/// are the 3 nats of a unit of cost.
+/// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
+const HALF_COST: f64 = 6.0;
+/// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
+/// derived: `HALF_COST / (HALF_COST + HALF_COST)`
+pub(crate) const EXPLAINED: f32 = 0.5;
+/// What a sample says for its motion where another takes it into space seen empty, beyond its own cost: one
+/// in fifty true points is there by errors of depth and pose, and `ln 50` is 1.3 of 3 nats.
+/// derived: `ln 50 / 3`
+pub(crate) const MISSED: f64 = 1.3;
+/// What a correspondence under another motion says against a motion that hid the sample.
+/// tuned: shared/bags
+const BETTER: f64 = 0.35;
+
+/// What is asked of a reprojection.
+#[derive(Clone, Copy)]
+pub(crate) struct Look<'a> {
+    /// The motion's label.
+    pub label: u8,
+    /// Labels of the other state's samples, where known.
+    pub other_labels: Option<&'a [u8]>,
+    /// Whether colors count.
+    pub colored: bool,
+}
+
+/// Where a sample goes in the other state.
+#[derive(Clone, Copy)]
+pub(crate) struct Reprojection {
+    /// The sample nearest to it there, with the squared deviations of shape and of color.
+    pub partner: Option<(u32, f64, f64)>,
+    /// Whether its place was seen empty, where that is known.
+    pub free: Option<bool>,
+}
+
+impl Reprojection {
+    /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where
+    /// there is no surface and empty space is known. A partner that follows another motion by `other_labels`
+    /// hides the sample at best.
+    pub fn cost(&self, look: Look<'_>) -> f32 {
+        let Look { label, other_labels, colored } = look;
+        let partner = self.partner.map(|(j, shape, color)| {
+            let squared = if colored { shape + color } else { shape };
+            let cost = (squared / (squared + HALF_COST)) as f32;
+            let taken = other_labels.is_some_and(|l| l[j as usize] != label);
+            if taken { cost.max((cost + TAKEN).min(HIDDEN)) } else { cost }
+        });
+        match (partner, self.free) {
+            (partner, None) => partner.unwrap_or(1.0),
+            (Some(cost), _) if cost < EXPLAINED => cost,
+            // A poor partner is not better than none.
+            (_, Some(true)) => FREE,
+            _ => HIDDEN,
+        }
+    }
+}
+
+/// Log-likelihood ratio of the first of two motions of these costs, by one sample: that it reaches a surface,
+/// where the other takes it into space seen empty or reaches one worse. A sample that was hidden under either
+/// motion says nothing for it. See docs/method.md (7.2).
+pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
+    match (own, rival) {
+        (own, rival) if own >= HIDDEN => {
+            if rival < HIDDEN {
+                -BETTER
+            } else {
+                0.0
+            }
+        }
+        (own, rival) if rival >= FREE => MISSED - f64::from(own),
+        (_, rival) if rival >= HIDDEN => 0.0,
+        (own, rival) => f64::from(rival - own),
+    }
+}

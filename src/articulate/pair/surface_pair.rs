@@ -1,0 +1,328 @@
+//! Both states' surface samples, prepared for search: where each goes under a motion, and which motion it
+//! follows.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::articulate::{
+    observations::SurfaceSamples,
+    pair::reprojection::{Look, Reprojection},
+    samples::{sample_index::SampleIndex, spacing::spacing_m, surface_graph::SurfaceGraph},
+};
+use crate::{geometry::Pose, statistics::median};
+
+/// Whether a world point was seen to be empty in a state.
+pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
+
+/// Deviation of the normals (length of their difference) that counts as one standard deviation.
+/// tuned: shared/bags
+const NORMAL_SIGMA: f64 = 0.35;
+/// Standard deviation of the change of light on a surface, as a share of it, by the length of its normal's
+/// change.
+/// tuned: shared/bags
+const SHADING: f64 = 0.5;
+/// Samples beyond an edge by more than this many times their mean distance have no partner.
+/// tuned: shared/bags
+pub(crate) const EDGE: f64 = 1.5;
+
+/// Deviations of corresponding samples of a static surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scales {
+    /// Distance to the other state's tangent plane, meters.
+    pub plane_m: f64,
+    /// Length of the color difference.
+    pub color: f64,
+}
+
+/// Motions of which the reprojections are kept.
+const KEPT: usize = 48;
+/// Where the samples of a state go under the last few motions.
+type Kept = VecDeque<((usize, Pose), Arc<Vec<Reprojection>>)>;
+
+/// Both states' samples, prepared for search.
+pub(crate) struct SurfacePair<'a> {
+    /// Samples of each state.
+    pub samples: [&'a SurfaceSamples; 2],
+    /// Search in each state's samples.
+    pub indices: [SampleIndex<'a>; 2],
+    /// Empty space of each state.
+    pub free: [Option<FreeSpace<'a>>; 2],
+    /// Neighborhood of each state's samples along the surface.
+    graphs: [SurfaceGraph; 2],
+    /// Expected deviations.
+    pub scales: Scales,
+    /// Longest distance of a correspondence, meters.
+    pub reach_m: f64,
+    /// Mean distance of neighboring samples of each state, meters.
+    pub spacing_m: [f64; 2],
+    kept: Mutex<Kept>,
+}
+
+impl<'a> SurfacePair<'a> {
+    /// Prepares the search; deviations are measured on the samples that coincide in both states.
+    pub fn new(samples: [&'a SurfaceSamples; 2], free: [Option<FreeSpace<'a>>; 2], reach_m: f64) -> Self {
+        let indices = samples.map(|s| SampleIndex::new(s, reach_m));
+        let graphs = [0, 1].map(|s| SurfaceGraph::new(samples[s], &indices[s], reach_m));
+        let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
+        let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
+        let mut pair =
+            Self { samples, indices, free, graphs, scales, reach_m, spacing_m, kept: Mutex::default() };
+        pair.scales = pair.static_scales();
+        pair
+    }
+
+    /// Gives up the reprojections that are kept.
+    pub fn forget(&self) {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, state: usize, sample: usize) -> u32 {
+        self.graphs[state].patch(sample)
+    }
+
+    /// Samples beside a sample on its surface.
+    pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
+        self.graphs[state].beside(sample)
+    }
+
+    /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
+    fn static_scales(&self) -> Scales {
+        let [a, b] = self.samples;
+        let pairs: Vec<[f64; 2]> = (0..a.points.len())
+            .into_par_iter()
+            .filter_map(|i| {
+                let j = self.indices[1].nearest(&a.points[i], &a.normals[i])?;
+                Some([
+                    b.normals[j].dot(&(a.points[i] - b.points[j])).abs(),
+                    color_distance(a.colors[i], b.colors[j]),
+                ])
+            })
+            .collect();
+        let typical = |k: usize| median(pairs.iter().map(|p| p[k]).collect());
+        Scales {
+            plane_m: (1.48 * typical(0).unwrap_or(f64::INFINITY))
+                .clamp(0.02 * self.reach_m, 0.2 * self.reach_m),
+            color: (1.48 * typical(1).unwrap_or(f64::INFINITY)).clamp(0.03, 0.15),
+        }
+    }
+
+    /// Where a motion takes a sample in the other state, meters, and the nearest sample there.
+    pub fn carried(
+        &self,
+        state: usize,
+        sample: usize,
+        other_from_this: &Pose,
+    ) -> (Point3<f64>, Option<usize>) {
+        let these = self.samples[state];
+        let point = other_from_this * these.points[sample];
+        let normal = other_from_this * these.normals[sample];
+        (point, self.indices[1 - state].nearest(&point, &normal))
+    }
+
+    /// Where a sample goes in the other state.
+    fn reprojection(&self, state: usize, sample: usize, other_from_this: &Pose) -> Reprojection {
+        let (these, others) = (self.samples[state], self.samples[1 - state]);
+        let point = other_from_this * these.points[sample];
+        let normal = other_from_this * these.normals[sample];
+        let free = self.free[1 - state].map(|is_free| is_free(&point));
+        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
+            let (off_m, aside) = self.offset(1 - state, j, &point);
+            // Space seen empty beside a surface is beyond its edge.
+            if free == Some(true) && aside > EDGE {
+                return None;
+            }
+            let plane = off_m / self.scales.plane_m;
+            let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
+            let color = self.color_deviation(
+                these.colors[sample],
+                others.colors[j],
+                (normal - these.normals[sample]).norm(),
+            );
+            let side = (point - others.points[j]).norm() / self.reach_m;
+            Some((j as u32, plane * plane + bend * bend + side * side, color))
+        });
+        Reprojection { partner, free }
+    }
+
+    /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
+    /// of samples.
+    pub fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
+        let (offset, normal) =
+            (point - self.samples[state].points[sample], self.samples[state].normals[sample]);
+        let off_m = normal.dot(&offset);
+        (off_m, (offset - normal * off_m).norm() / self.spacing_m[state])
+    }
+
+    /// Squared deviation of two colors of one surface whose normal turned in the world, by a difference of
+    /// length `turned`: the light on it, which scales all channels alike, may have changed by as much.
+    fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
+        let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+        let (difference, sum) = (a - b, a + b);
+        let along = sum.try_normalize(1e-9).map_or(0.0, |direction| direction.dot(&difference).powi(2));
+        let (own, light) = (self.scales.color.powi(2), (SHADING * turned * 0.5 * sum.norm()).powi(2));
+        (difference.norm_squared() - along).max(0.0) / own + along / (own + light)
+    }
+
+    /// Reprojections of every sample of a state; those of the last few motions are kept.
+    fn reprojections(&self, state: usize, motion: &Pose) -> Arc<Vec<Reprojection>> {
+        let key = (state, *motion);
+        let kept = |all: &Kept| all.iter().find(|(k, _)| *k == key).map(|(_, l)| Arc::clone(l));
+        let mut all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = kept(&all) {
+            return found;
+        }
+        drop(all);
+        let other_from_this = if state == 0 { *motion } else { motion.inverse() };
+        let samples = 0..self.samples[state].points.len();
+        let found: Arc<Vec<Reprojection>> = Arc::new(
+            samples.into_par_iter().map(|i| self.reprojection(state, i, &other_from_this)).collect(),
+        );
+        all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept(&all).is_none() {
+            all.truncate(KEPT - 1);
+            all.push_front((key, Arc::clone(&found)));
+        }
+        found
+    }
+
+    /// Cost of one sample by shape alone, and its partner in the other state.
+    pub fn shape_cost(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
+        let found = self.reprojection(state, sample, other_from_this);
+        (
+            found.cost(Look { label: 0, other_labels: None, colored: false }),
+            found.partner.map(|p| p.0 as usize),
+        )
+    }
+
+    /// The samples of a state that have a partner in the other under a motion from state 0 to state 1, each
+    /// with it.
+    pub fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
+        self.reprojections(state, motion)
+            .iter()
+            .enumerate()
+            .filter_map(|(i, l)| l.partner.map(|p| (i, p.0 as usize)))
+            .collect()
+    }
+
+    /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of
+    /// the other state's samples, where known.
+    pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+        self.costs_of(state, motions, other_labels, true)
+    }
+
+    /// The same by shape alone: light stands still where a part turns, so that colors err together over a
+    /// surface.
+    pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+        self.costs_of(state, motions, other_labels, false)
+    }
+
+    fn costs_of(
+        &self,
+        state: usize,
+        motions: &[Pose],
+        other_labels: Option<&[u8]>,
+        colored: bool,
+    ) -> Vec<f32> {
+        let all: Vec<Arc<Vec<Reprojection>>> = motions.iter().map(|m| self.reprojections(state, m)).collect();
+        (0..self.samples[state].points.len())
+            .into_par_iter()
+            .flat_map_iter(|i| {
+                let cost = move |(k, l): (usize, &Arc<Vec<Reprojection>>)| {
+                    l[i].cost(Look { label: k as u8, other_labels, colored })
+                };
+                all.iter().enumerate().map(cost)
+            })
+            .collect()
+    }
+
+    /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
+    /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
+    /// Samples out of reach of any evidence are static (label 0).
+    pub fn labels(&self, state: usize, costs: &[f32], motions: usize) -> Vec<u8> {
+        let graph = &self.graphs[state];
+        let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions);
+        graph.join_islands(&mut labels, costs, motions);
+        labels
+    }
+}
+
+/// Length of a color difference.
+fn color_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let d = |k: usize| f64::from(a[k] - b[k]);
+    (d(0) * d(0) + d(1) * d(1) + d(2) * d(2)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulate::pair::reprojection::FREE;
+    use crate::articulate::samples::synthetic::{Scene, camera_ring};
+
+    fn check(scene: &Scene, with_free: bool, percent: usize) {
+        let cameras = camera_ring(10);
+        let (s0, t0) = scene.surface(0, &cameras, 0.01);
+        let (s1, t1) = scene.surface(1, &cameras, 0.01);
+        let free0 = |p: &Point3<f64>| scene.is_free(0, &cameras, p);
+        let free1 = |p: &Point3<f64>| scene.is_free(1, &cameras, p);
+        let free: [Option<FreeSpace<'_>>; 2] =
+            if with_free { [Some(&free0), Some(&free1)] } else { [None, None] };
+        let pair = SurfacePair::new([&s0, &s1], free, 0.02);
+        let motions: Vec<Pose> = (0..scene.parts.len()).map(|k| scene.truth(k)).collect();
+        // As in the registration: the labels of one state bind the other.
+        let first = pair.labels(0, &pair.costs(0, &motions, None), motions.len());
+        let second = pair.labels(1, &pair.costs(1, &motions, Some(&first)), motions.len());
+        for (state, truth) in [t0, t1].iter().enumerate() {
+            let others = if state == 0 { &second } else { &first };
+            let labels = pair.labels(state, &pair.costs(state, &motions, Some(others)), motions.len());
+            let right = labels.iter().zip(truth).filter(|(a, b)| a == b).count();
+            assert!(
+                right * 100 >= percent * truth.len(),
+                "state {state}: {right} of {}, asked for {percent} %",
+                truth.len()
+            );
+        }
+    }
+
+    #[test]
+    fn true_motions_label_the_parts() {
+        check(&Scene::box_with_lid_and_drawer(), true, 92);
+        // Without free space nothing speaks about insides that one state alone shows: only what they hang on
+        // does.
+        check(&Scene::box_with_lid(), false, 80);
+        check(&Scene::box_with_lid_and_drawer(), false, 80);
+    }
+
+    #[test]
+    fn space_seen_empty_beside_a_surface_is_beyond_its_edge() {
+        let plate = |columns: i64| {
+            let points: Vec<Point3<f64>> = (0..columns)
+                .flat_map(|x| (0..20).map(move |y| Point3::new(0.01 * x as f64, 0.01 * y as f64, 0.0)))
+                .collect();
+            SurfaceSamples {
+                normals: vec![Vector3::z(); points.len()],
+                colors: vec![[0.5; 3]; points.len()],
+                points,
+            }
+        };
+        let (long, short) = (plate(23), plate(20));
+        let beyond = |p: &Point3<f64>| p.x > 0.192;
+        let costs = |free: Option<FreeSpace<'_>>| {
+            let pair = SurfacePair::new([&long, &short], [None, free], 0.04);
+            [20, 22].map(|column: usize| pair.shape_costs(0, &[Pose::identity()], None)[20 * column + 10])
+        };
+        let [near, far] = costs(Some(&beyond));
+        assert!(near < 0.5 && far == FREE, "{near} {far}");
+        assert!(costs(None).iter().all(|c| *c < 0.5));
+    }
+
+    #[test]
+    fn true_motions_label_plain_parts() {
+        check(&Scene { texture: 0.0, ..Scene::box_with_lid() }, true, 92);
+    }
+}

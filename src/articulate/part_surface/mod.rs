@@ -1,0 +1,4 @@
+//! The surface of each part, from all states.
+
+pub(crate) mod assemble;
+pub(crate) mod label_grid;

@@ -1,0 +1,38 @@
+//! Settings of the search for parts and motions.
+
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::propose::ransac::RansacConfig;
+
+/// How parts and motions are found. Lengths are shares of the object's longest side.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RegisterConfig {
+    /// Motions from matches.
+    pub ransac: RansacConfig,
+    /// Longest distance between a moved surface point and its partner in the first rounds.
+    pub first_reach: f64,
+    /// The same in the last rounds.
+    pub last_reach: f64,
+    /// Rounds of labels and motions in turn.
+    pub rounds: usize,
+    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches
+    /// beyond chance, and a sixth of those of the surface whose place contradicts the other motions. Two to
+    /// three times what wrong motions reach between like parts of one object.
+    pub least_score: f64,
+    /// The static part must explain this share of the surface.
+    pub least_static_share: f64,
+}
+
+impl Default for RegisterConfig {
+    fn default() -> Self {
+        Self {
+            ransac: RansacConfig::default(),
+            first_reach: 0.03,
+            last_reach: 0.015,
+            rounds: 8,
+            least_score: 14.0,
+            least_static_share: 0.02,
+        }
+    }
+}

@@ -1,0 +1,322 @@
+//! Motions that two parts may share: parts that move nearly alike, such as two drawers pulled equally far,
+//! lie within reach of one motion between theirs. Where along the surface the motion changes, it is divided.
+//! See docs/method.md 6.6.
+
+use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+
+use crate::articulate::{
+    pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
+    parts::{
+        elimination::{Step, standing},
+        evidence_curve::{EvidencePoint, point},
+        labeling::label,
+        matched_pair::MatchedPair,
+        score::{surface_evidence, unexplained, weighed, weighed_as},
+        settle::round,
+    },
+};
+use crate::geometry::Pose;
+
+/// Residuals beyond this share of the reach lose their weight (Geman-McClure).
+/// tuned: shared/bags
+const WIDE: f64 = 0.2;
+/// Fewest correspondences on either side of a cut.
+const LEAST_SIDE: usize = 60;
+/// Cuts along each principal axis.
+const CUTS: usize = 15;
+/// Least fall of the sum of squares, in variances, from one motion to two.
+/// tuned: shared/bags
+const LEAST_FALL: f64 = 40.0;
+/// Rounds in which the motions of both sides settle, first by themselves.
+const ROUNDS: usize = 3;
+/// Two motions in place of one must explain more by this share of the least evidence, and each as much alone.
+/// Errors of depth that change along a surface give nearly as much to two motions, but not to either alone.
+/// tuned: shared/bags
+const LEAST_GAIN: f64 = 0.5;
+/// Nor does less than this share of what the one motion explains: such errors grow with the surface.
+/// tuned: shared/bags
+const LEAST_ALONE: f64 = 0.025;
+/// Standard deviation of a side's step from the shared motion, as a share of the reach.
+/// tuned: shared/bags
+const STEP: f64 = 0.5;
+
+/// A correspondence, linear in a small motion (rotation vector in radii, shift).
+struct Reading {
+    place: Point3<f64>,
+    row: Vector6<f64>,
+    residual_m: f64,
+    weight: f64,
+}
+
+/// Least squares of a small motion.
+#[derive(Clone, Copy)]
+struct Sums {
+    matrix: Matrix6<f64>,
+    right: Vector6<f64>,
+    squares: f64,
+}
+
+impl Sums {
+    fn zero() -> Self {
+        Self { matrix: Matrix6::zeros(), right: Vector6::zeros(), squares: 0.0 }
+    }
+
+    fn with(mut self, r: &Reading) -> Self {
+        self.matrix += r.row * r.row.transpose() * r.weight;
+        self.right -= r.row * (r.residual_m * r.weight);
+        self.squares += r.residual_m * r.residual_m * r.weight;
+        self
+    }
+
+    fn less(&self, other: &Self) -> Self {
+        Self {
+            matrix: self.matrix - other.matrix,
+            right: self.right - other.right,
+            squares: self.squares - other.squares,
+        }
+    }
+
+    /// Sum of squares after the best step, and the step.
+    fn best(&self, prior: f64) -> Option<(f64, Vector6<f64>)> {
+        let step = (self.matrix + Matrix6::identity() * prior).cholesky()?.solve(&self.right);
+        Some((self.squares - self.right.dot(&step), step))
+    }
+}
+
+/// What follows a motion.
+struct Follower {
+    readings: Vec<Reading>,
+    /// Middle after the motion, and its distance from the surface, root mean square.
+    center: Point3<f64>,
+    radius_m: f64,
+    /// Directions of cuts, unit, in state 0: principal axes of the points and of the normals.
+    axes: Vec<Vector3<f64>>,
+    /// Information of either side's step.
+    prior: f64,
+}
+
+impl Follower {
+    /// The cut that lowers the sum of squares most, if by enough.
+    fn cut(mut self, motion: &Pose) -> Option<Cut> {
+        let mut best: Option<(f64, Cut)> = None;
+        for axis in &self.axes {
+            let along = |r: &Reading| axis.dot(&r.place.coords);
+            self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
+            let add = |sum: &mut Sums, r: &Reading| {
+                *sum = sum.with(r);
+                Some(*sum)
+            };
+            let sums: Vec<Sums> = self.readings.iter().scan(Sums::zero(), add).collect();
+            let whole = sums[sums.len() - 1];
+            let one = whole.best(self.prior)?.0;
+            let firsts = (1..=CUTS).map(|c| sums.len() * c / (CUTS + 1));
+            for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
+                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(self.prior));
+                let [Some(a), Some(b)] = sides else { continue };
+                let fall = one - a.0 - b.0;
+                if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
+                    let motions = [a.1, b.1].map(|twist| {
+                        let turn = twist.fixed_rows::<3>(0) / self.radius_m;
+                        step(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
+                    });
+                    let at_m = 0.5 * (along(&self.readings[first - 1]) + along(&self.readings[first]));
+                    best = Some((fall, Cut { axis: *axis, at_m, motions }));
+                }
+            }
+        }
+        best.map(|b| b.1)
+    }
+}
+
+/// Where a motion changes: a plane across the surface of state 0 and the motion on either side.
+struct Cut {
+    axis: Vector3<f64>,
+    at_m: f64,
+    motions: [Pose; 2],
+}
+
+/// Adds sets in which motions are divided, as far as two motions explain clearly more than one. They
+/// begin with the best set in which no motion loses evidence to another, and come before others of as
+/// many motions that leave more unexplained.
+pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
+    let blind: Vec<EvidencePoint> =
+        steps.iter().map(|s| EvidencePoint { unexplained: 0.0, ..s.point }).collect();
+    let most = standing(pair, steps, &blind).into_iter().max_by_key(|s| s.motions.len());
+    let mut motions = most.map_or_else(Vec::new, |s| s.motions.clone());
+    while let Some(divided) = divided(pair, &motions) {
+        let (scores, shares) = weighed(pair, &divided);
+        let point = EvidencePoint { unexplained: unexplained(pair, &divided), ..point(&scores) };
+        if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
+            break;
+        }
+        motions.clone_from(&divided);
+        steps.retain(|s| s.point.parts != point.parts);
+        steps.push(Step { motions: divided, point, shares, divided: true });
+    }
+    steps.sort_by_key(|s| std::cmp::Reverse(s.point.parts));
+}
+
+/// The motions with the one divided that two motions replace best; `None` where no two explain clearly
+/// more than one, and each something alone.
+fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
+    let least = pair.config.least_score;
+    let (labels, _) = label(&pair.surfaces, motions);
+    let (scores, _) = weighed_as(pair, motions, &labels);
+    let mut best = (LEAST_GAIN * least, None);
+    for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
+        let Some(cut) = follower(pair, &labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
+            continue;
+        };
+        let mut set = motions.to_vec();
+        let [first, second] = settled(pair, &labels, k as u8, motion, cut);
+        set[k] = first;
+        set.insert(k + 1, second);
+        (0..ROUNDS).for_each(|_| round(pair, &mut set));
+        let (after, _) = label(&pair.surfaces, &set);
+        let gain = gain(pair, k, [motions, &set], [&labels, &after]);
+        let alone = (LEAST_GAIN * least).max(LEAST_ALONE * scores[k]);
+        if gain > best.0 && weighed_as(pair, &set, &after).0[k..=k + 1].iter().all(|score| *score >= alone) {
+            best = (gain, Some(set));
+        }
+    }
+    best.1
+}
+
+/// By how much better two motions, `k` and `k + 1` of the second set, explain what one, `k` of the first,
+/// explained before: a sixth of the cells of its surface, each by the fall of its cost. Both sets with
+/// their labels.
+fn gain(
+    pair: &MatchedPair<'_>,
+    k: usize,
+    [motions, set]: [&[Pose]; 2],
+    [labels, after]: [&[Vec<u8>; 2]; 2],
+) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for s in 0..2 {
+        count += labels[s].len();
+        let costs = [motions, set].map(|all| pair.surfaces.shape_costs(s, all, None));
+        for (i, (before, after)) in
+            labels[s].iter().zip(&after[s]).map(|(b, a)| (usize::from(*b), usize::from(*a))).enumerate()
+        {
+            if before == k && (k..=k + 1).contains(&after) {
+                let [was, is] = [costs[0][i * motions.len() + before], costs[1][i * set.len() + after]];
+                sum += f64::from(was.min(1.0) - is.min(1.0));
+            }
+        }
+    }
+    surface_evidence(pair, sum / count.max(1) as f64)
+}
+
+/// What follows a motion, linear in a small change of it.
+fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
+    let planes = correspondences(&pair.surfaces, [&labels[0], &labels[1]], motion, label);
+    if planes.len() < 2 * LEAST_SIDE {
+        return None;
+    }
+    let n = planes.len() as f64;
+    let middle = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
+    let spread: Matrix3<f64> =
+        planes.iter().map(|p| p.source - middle).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
+    let radius_m = spread.trace().sqrt().max(1e-9);
+    let center = motion * middle;
+    let (sigma_m, wide_m) = (pair.surfaces.scales.plane_m, WIDE * pair.surfaces.reach_m);
+    let mut faces = Matrix3::zeros();
+    let mut reading = |p: &Plane| {
+        let (moved, normal, residual_m) = p.under(motion);
+        let own = motion.inverse_transform_vector(&normal);
+        faces += own * own.transpose();
+        let turn = (moved - center).cross(&normal) / radius_m;
+        let z = residual_m / wide_m;
+        let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
+        Reading {
+            place: p.source,
+            row: Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z),
+            residual_m,
+            weight,
+        }
+    };
+    let readings = planes.iter().map(&mut reading).collect();
+    let of = |m: Matrix3<f64>| {
+        SymmetricEigen::new(m)
+            .eigenvectors
+            .column_iter()
+            .map(|c| c.into_owned())
+            .collect::<Vec<Vector3<f64>>>()
+    };
+    let axes = [of(spread), of(faces)].concat();
+    Some(Follower { readings, center, radius_m, axes, prior: (STEP * pair.surfaces.reach_m).powi(-2) })
+}
+
+/// The motions on both sides of a cut, settled.
+fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Pose, cut: Cut) -> [Pose; 2] {
+    let back = motion.inverse();
+    let sides = [0, 1].map(|s| {
+        let points = pair.surfaces.samples[s].points.iter().zip(&labels[s]);
+        let side = |(p, l): (&Point3<f64>, &u8)| {
+            let first = if s == 0 { *p } else { back * p };
+            if *l == label { 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m) } else { 0 }
+        };
+        points.map(side).collect::<Vec<u8>>()
+    });
+    let mut motions = cut.motions;
+    for _ in 0..ROUNDS {
+        for (k, m) in motions.iter_mut().enumerate() {
+            *m = refine(&pair.surfaces, [&sides[0], &sides[1]], &[], m, 1 + k as u8);
+        }
+    }
+    motions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulate::{
+        RegisterConfig,
+        pair::surface_pair::{FreeSpace, SurfacePair},
+        samples::{
+            spacing::reach_m,
+            synthetic::{Scene, camera_ring},
+        },
+    };
+
+    /// How far the drawers of a chest were pulled, by one motion divided where that is called for.
+    fn pulled_m(true_m: [f64; 2]) -> Vec<f64> {
+        const EXTENT_M: f64 = 0.5;
+        let scene = Scene::two_drawers(true_m);
+        let cameras = camera_ring(10);
+        let surfaces = [0, 1].map(|s| scene.surface(s, &cameras, 0.008).0);
+        let [first, second] = &surfaces;
+        let is_free = [0, 1].map(|s| {
+            let (scene, cameras) = (&scene, &cameras);
+            move |p: &Point3<f64>| scene.is_free(s, cameras, p)
+        });
+        let free: [Option<FreeSpace<'_>>; 2] = [Some(&is_free[0]), Some(&is_free[1])];
+        let config = RegisterConfig::default();
+        let mut surfaces =
+            SurfacePair::new([first, second], free, reach_m([first, second], config.first_reach * EXTENT_M));
+        // As of measured depth: one motion explains both drawers, a little off.
+        surfaces.scales.plane_m = 0.001;
+        let pair = MatchedPair::new(&[], EXTENT_M, &config, surfaces);
+        let shared = [Pose::identity(), Pose::translation(0.0, -0.5 * (true_m[0] + true_m[1]), 0.0)];
+        let mut found: Vec<f64> = divided(&pair, &shared).unwrap_or(shared.to_vec())[1..]
+            .iter()
+            .map(|m| -m.translation.y)
+            .collect();
+        found.sort_by(f64::total_cmp);
+        found
+    }
+
+    #[test]
+    fn a_motion_between_those_of_two_drawers_is_divided() {
+        let found = pulled_m([0.1, 0.104]);
+        assert!(
+            found.len() == 2 && (found[0] - 0.1).abs() < 5e-4 && (found[1] - 0.104).abs() < 5e-4,
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn a_motion_that_two_drawers_share_is_not() {
+        assert_eq!(pulled_m([0.1, 0.1]), [0.1]);
+    }
+}

@@ -1,0 +1,170 @@
+//! From many motions to none: the one with the least evidence of its own is dropped, and the others take over
+//! what they can. Two motions of one part share their evidence, so that one of them goes first.
+//! See docs/method.md 7.2.
+
+use crate::articulate::pair::reprojection::MISSED;
+use crate::articulate::parts::{
+    evidence_curve::{EvidencePoint, point, stands},
+    matched_pair::MatchedPair,
+    round_parts::without,
+    score::{CHANCE, scores, shares, unexplained, weighed},
+    settle::{round, settle},
+};
+use crate::geometry::Pose;
+
+/// A motion with less than this share of the least evidence explains next to nothing.
+/// tuned: shared/bags
+const SLIGHT: f64 = 0.5;
+/// The largest sets of motions that could all be parts, which settle.
+const COMPARED: usize = 2;
+/// The weakest motions that are compared before one is dropped.
+const RIVALS: usize = 3;
+/// Two sets of motions explain alike from this share of the better one's evidence on.
+/// tuned: shared/bags
+const ALIKE: f64 = 0.9;
+
+/// Motions on the way from many to none.
+pub(crate) struct Step {
+    pub motions: Vec<Pose>,
+    pub point: EvidencePoint,
+    /// Share of the surface that each motion explains and no other.
+    pub shares: Vec<f64>,
+    /// Whether it is a smaller set of which a motion was divided.
+    pub divided: bool,
+}
+
+/// The most motions of which each has the evidence that a part needs.
+pub(crate) fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
+    let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+    let most = standing(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
+    most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
+}
+
+/// The sets that stand by a curve of evidence; divided ones were judged as they were made.
+pub(crate) fn standing<'s>(
+    pair: &MatchedPair<'_>,
+    steps: &'s [Step],
+    curve: &[EvidencePoint],
+) -> Vec<&'s Step> {
+    steps
+        .iter()
+        .zip(curve)
+        .filter(|(s, point)| s.divided || stands(point, curve, pair.config.least_score))
+        .map(|(s, _)| s)
+        .collect()
+}
+
+/// Sets of motions, each without the weakest of the one before and refitted to what the others take over,
+/// down to the static part alone.
+pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut settled = 0;
+    loop {
+        while thin(pair, &mut motions) {
+            round(pair, &mut motions);
+        }
+        let (mut scores, mut shares) = weighed(pair, &motions);
+        if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
+            settled += 1;
+            settle(pair, &mut motions);
+            (scores, shares) = weighed(pair, &motions);
+        }
+        let point = EvidencePoint { unexplained: unexplained(pair, &motions), ..point(&scores) };
+        steps.push(Step { motions: motions.clone(), point, shares, divided: false });
+        if motions.len() == 1 {
+            return steps;
+        }
+        motions = without_least(pair, &motions, &scores);
+    }
+}
+
+/// All motions but the one of the weakest without which the others explain most, refitted; where that
+/// hardly differs, but the one without which, refitted, most others have the evidence that a part needs.
+/// Matches to a wrong place do not come in numbers: motions that have the least evidence in matches alone
+/// go last.
+fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Vec<Pose> {
+    let least = pair.config.least_score;
+    let matched = pair.match_cells(motions);
+    let matched_alone = |k: usize| matched[k] - CHANCE >= least;
+    let mut weakest: Vec<usize> = (1..motions.len()).collect();
+    weakest.sort_by(|&a, &b| matched_alone(a).cmp(&matched_alone(b)).then(scores[a].total_cmp(&scores[b])));
+    let unmatched = weakest.iter().filter(|k| !matched_alone(**k)).count();
+    // One that explains next to nothing needs no comparison, unless another explains the same.
+    let next_to_nothing = |k: &usize| scores[*k] < SLIGHT * least;
+    let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
+    let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
+    weakest.truncate(if clear { 1 } else { rivals });
+    let refitted = |mut others: Vec<Pose>| {
+        round(pair, &mut others);
+        others
+    };
+    let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
+    if rest.len() > 1 {
+        rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&weighed(pair, others).0).evidence);
+        rest.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let alike = ALIKE * rest[0].0;
+        rest.retain(|r| r.0 >= alike);
+    }
+    if rest.len() == 1 {
+        return refitted(rest.swap_remove(0).1);
+    }
+    let judged: Vec<Judged> =
+        rest.into_iter().map(|(_, others)| Judged::of(pair, refitted(others))).collect();
+    preferred(judged)
+}
+
+/// A set of motions beside others of as many.
+struct Judged {
+    motions: Vec<Pose>,
+    /// Motions that have the evidence that a part needs.
+    standing: usize,
+    /// Cells of matches beyond chance.
+    matched: f64,
+    /// Sum of what speaks for each motion alone.
+    evidence: f64,
+}
+
+impl Judged {
+    fn of(pair: &MatchedPair<'_>, motions: Vec<Pose>) -> Self {
+        let scores = weighed(pair, &motions).0;
+        Self {
+            standing: scores[1..].iter().filter(|s| **s >= pair.config.least_score).count(),
+            matched: pair.match_cells(&motions).iter().map(|c| (c - CHANCE).max(0.0)).sum(),
+            evidence: point(&scores).evidence,
+            motions,
+        }
+    }
+}
+
+/// Of the sets with the most standing motions, and of these of the ones that matches support as well as the
+/// best up to chance, the set with the most evidence. Each condition compares with the best of all, so that
+/// the order of the sets does not matter.
+fn preferred(mut judged: Vec<Judged>) -> Vec<Pose> {
+    let standing = judged.iter().map(|j| j.standing).max();
+    judged.retain(|j| Some(j.standing) == standing);
+    let matched = judged.iter().map(|j| j.matched).fold(0.0, f64::max);
+    judged.retain(|j| j.matched >= matched - CHANCE);
+    let best = judged.into_iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+    best.map_or_else(Vec::new, |j| j.motions)
+}
+
+/// Drops motions that have less than the least evidence even where a surface that the other state hid
+/// counts as one that is missing there, the weakest first; false where there are none.
+fn thin(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
+    let before = motions.len();
+    let mut costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
+    while motions.len() > 1 {
+        let scores = scores(pair, motions, &shares(&costs, motions.len()));
+        let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+        let Some(k) = weakest.filter(|&k| MISSED * scores[k] < pair.config.least_score) else { break };
+        let count = motions.len();
+        motions.remove(k);
+        for c in &mut costs {
+            *c = c
+                .chunks_exact(count)
+                .flat_map(|row| row.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, c)| *c))
+                .collect();
+        }
+    }
+    motions.len() < before
+}

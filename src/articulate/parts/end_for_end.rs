@@ -1,0 +1,132 @@
+//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end
+//! for end. Its hinge distinguishes them. (Round parts: `round_parts.rs`.) See docs/method.md 6.9.
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
+
+use crate::articulate::{
+    pair::reprojection::EXPLAINED,
+    parts::{
+        labeling::label,
+        matched_pair::MatchedPair,
+        score::{is_matched, weighed},
+        settle::round,
+    },
+    samples::{
+        hinge::{axis_of_turn, axis_off_m, hinge_score, touch_m},
+        slip::round_axis,
+    },
+};
+use crate::geometry::Pose;
+
+/// Rounds in which a turned motion settles.
+const ROUNDS: usize = 3;
+/// Turn at which half of what speaks for a hinge is lost, radians: few joints turn farther, and a part turned
+/// end for end does by as much as half a turn exceeds its own.
+/// tuned: shared/bags
+const FAR_TURN: f64 = 2.1;
+
+/// The motions, each part's turned end for end where that explains more, weighed by what speaks for a
+/// hinge. Matches distinguish them, so that only parts without them are looked at.
+pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+    for k in 1..motions.len() {
+        if is_matched(pair, &motions, k) {
+            continue;
+        }
+        let (labels, _) = label(&pair.surfaces, &motions);
+        let Some(turned) = turned(pair, &motions, &labels, k) else { continue };
+        let mut others = motions.clone();
+        others[k] = turned;
+        if hinge(pair, &others, &labels[0], k) <= hinge(pair, &motions, &labels[0], k) {
+            continue;
+        }
+        (0..ROUNDS).for_each(|_| round(pair, &mut others));
+        let worth = |motions: &[Pose]| {
+            hinge(pair, motions, &label(&pair.surfaces, motions).0[0], k) * weighed(pair, motions).0[k]
+        };
+        if worth(&others) > worth(&motions) {
+            motions = others;
+        }
+    }
+    motions
+}
+
+/// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
+/// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
+/// touch.
+fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
+    let of = |part: usize| -> Vec<Point3<f64>> {
+        let points = pair.surfaces.samples[0].points.iter().zip(labels);
+        points.filter(|(_, l)| usize::from(**l) == part).map(|(p, _)| *p).collect()
+    };
+    let own = of(k);
+    let on = |parent: usize| {
+        let relative = motions[parent].inverse() * motions[k];
+        let (off_m, angle_rad) = match axis_of_turn(&relative) {
+            Some(axis) => (axis_off_m((&axis.point, &axis.direction), &own, &of(parent)), axis.angle_rad),
+            None => (touch_m(&own, &of(parent)), 0.0),
+        };
+        hinge_score(off_m, pair.extent_m) / (1.0 + (angle_rad / FAR_TURN).powi(4))
+    };
+    (0..motions.len()).filter(|p| *p != k).map(on).fold(0.0, f64::max)
+}
+
+/// The motion of part `k` after half a turn of the part about its middle and the direction of its axis;
+/// `None` for a slide.
+fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Option<Pose> {
+    let axis = axis_of_turn(&motions[k])?.direction;
+    let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
+    let explained = |i: &usize| usize::from(labels[0][*i]) == k && costs[i * motions.len() + k] < EXPLAINED;
+    let surface = pair.surfaces.samples[0];
+    let (points, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) =
+        (0..labels[0].len()).filter(explained).map(|i| (surface.points[i], surface.normals[i])).unzip();
+    if round_axis(&points, &normals).is_some() {
+        return None;
+    }
+    let center = middle(&points)?;
+    let turn = UnitQuaternion::from_axis_angle(&axis, std::f64::consts::PI);
+    Some(motions[k] * Pose::from_parts((center.coords - turn * center.coords).into(), turn))
+}
+
+/// Middle of the box around points along their principal directions; `None` for too few.
+fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
+    const LEAST: usize = 12;
+    if points.len() < LEAST {
+        return None;
+    }
+    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let spread: Matrix3<f64> = points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+    let axes = SymmetricEigen::new(spread).eigenvectors;
+    let center = axes.column_iter().map(|axis| {
+        let mut along: Vec<f64> = points.iter().map(|p| axis.dot(&p.coords)).collect();
+        along.sort_by(f64::total_cmp);
+        let cut = along.len() / 50;
+        axis * (0.5 * (along[cut] + along[along.len() - 1 - cut]))
+    });
+    Some(center.sum::<Vector3<f64>>().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+
+    #[test]
+    fn a_plain_arm_turned_end_for_end_goes_back_to_its_hinges() {
+        let scene = Scene { texture: 0.0, ..Scene::lamp() };
+        let middle = Vector3::new(0.0, 0.0, 0.18);
+        let half = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
+        let turned = scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half);
+        scene.seen(0.006, 0.012, |surfaces, _| {
+            let config = RegisterConfig::default();
+            let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+            for start in [scene.truth(1), turned] {
+                let found = hinged(&pair, vec![Pose::identity(), start, scene.truth(2)])[1];
+                for z in [0.05, 0.31] {
+                    let end = Point3::new(0.0, 0.0, z);
+                    let off_m = (found * end - scene.truth(1) * end).norm();
+                    assert!(off_m < 0.01, "{off_m}");
+                }
+            }
+        });
+    }
+}

@@ -1,0 +1,116 @@
+//! Sets of fewer and fewer motions, and which of them stand. See docs/method.md 7.3.
+
+use serde::{Deserialize, Serialize};
+
+/// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further
+/// part adds to the sum, a second motion of one part takes away most of that part's.
+/// tuned: shared/bags
+const SPLIT: f64 = 0.8;
+/// A motion needs this share of the least evidence where it takes nothing from the others.
+/// tuned: shared/bags
+const ADDING: f64 = 0.6;
+/// A part with this many times the least evidence is one even where the sum falls a little.
+/// tuned: shared/bags
+const FIRM: f64 = 2.2;
+/// So is one that leaves less unexplained by this many times its evidence: parts that move nearly alike
+/// explain each other's surface, a little off, so that what each explains alone falls.
+/// tuned: shared/bags
+const FITTING: f64 = 1.5;
+
+/// Evidence for a number of parts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EvidencePoint {
+    /// Number of parts, the static one included.
+    pub parts: usize,
+    /// What the motions explain, each alone: cells of matches, and a sixth of the cells of surface.
+    pub evidence: f64,
+    /// Evidence of the weakest motion and no other; none where nothing moves.
+    pub weakest: Option<f64>,
+    /// What is left for other motions: a sixth of the cells of surface, each by the cost of its best motion.
+    pub unexplained: f64,
+}
+
+/// Whether each of a set of motions has the evidence that a part needs and none splits a part.
+pub(crate) fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
+    point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve)))
+        && !splits(point, curve, FIRM * least)
+}
+
+/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that
+/// what each explains alone, and with it the sum, falls. A motion of its own adds to the sum, has `firm`
+/// evidence by itself, or leaves less unexplained.
+fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
+    let weakest = point.weakest.unwrap_or(f64::INFINITY);
+    let fits = |p: &EvidencePoint| p.unexplained - point.unexplained >= FITTING * weakest;
+    let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence && !fits(p);
+    let share = |p: &EvidencePoint| if fits(p) { SPLIT.powi((point.parts - p.parts) as i32) } else { SPLIT };
+    next_smaller(point, curve).is_some_and(takes)
+        || smaller(point, curve).any(|p| point.evidence < share(p) * p.evidence)
+}
+
+/// The sets of fewer motions.
+fn smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> impl Iterator<Item = &'a EvidencePoint> {
+    let parts = point.parts;
+    curve.iter().filter(move |p| p.parts < parts)
+}
+
+/// The largest of these.
+fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option<&'a EvidencePoint> {
+    smaller(point, curve).max_by_key(|p| p.parts)
+}
+
+/// Whether the weakest motion of a set takes next to nothing from the others, of which there are some: those
+/// of the next smaller set explain less than all of these by half its evidence at least. Wrong motions take
+/// from the right ones what they explain.
+fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+    next_smaller(point, curve)
+        .is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
+}
+
+/// The evidence of motions, the first of which is the static part's.
+pub(crate) fn point(scores: &[f64]) -> EvidencePoint {
+    let moving = &scores[1..];
+    let weakest = moving.iter().copied().reduce(f64::min);
+    EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest, unexplained: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EvidencePoint, adds, splits};
+
+    #[test]
+    fn a_motion_of_little_evidence_must_add_to_the_sum() {
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
+        let curve = [
+            point(1, 0.0, None),
+            point(2, 100.0, Some(100.0)),
+            point(3, 150.0, Some(50.0)),
+            point(4, 159.0, Some(10.0)),
+        ];
+        assert!(adds(&curve[3], &curve) && !adds(&point(4, 153.0, Some(10.0)), &curve));
+        assert!(!adds(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
+    }
+
+    #[test]
+    fn a_second_motion_of_one_part_takes_its_evidence_away() {
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
+        let curve = [
+            point(1, 0.0, None),
+            point(2, 414.0, Some(414.0)),
+            point(3, 64.0, Some(30.0)),
+            point(4, 500.0, Some(60.0)),
+            point(5, 495.0, Some(20.0)),
+        ];
+        let splits_of = |curve: &[EvidencePoint], k: usize| splits(&curve[k], curve, 35.0);
+        let splits = |k: usize| splits_of(&curve, k);
+        assert!(splits(2) && splits(4));
+        assert!(!splits(3) && !splits(1) && !splits(0));
+        // Two drawers that moved nearly alike: either motion explains both a little off, both leave less
+        // open.
+        let mut alike = curve.clone();
+        (0..5).for_each(|k| alike[k].unexplained = [900.0, 400.0, 380.0, 90.0, 60.0][k]);
+        assert!(!splits_of(&alike, 4) && splits_of(&alike, 2));
+        alike[4].unexplained = 61.0;
+        assert!(splits_of(&alike, 4));
+    }
+}

@@ -1,0 +1,105 @@
+//! One motion in the place of several: motions that each explain a segment of a part may have driven out the
+//! one that explains all of it, as none of them has much that it explains alone. See docs/method.md 6.7.
+
+use crate::articulate::{
+    pair::reprojection::{EXPLAINED, FREE},
+    parts::{
+        evidence_curve::point,
+        labeling::label,
+        matched_pair::MatchedPair,
+        score::{weighed, weighed_as},
+        settle::settle,
+    },
+};
+use crate::geometry::Pose;
+
+/// A motion can take the place of one of whose surface it explains this share.
+/// tuned: shared/bags
+const REPLACED: f64 = 0.25;
+
+/// The set in which one after the other of the `proposed` motions takes the place of two or more, as long
+/// as the sum of the evidence rises.
+pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
+    let mut left = proposed.to_vec();
+    loop {
+        let (labels, costs) = label(&pair.surfaces, &set);
+        let evidence = point(&weighed_as(pair, &set, &labels).0).evidence;
+        let with = |motion: &Pose| {
+            let replaced = replaced(pair, &set, &labels, &costs, motion);
+            if replaced.len() < 2 {
+                return None;
+            }
+            let mut others: Vec<Pose> =
+                set.iter().enumerate().filter(|(k, _)| !replaced.contains(k)).map(|(_, m)| *m).collect();
+            others.push(*motion);
+            settle(pair, &mut others);
+            Some((point(&weighed(pair, &others).0).evidence, others))
+        };
+        let better = left.iter().enumerate().filter_map(|(i, motion)| Some((i, with(motion)?)));
+        let Some((i, (_, others))) =
+            better.filter(|b| b.1.0 > evidence).max_by(|a, b| a.1.0.total_cmp(&b.1.0))
+        else {
+            return set;
+        };
+        left.swap_remove(i);
+        set = others;
+    }
+}
+
+/// The moving parts of a set in whose place a motion could stand: it explains a share of [`REPLACED`] of
+/// what they took from its place.
+fn replaced(
+    pair: &MatchedPair<'_>,
+    set: &[Pose],
+    labels: &[Vec<u8>; 2],
+    costs: &[Vec<f32>; 2],
+    motion: &Pose,
+) -> Vec<usize> {
+    let mut counts = vec![[0usize; 2]; set.len()];
+    for state in 0..2 {
+        let other = pair.surfaces.shape_costs(state, &[*motion], None);
+        for ((row, label), cost) in costs[state].chunks_exact(set.len()).zip(&labels[state]).zip(other) {
+            let label = usize::from(*label);
+            if row[label] < EXPLAINED && row[0] >= FREE {
+                counts[label][0] += 1;
+                counts[label][1] += usize::from(cost < EXPLAINED);
+            }
+        }
+    }
+    (1..set.len()).filter(|&k| counts[k][1] as f64 > REPLACED * counts[k][0] as f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+
+    #[test]
+    fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {
+        let scene = Scene { texture: 0.0, ..Scene::lamp() };
+        // The arm's lower and upper half, each turned end for end.
+        let halves = [0.11, 0.25].map(|z| {
+            let (middle, half) = (
+                Vector3::new(0.0, 0.0, z),
+                UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI),
+            );
+            scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half)
+        });
+        let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];
+        scene.seen(0.006, 0.012, |surfaces, _| {
+            let config = RegisterConfig::default();
+            let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+            let found = exchanged(
+                &pair,
+                vec![Pose::identity(), halves[0], halves[1], scene.truth(2)],
+                &[scene.truth(1)],
+            );
+            assert_eq!(found.len(), 3);
+            let end = Point3::new(0.0, 0.0, 0.31);
+            assert!(found.iter().any(|m| (m * end - scene.truth(1) * end).norm() < 0.01));
+            assert_eq!(exchanged(&pair, right.clone(), &halves), right);
+        });
+    }
+}

@@ -1,0 +1,18 @@
+//! Which motions are parts, and which surface follows which.
+
+pub(crate) mod config;
+pub(crate) mod division;
+pub(crate) mod elimination;
+pub(crate) mod end_for_end;
+pub(crate) mod error;
+pub(crate) mod evidence_curve;
+pub(crate) mod exchange;
+pub(crate) mod labeling;
+pub(crate) mod matched_pair;
+pub(crate) mod part_count;
+pub(crate) mod register;
+pub(crate) mod round_parts;
+pub(crate) mod score;
+pub(crate) mod segment;
+pub(crate) mod settle;
+pub(crate) mod states;

@@ -1,0 +1,137 @@
+//! Which of the proposed motions are parts: each must explain what no other does, measured on what it was not
+//! fitted to.
+
+use crate::geometry::Pose;
+use crate::{
+    articulate::{
+        pair::unexplained::Unexplained,
+        parts::{
+            elimination::{Step, standing},
+            error::RegisterError,
+            evidence_curve::EvidencePoint,
+            matched_pair::MatchedPair,
+        },
+    },
+    note::{Note, NoteCode},
+};
+
+/// Motions with less evidence than this many times the least are said to rest on little of it.
+/// tuned: shared/bags
+pub(crate) const LITTLE: f64 = 1.5;
+/// A further motion with more than this share of the least evidence is reported.
+/// tuned: shared/bags
+const NEARLY: f64 = 0.7;
+/// Share of the surface that may move unexplained.
+/// tuned: shared/bags
+const UNEXPLAINED_SHARE: f64 = 0.02;
+
+/// The motions that are parts.
+pub(crate) struct PartCount {
+    pub motions: Vec<Pose>,
+    pub curve: Vec<EvidencePoint>,
+    pub notes: Vec<Note>,
+    pub warnings: Vec<Note>,
+}
+
+/// The most motions of which each has the evidence that a part needs and none splits a part; not more
+/// than make `parts` parts, where that is given.
+pub(crate) fn choose(
+    pair: &MatchedPair<'_>,
+    steps: &[Step],
+    parts: Option<usize>,
+) -> Result<PartCount, RegisterError> {
+    let least = pair.config.least_score;
+    let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
+    let standing = standing(pair, steps, &curve);
+    let allowed = |s: &&&Step| parts.is_none_or(|p| s.motions.len() <= p);
+    let most = standing.iter().max_by_key(|s| s.motions.len());
+    let Some(chosen) = standing.iter().filter(allowed).max_by_key(|s| s.motions.len()) else {
+        return Err(RegisterError::NoOverlap { static_percent: 0.0 });
+    };
+    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+    check(pair, &chosen.motions, parts, &chosen.shares, &mut notes)?;
+    let found = chosen.motions.len();
+    let evident = most.map_or(found, |s| s.motions.len());
+    if evident > found {
+        warnings.push(more_than_asked(evident, found));
+    }
+    if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
+        warnings.push(little_evidence(found, weakest, least));
+    }
+    if chosen.divided {
+        notes.push(Note::new(
+            NoteCode::PartsMoveAlike,
+            "parts move nearly alike: one motion explains them, a little off, and was divided where the \
+             surface calls for two",
+        ));
+    }
+    let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
+    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
+        notes.push(Note::new(
+            NoteCode::PartAlmostEvident,
+            format!("a further motion has {weakest:.1} of the evidence of {least} that a part needs"),
+        ));
+    }
+    Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
+}
+
+/// Refuses what the motions that are left do not explain.
+fn check(
+    pair: &MatchedPair<'_>,
+    motions: &[Pose],
+    parts: Option<usize>,
+    shares: &[f64],
+    notes: &mut Vec<Note>,
+) -> Result<(), RegisterError> {
+    let static_percent = 100.0 * shares[0];
+    let one = motions.len() == 1;
+    if shares[0] < pair.config.least_static_share {
+        return Err(RegisterError::NoOverlap { static_percent });
+    }
+    let (found, moving) = (motions.len(), motions.len() - 1);
+    match parts {
+        Some(_) if one => Err(RegisterError::NoMotion { static_percent }),
+        Some(asked) if asked > found => {
+            let support: Vec<String> =
+                shares.iter().skip(1).map(|s| format!("{:.1} % of the surface", 100.0 * s)).collect();
+            Err(RegisterError::FewerParts { asked, found, moving, support: support.join(", ") })
+        }
+        _ => {
+            let moved = Unexplained::of(&pair.surfaces, motions).moved;
+            let of = |s: usize| moved[s].iter().filter(|m| **m).count() as f64 / moved[s].len().max(1) as f64;
+            let moved_percent = 100.0 * of(0).max(of(1));
+            if one && of(0).min(of(1)) > UNEXPLAINED_SHARE {
+                return Err(RegisterError::Unexplained { moved_percent });
+            }
+            if one {
+                notes.push(Note::new(
+                    NoteCode::NoPartMoved,
+                    format!(
+                        "no part moved: {static_percent:.0} % of the surface stands still and \
+                     {moved_percent:.1} % left its place; the twin has one part"
+                    ),
+                ));
+            }
+            Ok(())
+        }
+    }
+}
+
+/// Says that fewer parts were asked for than there is evidence for.
+pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
+    let text = format!("the evidence is for {evident} parts, {asked} were asked for");
+    Note::new(NoteCode::MorePartsEvident, text)
+}
+
+/// Says that the weakest of some parts has little more evidence than the least.
+pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
+    let text = format!(
+        "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",
+        LITTLE * least
+    );
+    Note::new(NoteCode::PartOnLittleEvidence, text)
+}
+
+#[cfg(test)]
+#[path = "part_count_tests.rs"]
+mod tests;

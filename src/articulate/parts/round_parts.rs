@@ -1,0 +1,30 @@
+//! Parts whose spin about their middle is unobservable by shape, but for marks on them.
+
+use crate::articulate::{
+    parts::matched_pair::MatchedPair,
+    parts::score::is_matched,
+    propose::{round_part::round_turn, search::Search},
+};
+use crate::geometry::Pose;
+
+/// The motions, those of round parts that no matches fix after the turn that explains most; `None` where that
+/// changes none.
+pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
+    let mut all = motions.to_vec();
+    let mut changed = false;
+    for k in 1..all.len() {
+        if is_matched(pair, &all, k) {
+            continue;
+        }
+        let others = without(&all, k);
+        if let Some(turned) = round_turn(&Search::new(&pair.surfaces, &others, pair.extent_m), &all[k]) {
+            (all[k], changed) = (turned, true);
+        }
+    }
+    changed.then_some(all)
+}
+
+/// All motions but one.
+pub(crate) fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
+    motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect()
+}

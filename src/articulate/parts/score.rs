@@ -1,0 +1,158 @@
+//! What speaks for each of a set of motions and no other.
+
+use std::collections::BTreeSet;
+
+use crate::articulate::{
+    pair::reprojection::{FREE, HIDDEN, log_ratio},
+    parts::{
+        labeling::label,
+        matched_pair::MatchedPair,
+        segment::{groups, segments},
+    },
+};
+use crate::geometry::Pose;
+
+/// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
+/// a sixth counts.
+/// tuned: shared/bags
+const CONTRADICTED: f64 = 2.0;
+/// Share of what a motion explains that errors of depth and pose take into space seen empty.
+/// tuned: shared/bags
+const FREE_SHARE: f64 = 0.03;
+/// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its
+/// distance in three dimensions and its look, a wrong surface by its distance in one.
+/// tuned: shared/bags
+pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
+/// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by
+/// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
+/// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
+/// tuned: shared/bags
+pub(crate) const CHANCE: f64 = 5.0;
+
+/// Evidence of each motion and share of the surface that it explains and no other, each surface belonging
+/// to one part.
+pub(crate) fn weighed(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+    weighed_as(pair, motions, &label(&pair.surfaces, motions).0)
+}
+
+/// The same where the labels are known.
+pub(crate) fn weighed_as(
+    pair: &MatchedPair<'_>,
+    motions: &[Pose],
+    labels: &[Vec<u8>; 2],
+) -> (Vec<f64>, Vec<f64>) {
+    let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, Some(&labels[1 - s])));
+    let scores = scores(pair, motions, &preferred(pair, motions, &costs, labels));
+    (scores, shares(&costs, motions.len()))
+}
+
+/// Share of the surface that speaks for each motion: segment by segment, what speaks for it rather than for
+/// the static part or a motion beside it, less what it takes into space seen empty. That a segment was
+/// hidden in the other state speaks for and against no motion. See docs/method.md (7.3).
+fn preferred(
+    pair: &MatchedPair<'_>,
+    motions: &[Pose],
+    costs: &[Vec<f32>; 2],
+    labels: &[Vec<u8>; 2],
+) -> Vec<f64> {
+    let mut gains = vec![0.0; motions.len()];
+    for segment in segments(&pair.surfaces, motions, labels) {
+        let ratios = [0, 1].map(|s| {
+            ratios(pair, s, &segment.samples[s], segment.label, &[&costs[s]], &labels[s], motions.len())
+        });
+        let pairs = ratios[0].iter().flat_map(|first| ratios[1].iter().map(move |second| (first, second)));
+        let possible = pairs
+            .filter(|(a, b)| a.0 == b.0 || !segment.crosses(&pair.surfaces, &motions[a.0], &motions[b.0]));
+        gains[segment.label] += possible.map(|(a, b)| a.1 + b.1).reduce(f64::min).unwrap_or(0.0);
+    }
+    let count = labels.iter().map(Vec::len).sum::<usize>();
+    gains.into_iter().map(|g| g / count.max(1) as f64).collect()
+}
+
+/// Adds what the samples of one state say for each motion, patch by patch. They have `costs` for every
+/// state that they reproject to.
+pub(crate) fn prefer(
+    pair: &MatchedPair<'_>,
+    state: usize,
+    costs: &[&[f32]],
+    labels: &[u8],
+    gains: &mut [f64],
+) {
+    for (own, samples) in groups(&pair.surfaces, state, labels) {
+        let ratios = ratios(pair, state, &samples, own, costs, labels, gains.len());
+        gains[own] += ratios.into_iter().map(|t| t.1).reduce(f64::min).unwrap_or(0.0);
+    }
+}
+
+/// What samples of one state say for their own motion rather than for the static part and each motion
+/// beside them.
+fn ratios(
+    pair: &MatchedPair<'_>,
+    state: usize,
+    samples: &[usize],
+    own: usize,
+    costs: &[&[f32]],
+    labels: &[u8],
+    motions: usize,
+) -> Vec<(usize, f64)> {
+    let beside = samples.iter().flat_map(|&i| pair.surfaces.beside(state, i)).map(|j| usize::from(labels[j]));
+    let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
+    let rows = || samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
+    let count = |holds: fn(f32) -> bool| rows().filter(|c| holds(c[own])).count() as f64;
+    let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+    let total = |k: usize| rows().map(|c| log_ratio(c[own], c[k])).sum::<f64>();
+    others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
+}
+
+/// See [`EvidencePoint::unexplained`].
+pub(crate) fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
+    let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
+    let best = costs
+        .iter()
+        .flat_map(|c| c.chunks_exact(motions.len()))
+        .map(|row| row.iter().copied().fold(1.0, f32::min));
+    let (sum, count) = best.fold((0.0, 0usize), |(sum, n), c| (sum + f64::from(c), n + 1));
+    surface_evidence(pair, sum / count.max(1) as f64)
+}
+
+/// A share of the surface as evidence, in cells.
+pub(crate) fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
+    SURFACE_WEIGHT * share * pair.surface_cells() as f64
+}
+
+/// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance,
+/// and the cells of surface that it explains, which weigh less because a plane explains any other.
+/// See docs/method.md (7.1).
+pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
+    let surface = pair.surface_cells();
+    let score = |(cells, share): (f64, &f64)| {
+        let cells = f64::max(cells - CHANCE, 0.0);
+        cells + SURFACE_WEIGHT * share * surface as f64
+    };
+    pair.match_cells(motions).into_iter().zip(shares).map(score).collect()
+}
+
+/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it,
+/// where only reaching a surface counts as an explanation.
+pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
+    let mut gains = vec![0.0; motions];
+    for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
+        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
+        for (k, &c) in sample.iter().enumerate() {
+            let c = if c >= HIDDEN { 1.0 } else { c };
+            if c < best {
+                (second, best, winner) = (best, c, k);
+            } else {
+                second = second.min(c);
+            }
+        }
+        gains[winner] += f64::from(second - best);
+    }
+    let count = costs.iter().map(Vec::len).sum::<usize>() / motions.max(1);
+    gains.into_iter().map(|g| g / count.max(1) as f64).collect()
+}
+
+/// Whether matches fix the motion of part `k` among others that its shape allows.
+pub(crate) fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
+    pair.match_cells(motions)[k] - CHANCE >= pair.config.least_score
+}

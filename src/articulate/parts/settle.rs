@@ -1,0 +1,42 @@
+//! Labels and motions in turn.
+
+use crate::articulate::{
+    pair::point_to_plane::refine,
+    parts::{labeling::label, matched_pair::MatchedPair},
+};
+use crate::geometry::Pose;
+
+/// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the
+/// motion that it follows.
+const ROUNDS: usize = 8;
+/// Motions that change by less than this share of the reach in a round have settled.
+/// tuned: shared/bags
+const SETTLED: f64 = 0.02;
+/// Samples by which the change of a motion is measured.
+const SAMPLES: usize = 200;
+
+/// One round: labels, then every moving part's motion.
+pub(crate) fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+    let (labels, _) = label(&pair.surfaces, motions);
+    let match_labels = pair.match_labels(motions);
+    for (k, motion) in motions.iter_mut().enumerate().skip(1) {
+        let followers = pair.followers(&match_labels, k as u8);
+        *motion = refine(&pair.surfaces, [&labels[0], &labels[1]], &followers, motion, k as u8);
+    }
+}
+
+/// Rounds until no motion changes.
+pub(crate) fn settle(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+    let points = &pair.surfaces.samples[0].points;
+    let every = points.len().div_ceil(SAMPLES);
+    for _ in 0..ROUNDS {
+        let before = motions.to_vec();
+        round(pair, motions);
+        let change_m = |(a, b): (&Pose, &Pose)| {
+            points.iter().step_by(every).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max)
+        };
+        if before.iter().zip(motions.iter()).map(change_m).all(|m| m < SETTLED * pair.surfaces.reach_m) {
+            break;
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! Parts of an object in several states: the common refinement of what each pair of states shows of state 0's
+//! surface. See docs/method.md 7.4.
+//!
+//! State 0 is registered with every other state. Two points of its surface are of one part if they are in
+//! every pair: a part that did not move in a pair is there one with what carries it. Of the parts that the
+//! pairs make together each must explain what no other does, by the rule for the parts of one pair; the rest
+//! goes to the part that explains it best.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Pose, Screw};
+use crate::{
+    articulate::{
+        observations::{LiftedMatch, SurfaceSamples},
+        pair::{
+            point_to_plane::refine,
+            reprojection::log_ratio,
+            surface_pair::{FreeSpace, SurfacePair},
+            unexplained::LEAST_SHARE,
+        },
+        parts::{
+            config::RegisterConfig,
+            error::RegisterError,
+            evidence_curve::{EvidencePoint, point},
+            matched_pair::MatchedPair,
+            part_count::{LITTLE, little_evidence, more_than_asked},
+            register::{Registration, checked_extent_m},
+            score::{CHANCE, SURFACE_WEIGHT, prefer},
+        },
+        samples::spacing::{occupied_cells, reach_m},
+    },
+    note::{Note, NoteCode},
+};
+
+/// Most parts that are looked at.
+const MOST: usize = 32;
+/// Rounds of labels and motions in turn once the parts are known.
+const ROUNDS: usize = 2;
+/// A motion that a pair missed is looked for along the line of the part's largest one, to so many times its
+/// amount either way.
+/// tuned: shared/bags
+const BEYOND: f64 = 1.5;
+/// In so many steps.
+const STEPS: i32 = 30;
+/// Samples that are looked at in every step.
+const TRIED: usize = 800;
+
+/// State 0 and another one.
+pub struct StatePair<'a> {
+    /// Matches between them.
+    pub matches: &'a [LiftedMatch],
+    /// Surface of the other state.
+    pub surface: &'a SurfaceSamples,
+    /// Empty space of the other state.
+    pub free: Option<FreeSpace<'a>>,
+    /// Parts and motions of the two states by themselves.
+    pub found: &'a Registration,
+}
+
+/// Parts of all states.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct United {
+    /// Motion of every part to each state behind state 0, by state; the first part is the static one.
+    pub motions: Vec<Vec<Pose>>,
+    /// Part of every surface sample of each state.
+    pub labels: Vec<Vec<u8>>,
+    /// Evidence by number of parts, most parts first.
+    pub curve: Vec<EvidencePoint>,
+    /// Sentences about what was chosen.
+    pub notes: Vec<Note>,
+    /// Sentences about weak evidence.
+    pub warnings: Vec<Note>,
+}
+
+/// A part as the pairs see it.
+#[derive(Clone, Debug)]
+struct Class {
+    /// Its label in each pair; [`FOUND`] where its motion was found later.
+    labels: Vec<u8>,
+    /// Its motion in each pair.
+    motions: Vec<Pose>,
+}
+
+/// Marks a motion that no pair found by itself.
+const FOUND: u8 = u8::MAX;
+
+/// The labels that points have in all labelings together, with the number of points: all zero first, then by
+/// number.
+#[must_use]
+pub fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
+    let points = labelings.iter().map(|l| l.len()).min().unwrap_or(0);
+    let mut counts: BTreeMap<Vec<u8>, usize> = BTreeMap::from([(vec![0; labelings.len()], 0)]);
+    for i in 0..points {
+        *counts.entry(labelings.iter().map(|l| l[i]).collect()).or_default() += 1;
+    }
+    let mut classes: Vec<(Vec<u8>, usize)> = counts.into_iter().collect();
+    // Stable: classes of one size stay in the order of their labels.
+    classes.sort_by_key(|(labels, count)| (labels.iter().any(|l| *l != 0), usize::MAX - count));
+    classes
+}
+
+/// Parts and motions of all states from those of the pairs. `parts` is their number, where it is given.
+///
+/// # Errors
+/// Fewer parts than asked for.
+pub fn unite<'a>(
+    (surface, free): (&'a SurfaceSamples, Option<FreeSpace<'a>>),
+    pairs: &[StatePair<'a>],
+    parts: Option<usize>,
+    config: &'a RegisterConfig,
+) -> Result<United, RegisterError> {
+    let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
+    let extent_m = checked_extent_m(&all, parts)?;
+    let run = |pair: &StatePair<'a>| {
+        let both = [surface, pair.surface];
+        let reach_m = reach_m(both, config.last_reach * extent_m);
+        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
+        MatchedPair::new(pair.matches, extent_m, config, surfaces)
+    };
+    let states = States { runs: pairs.iter().map(run).collect() };
+    let mut classes = classes(pairs, surface.points.len());
+    let (mut curve, mut notes, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+    let scores = states.choose(&mut classes, parts, &mut curve, &mut warnings);
+    if let Some(asked) = parts.filter(|p| *p > classes.len()) {
+        let support = scores[1..].iter().map(|s| format!("{s:.0} cells")).collect::<Vec<_>>().join(", ");
+        return Err(RegisterError::FewerParts {
+            asked,
+            found: classes.len(),
+            moving: classes.len() - 1,
+            support,
+        });
+    }
+    let weak = |s: &&f64| parts.is_none() && **s < LITTLE * config.least_score;
+    if let Some(score) = scores[1..].iter().filter(weak).copied().reduce(f64::min) {
+        warnings.push(little_evidence(classes.len(), score, config.least_score));
+    }
+    states.seek_missed(&mut classes, &mut notes);
+    for _ in 0..ROUNDS {
+        states.round(&mut classes);
+    }
+    let labels = states.labels(&classes);
+    let motions = (0..pairs.len()).map(|k| motions(&classes, k)).collect();
+    Ok(United { motions, labels, curve, notes, warnings })
+}
+
+/// The parts that all pairs make together, but for those too small to stand.
+fn classes(pairs: &[StatePair], samples: usize) -> Vec<Class> {
+    let labelings: Vec<&[u8]> = pairs.iter().map(|p| p.found.labels[0].as_slice()).collect();
+    let least = LEAST_SHARE * samples as f64;
+    let large = |(labels, count): &(Vec<u8>, usize)| labels.iter().all(|l| *l == 0) || *count as f64 >= least;
+    let class = |(labels, _): (Vec<u8>, usize)| {
+        let motions = labels.iter().zip(pairs).map(|(l, p)| p.found.motions[usize::from(*l)]).collect();
+        Class { labels, motions }
+    };
+    common_refinement(&labelings).into_iter().filter(large).take(MOST).map(class).collect()
+}
+
+/// Motions of all parts in a pair.
+fn motions(classes: &[Class], pair: usize) -> Vec<Pose> {
+    classes.iter().map(|c| c.motions[pair]).collect()
+}
+
+/// All pairs of states, prepared for search.
+struct States<'a> {
+    runs: Vec<MatchedPair<'a>>,
+}
+
+impl States<'_> {
+    /// Part of every surface sample of each state. A sample of state 0 is where all pairs together say.
+    fn labels(&self, classes: &[Class]) -> Vec<Vec<u8>> {
+        let first = self.labels_0(classes, None);
+        let mut others = self.other_labels(classes, &first);
+        // Once more with the other states' labels known to state 0: a surface belongs to one part only.
+        let zero = self.labels_0(classes, Some(&others));
+        others = self.other_labels(classes, &zero);
+        std::iter::once(zero).chain(others).collect()
+    }
+
+    fn labels_0(&self, classes: &[Class], others: Option<&[Vec<u8>]>) -> Vec<u8> {
+        let mut sum: Vec<f32> = Vec::new();
+        for (k, run) in self.runs.iter().enumerate() {
+            let costs = run.surfaces.costs(0, &motions(classes, k), others.map(|o| o[k].as_slice()));
+            if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
+        }
+        self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len()))
+    }
+
+    /// Labels of the other states. Parts that one motion moves in a pair are distinguished by where they are
+    /// in state 0.
+    fn other_labels(&self, classes: &[Class], zero: &[u8]) -> Vec<Vec<u8>> {
+        let of = |(k, run): (usize, &MatchedPair<'_>)| {
+            let costs = run.surfaces.costs(1, &motions(classes, k), Some(zero));
+            run.surfaces.labels(1, &costs, classes.len())
+        };
+        self.runs.iter().enumerate().map(of).collect()
+    }
+
+    /// Drops the part with the least evidence until all that are left have enough, and are no more than asked
+    /// for; the evidence of each.
+    fn choose(
+        &self,
+        classes: &mut Vec<Class>,
+        parts: Option<usize>,
+        curve: &mut Vec<EvidencePoint>,
+        warnings: &mut Vec<Note>,
+    ) -> Vec<f64> {
+        let mut evident = 0;
+        loop {
+            let scores = self.weighed(classes);
+            curve.push(point(&scores));
+            let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
+            let Some(k) = weakest else { return scores };
+            let least = self.runs.first().map_or(0.0, |r| r.config.least_score);
+            let stands = scores[k] >= least;
+            if stands && evident == 0 {
+                evident = scores.len();
+            }
+            if stands && parts.is_none_or(|p| scores.len() <= p) {
+                if evident > scores.len() {
+                    warnings.push(more_than_asked(evident, scores.len()));
+                }
+                return scores;
+            }
+            classes.remove(k);
+        }
+    }
+
+    /// What speaks for each part and no other, in cells: its matches beyond chance and its surface, over all
+    /// pairs.
+    fn weighed(&self, classes: &[Class]) -> Vec<f64> {
+        let labels = self.labels(classes);
+        let count = classes.len();
+        let mut scores = vec![0.0; count];
+        let mut add = |run: &MatchedPair<'_>, state: usize, costs: &[&[f32]], labels: &[u8]| {
+            let mut gains = vec![0.0; count];
+            prefer(run, state, costs, labels, &mut gains);
+            let points = &run.surfaces.samples[state].points;
+            let cells = occupied_cells(points, run.cell_m()) as f64;
+            scores
+                .iter_mut()
+                .zip(&gains)
+                .for_each(|(s, g)| *s += SURFACE_WEIGHT * g / points.len().max(1) as f64 * cells);
+        };
+        let mut zero: Vec<Vec<f32>> = Vec::new();
+        for (k, run) in self.runs.iter().enumerate() {
+            let motions = motions(classes, k);
+            let costs = |s: usize, others: &[u8]| {
+                let mut costs = run.surfaces.shape_costs(s, &motions, Some(others));
+                share_alike(&mut costs, &motions);
+                costs
+            };
+            zero.push(costs(0, &labels[k + 1]));
+            add(run, 1, &[&costs(1, &labels[0])], &labels[k + 1]);
+        }
+        if let Some(run) = self.runs.first() {
+            add(run, 0, &zero.iter().map(Vec::as_slice).collect::<Vec<_>>(), &labels[0]);
+        }
+        for (k, run) in self.runs.iter().enumerate() {
+            let cells = run.match_cells(&motions(classes, k));
+            scores.iter_mut().zip(cells).for_each(|(s, c)| *s += (c - CHANCE).max(0.0));
+            run.surfaces.forget();
+        }
+        scores
+    }
+
+    /// One round: labels, then every motion that is a part's own.
+    fn round(&self, classes: &mut [Class]) {
+        let labels = self.labels(classes);
+        for (k, run) in self.runs.iter().enumerate() {
+            let all = motions(classes, k);
+            let followed = run.match_labels(&all);
+            for (c, class) in classes.iter_mut().enumerate().skip(1) {
+                let own = class.labels[k] != 0 && all.iter().enumerate().all(|(i, m)| i == c || *m != all[c]);
+                if !own {
+                    continue;
+                }
+                class.motions[k] = refine(
+                    &run.surfaces,
+                    [&labels[0], &labels[k + 1]],
+                    &run.followers(&followed, c as u8),
+                    &all[c],
+                    c as u8,
+                );
+            }
+            run.surfaces.forget();
+        }
+    }
+
+    /// Where a pair found a part at rest, looks for a motion along the line on which another pair moved it.
+    fn seek_missed(&self, classes: &mut [Class], notes: &mut Vec<Note>) {
+        let labels = self.labels(classes);
+        for (c, class) in classes.iter_mut().enumerate().skip(1) {
+            let own: Vec<usize> = (0..labels[0].len()).filter(|&i| usize::from(labels[0][i]) == c).collect();
+            for (k, run) in
+                self.runs.iter().enumerate().filter(|(k, _)| class.labels[*k] == 0).collect::<Vec<_>>()
+            {
+                if let Some(motion) = missed(run, &own, &class.motions) {
+                    notes.push(Note::new(
+                        NoteCode::MotionByOtherStates,
+                        format!(
+                            "state {}: part {c}, seen at rest there at first, moved along the axis that \
+                         other states show",
+                            k + 1
+                        ),
+                    ));
+                    (class.motions[k], class.labels[k]) = (motion, FOUND);
+                }
+            }
+        }
+    }
+}
+
+/// The motion of a part in a pair along the line of its largest motion in others, where its samples of state
+/// 0 prefer that to rest by what a part needs.
+fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose> {
+    let samples = run.surfaces.samples[0];
+    let some: Vec<usize> = own.iter().copied().step_by(own.len().div_ceil(TRIED).max(1)).collect();
+    let shift =
+        |m: &Pose| some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum::<f64>();
+    let largest = others.iter().max_by(|a, b| shift(a).total_cmp(&shift(b)))?;
+    let screw = Screw::of(largest)?;
+    let cost = |i: usize, motion: &Pose| run.surfaces.shape_cost(0, i, motion).0;
+    let still: Vec<f32> = some.iter().map(|&i| cost(i, &Pose::identity())).collect();
+    let gain =
+        |motion: &Pose| some.iter().zip(&still).map(|(&i, s)| log_ratio(cost(i, motion), *s)).sum::<f64>();
+    let step = |n: i32| BEYOND * f64::from(n) / f64::from(STEPS);
+    let tried = (-STEPS..=STEPS)
+        .filter(|n| *n != 0)
+        .map(|n| screw.motion_by(step(n) * screw.angle_rad, step(n) * screw.advance_m));
+    let (best, motion) = tried.map(|m| (gain(&m), m)).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    let cells = occupied_cells(&samples.points, run.cell_m()) as f64;
+    let of_all = own.len() as f64 / some.len().max(1) as f64 / samples.points.len().max(1) as f64;
+    (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
+}
+
+/// Gives parts that one motion moves the same costs: their pair says nothing of which of them a sample is.
+fn share_alike(costs: &mut [f32], motions: &[Pose]) {
+    let first: Vec<usize> =
+        motions.iter().map(|m| motions.iter().position(|o| o == m).unwrap_or(0)).collect();
+    for row in costs.chunks_exact_mut(motions.len()) {
+        for k in 0..row.len() {
+            row[first[k]] = row[first[k]].min(row[k]);
+        }
+        for k in 0..row.len() {
+            row[k] = row[first[k]];
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "states_tests.rs"]
+mod tests;

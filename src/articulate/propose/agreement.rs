@@ -1,0 +1,136 @@
+//! What samples of unexplained surface say for a motion.
+
+use nalgebra::Vector3;
+
+use crate::articulate::pair::{
+    reprojection::FREE,
+    surface_pair::{EDGE, SurfacePair},
+    unexplained::Unexplained,
+};
+use crate::geometry::Pose;
+
+/// Tolerance of the distance from a plane against its scale while motions are polished.
+/// tuned: shared/bags
+const SOFT: f64 = 1.5;
+/// Cost of a sample that a motion which is polished takes into space seen empty, in samples that it takes
+/// onto planes.
+/// tuned: shared/bags
+const CONTRADICTED: f64 = 2.0;
+/// Angle between two colors that counts as one standard deviation, radians.
+/// tuned: shared/bags
+const HUE_SIGMA: f64 = 0.12;
+/// Length of a color that has no hue.
+/// tuned: shared/bags
+const DARK: f64 = 0.08;
+
+/// What a sample says for a motion that is a step off: 1 to 0.5 on unexplained surface of the other state,
+/// the less the farther; -1 in empty space; 0 where nothing was seen or another motion explains what is
+/// there.
+pub(crate) fn rough(
+    pair: &SurfacePair<'_>,
+    left: &Unexplained,
+    state: usize,
+    sample: usize,
+    other_from_this: &Pose,
+) -> f64 {
+    let (these, others) = (pair.samples[state], pair.samples[1 - state]);
+    let (point, nearest) = pair.carried(state, sample, other_from_this);
+    match nearest {
+        Some(j) if left.open[1 - state][j] => {
+            let near = 1.0 - 0.5 * (point - others.points[j]).norm_squared() / pair.reach_m.powi(2);
+            near * same_hue(these.colors[sample], others.colors[j])
+        }
+        Some(_) => 0.0,
+        None => pair.free[1 - state].map_or(0.0, |is_free| if is_free(&point) { -1.0 } else { 0.0 }),
+    }
+}
+
+/// Mean of what samples say for a motion that is a step off.
+pub(crate) fn mean_rough(
+    pair: &SurfacePair<'_>,
+    left: &Unexplained,
+    state: usize,
+    samples: &[usize],
+    other_from_this: &Pose,
+) -> f64 {
+    samples.iter().map(|&i| rough(pair, left, state, i, other_from_this)).sum::<f64>()
+        / samples.len().max(1) as f64
+}
+
+/// What a sample says while a motion is polished: up to 1 on unexplained surface within its edges,
+/// -[`CONTRADICTED`] in empty space.
+pub(crate) fn sharp(
+    pair: &SurfacePair<'_>,
+    left: &Unexplained,
+    state: usize,
+    sample: usize,
+    other_from_this: &Pose,
+) -> f64 {
+    let (point, nearest) = pair.carried(state, sample, other_from_this);
+    let partner = nearest.and_then(|j| {
+        let (off_m, aside) = pair.offset(1 - state, j, &point);
+        let z = off_m / (SOFT * pair.scales.plane_m);
+        (aside < EDGE).then_some(6.0 / (6.0 + z * z) * likeness(pair, left, state, sample, j))
+    });
+    match partner {
+        Some(v) if v > 0.5 => v,
+        _ if pair.free[1 - state].is_some_and(|f| f(&point)) => -CONTRADICTED,
+        v => v.unwrap_or(0.0),
+    }
+}
+
+/// What a motion explains of the unexplained samples, face by face: a face of which it takes more into empty
+/// space than onto surface counts nothing.
+pub(crate) fn gains(
+    pair: &SurfacePair<'_>,
+    motion: &Pose,
+    left: &Unexplained,
+    faces: &[Vec<Vec<usize>>; 2],
+) -> [Vec<f64>; 2] {
+    [0, 1].map(|s| {
+        let other_from_this = if s == 0 { *motion } else { motion.inverse() };
+        let mut gains = vec![0.0; left.open[s].len()];
+        for face in &faces[s] {
+            let open = face.iter().filter(|&&i| left.open[s][i]);
+            let of: Vec<(usize, f64)> =
+                open.map(|&i| (i, gain(pair, left, s, i, &other_from_this))).collect();
+            if of.iter().map(|v| v.1).sum::<f64>() > 0.0 {
+                of.iter().for_each(|(i, v)| gains[*i] = *v);
+            }
+        }
+        gains
+    })
+}
+
+/// What a sample says for a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where
+/// nothing was seen or something else stands.
+fn gain(
+    pair: &SurfacePair<'_>,
+    left: &Unexplained,
+    state: usize,
+    sample: usize,
+    other_from_this: &Pose,
+) -> f64 {
+    let (cost, partner) = pair.shape_cost(state, sample, other_from_this);
+    if cost >= FREE {
+        return -1.0;
+    }
+    let likeness = partner.map_or(0.0, |j| likeness(pair, left, state, sample, j));
+    likeness * (1.0 - 2.0 * f64::from(cost)).max(0.0)
+}
+
+/// How alike in hue a sample and its partner in the other state are; 0 where no unexplained surface calls
+/// for the partner.
+fn likeness(pair: &SurfacePair<'_>, left: &Unexplained, state: usize, sample: usize, partner: usize) -> f64 {
+    if !left.calls_for(state, sample, partner) {
+        return 0.0;
+    }
+    same_hue(pair.samples[state].colors[sample], pair.samples[1 - state].colors[partner])
+}
+
+/// How well two colors could be one surface in different light, which scales all channels alike: 1 to 0 by
+/// the angle between them.
+fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+    if a.norm().min(b.norm()) < DARK { 1.0 } else { (-0.5 * (a.angle(&b) / HUE_SIGMA).powi(2)).exp() }
+}

@@ -1,0 +1,11 @@
+//! Motions that parts may have made: by matches, and by surface that was left or reached.
+
+pub(crate) mod agreement;
+pub(crate) mod patch;
+pub(crate) mod ransac;
+pub(crate) mod residual;
+pub(crate) mod rigid_fit;
+pub(crate) mod round_part;
+pub(crate) mod search;
+pub(crate) mod slid_panel;
+pub(crate) mod trial;

@@ -1,0 +1,414 @@
+//! Rigid motions proposed by lifted matches: sequential RANSAC (Fischler and Bolles 1981) over local triples.
+//! See docs/method.md 6.1.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{observations::LiftedMatch, propose::rigid_fit::rigid_fit};
+use crate::geometry::Pose;
+
+/// How motions are proposed. Lengths are shares of the object's longest side.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RansacConfig {
+    /// Triples tried for every motion.
+    pub trials: usize,
+    /// A match within this many standard deviations of a motion supports it.
+    pub gate_sigmas: f64,
+    /// No match further than this share from a motion supports it, however noisy.
+    pub gate: f64,
+    /// A match must have moved by more than this share, and by its gate, to speak for a motion.
+    pub moved: f64,
+    /// Side of the cells in which support is counted.
+    pub cell: f64,
+    /// Least support of a motion: cells, each by its best match, which counts 1 on the motion and 0 at the
+    /// gate.
+    pub least_support: f64,
+    /// A motion whose supporting matches moved by less than this many thresholds at most is slack of the
+    /// static part.
+    pub slack_thresholds: f64,
+    /// Motions proposed in excess of those asked for.
+    pub spare: usize,
+}
+
+impl Default for RansacConfig {
+    fn default() -> Self {
+        Self {
+            trials: 6000,
+            gate_sigmas: 3.0,
+            gate: 0.0125,
+            moved: 0.015,
+            cell: 0.02,
+            least_support: 3.0,
+            slack_thresholds: 2.5,
+            spare: 6,
+        }
+    }
+}
+
+/// A rigid motion that some matches support.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// The motion in the world.
+    pub state1_from_state0: Pose,
+    /// Cells with a supporting match (the smaller sum of both states), each by its best match, which counts 1
+    /// on the motion and 0 at the gate.
+    pub support: f64,
+    /// Supporting matches.
+    pub matches: usize,
+    /// Root mean square distance of the supporting matches after the motion, meters.
+    pub rms_m: f64,
+    /// Distance by which nine in ten of the supporting matches moved at most, meters.
+    pub displacement_m: f64,
+}
+
+/// Two motions of one place that differ by less than this many gates are one.
+/// tuned: shared/bags
+const TWIN_GATES: f64 = 2.5;
+/// A motion with this share of another's support is none found again: badly placed matches seldom agree.
+/// tuned: shared/bags
+const TWIN_SUPPORT: f64 = 0.3;
+/// Two matches closer than this share of the object's longest side are in one place.
+/// tuned: shared/bags
+const TWIN_DISTANCE: f64 = 0.06;
+
+/// How far matches may lie from a motion that they support, and how far they move, in meters.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gate {
+    sigmas: f64,
+    most_m: f64,
+    moved_m: f64,
+}
+
+impl Gate {
+    /// The gate for an object whose longest side is `extent_m`.
+    pub fn new(config: &RansacConfig, extent_m: f64) -> Self {
+        Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
+    }
+
+    /// Largest distance of a match from a motion that it supports.
+    fn distance_m(&self, sigma_m: f64) -> f64 {
+        (self.sigmas * sigma_m).min(self.most_m)
+    }
+
+    /// Whether a match has moved enough to contradict a static surface.
+    pub fn has_moved(&self, m: &LiftedMatch) -> bool {
+        (m.point1 - m.point0).norm() > self.moved_m.max(self.sigmas * m.sigma_m)
+    }
+
+    /// How much a match supports a motion: 1 on it, falling with the squared distance to 0 at the gate.
+    pub fn support(&self, m: &LiftedMatch, motion: &Pose) -> f64 {
+        let distance = self.distance_m(m.sigma_m);
+        (1.0 - (motion * m.point0 - m.point1).norm_squared() / (distance * distance)).max(0.0)
+    }
+
+    /// Whether a match agrees with a motion.
+    pub fn supports(&self, m: &LiftedMatch, motion: &Pose) -> bool {
+        self.support(m, motion) > 0.0
+    }
+}
+
+/// Motions supported by the matches that moved, strongest first: one after the other, each with the matches
+/// that the earlier ones leave. Slack of the static part and motions already found are left out. `extent_m`
+/// is the object's longest side; at most `motions + spare` motions.
+pub fn propose(
+    matches: &[LiftedMatch],
+    motions: usize,
+    extent_m: f64,
+    config: &RansacConfig,
+    rng: &mut impl Rng,
+) -> Vec<Proposal> {
+    let gate = Gate::new(config, extent_m);
+    let mut pool: Vec<LiftedMatch> = matches.iter().filter(|m| gate.has_moved(m)).copied().collect();
+    let mut proposals: Vec<Proposal> = Vec::new();
+    // Rejected motions use up an attempt too, so that the loop ends.
+    for _ in 0..2 * (motions + config.spare) {
+        if proposals.len() >= motions + config.spare {
+            break;
+        }
+        let Some(proposal) = strongest(&pool, extent_m, config, rng) else { break };
+        let before = pool.len();
+        pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
+        let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
+        let twin = |p: &Proposal| {
+            let weak = proposal.support < TWIN_SUPPORT * p.support;
+            weak && is_twin(&proposal.state1_from_state0, &p.state1_from_state0, matches, &gate, extent_m)
+        };
+        if !slack && !proposals.iter().any(twin) {
+            proposals.push(proposal);
+        }
+        if pool.len() == before {
+            break;
+        }
+    }
+    proposals.sort_by(|a, b| b.support.total_cmp(&a.support));
+    proposals
+}
+
+/// Up to `count` motions that all matches together follow, those that stand still too, each with the matches
+/// that the earlier ones leave.
+pub(crate) fn common_motions(
+    matches: &[LiftedMatch],
+    count: usize,
+    extent_m: f64,
+    config: &RansacConfig,
+    rng: &mut impl Rng,
+) -> Vec<Pose> {
+    let gate = Gate::new(config, extent_m);
+    let mut pool = matches.to_vec();
+    let mut found: Vec<Pose> = Vec::new();
+    for _ in 0..2 * count {
+        let Some(proposal) = strongest(&pool, extent_m, config, rng).filter(|_| found.len() < count) else {
+            break;
+        };
+        pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
+        if !found.iter().any(|f| is_twin(&proposal.state1_from_state0, f, matches, &gate, extent_m)) {
+            found.push(proposal.state1_from_state0);
+        }
+    }
+    found
+}
+
+/// Whether the weaker of two motions is the stronger found again with badly placed matches: it differs by
+/// less than [`TWIN_GATES`] gates where it acts, and acts in the midst of the stronger's matches. (Two parts
+/// that moved alike stand side by side.)
+fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, extent_m: f64) -> bool {
+    let of = |motion: &Pose| -> Vec<&LiftedMatch> {
+        matches.iter().filter(|m| gate.supports(m, motion)).collect()
+    };
+    let (followers, others) = (of(weak), of(strong));
+    let twins = followers.iter().filter(|m| {
+        let close = (weak * m.point0 - strong * m.point0).norm() < TWIN_GATES * gate.most_m;
+        close && others.iter().any(|o| (o.point0 - m.point0).norm() < TWIN_DISTANCE * extent_m)
+    });
+    2 * twins.count() > followers.len()
+}
+
+/// Compact cell indices of points.
+fn cells(points: impl Iterator<Item = Point3<f64>>, cell_m: f64) -> (Vec<usize>, usize) {
+    let mut ids = BTreeMap::new();
+    let cells = points
+        .map(|p| {
+            let next = ids.len();
+            *ids.entry([0, 1, 2].map(|k| (p[k] / cell_m).floor() as i64)).or_insert(next)
+        })
+        .collect();
+    (cells, ids.len())
+}
+
+/// Sums the support of motions over the cells of both states.
+pub(crate) struct CellCounter {
+    gate: Gate,
+    cells: [Vec<usize>; 2],
+    best: [Vec<f32>; 2],
+    touched: Vec<usize>,
+}
+
+impl CellCounter {
+    pub fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
+        let (c0, n0) = cells(pool.iter().map(|m| m.point0), cell_m);
+        let (c1, n1) = cells(pool.iter().map(|m| m.point1), cell_m);
+        Self { gate, cells: [c0, c1], best: [vec![0.0; n0], vec![0.0; n1]], touched: Vec::new() }
+    }
+
+    /// Support of a motion: each cell counts by its best match, and the state with the smaller sum decides.
+    pub fn support(&mut self, pool: &[LiftedMatch], motion: &Pose) -> f64 {
+        let rotation = motion.rotation.to_rotation_matrix();
+        let mut sums = [0.0f32; 2];
+        self.touched.clear();
+        for (i, m) in pool.iter().enumerate() {
+            let distance = self.gate.distance_m(m.sigma_m);
+            let squared =
+                (rotation * m.point0.coords + motion.translation.vector - m.point1.coords).norm_squared();
+            if squared < distance * distance {
+                self.touched.push(i);
+                let value = (1.0 - squared / (distance * distance)) as f32;
+                for s in 0..2 {
+                    let best = &mut self.best[s][self.cells[s][i]];
+                    if value > *best {
+                        sums[s] += value - *best;
+                        *best = value;
+                    }
+                }
+            }
+        }
+        for &i in &self.touched {
+            (0..2).for_each(|s| self.best[s][self.cells[s][i]] = 0.0);
+        }
+        f64::from(sums[0].min(sums[1]))
+    }
+}
+
+/// The best supported motion of the pool; `None` where no motion has enough support.
+fn strongest(
+    pool: &[LiftedMatch],
+    extent_m: f64,
+    config: &RansacConfig,
+    rng: &mut impl Rng,
+) -> Option<Proposal> {
+    if (pool.len() as f64) < config.least_support.max(3.0) {
+        return None;
+    }
+    let gate = Gate::new(config, extent_m);
+    let mut counter = CellCounter::new(pool, gate, config.cell * extent_m);
+    let mut best: Option<(f64, Pose)> = None;
+    for trial in 0..config.trials {
+        // Close triples stay on one part, wide ones fix its rotation: all sizes take turns.
+        let radius_m = extent_m * [0.1, 0.2, 0.35, 0.5][trial % 4];
+        let Some(motion) = triple(pool, radius_m, &gate, rng) else { continue };
+        let support = counter.support(pool, &motion);
+        if best.as_ref().is_none_or(|b| support > b.0) {
+            best = Some((support, motion));
+        }
+    }
+    let mut motion = best?.1;
+    for _ in 0..5 {
+        motion = refit(pool, &motion, &gate)?;
+    }
+    let followers: Vec<&LiftedMatch> = pool.iter().filter(|m| gate.supports(m, &motion)).collect();
+    let support = counter.support(pool, &motion);
+    if support < config.least_support || followers.len() < 4 {
+        return None;
+    }
+    let squares: f64 = followers.iter().map(|m| (motion * m.point0 - m.point1).norm_squared()).sum();
+    let mut moved: Vec<f64> = followers.iter().map(|m| (m.point1 - m.point0).norm()).collect();
+    moved.sort_by(f64::total_cmp);
+    Some(Proposal {
+        state1_from_state0: motion,
+        support,
+        matches: followers.len(),
+        rms_m: (squares / followers.len() as f64).sqrt(),
+        displacement_m: moved[9 * moved.len() / 10],
+    })
+}
+
+/// Motion of three random matches within `radius_m` of the first, whose mutual distances agree in both
+/// states.
+fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) -> Option<Pose> {
+    let mut draw = || &pool[((rng.next_u64() >> 32) as usize * pool.len()) >> 32];
+    let a = draw();
+    let fits = |p: &LiftedMatch, q: &LiftedMatch| {
+        let (l0, l1) = ((p.point0 - q.point0).norm(), (p.point1 - q.point1).norm());
+        let sigma = p.sigma_m.hypot(q.sigma_m);
+        l0 > 4.0 * sigma && (l0 - l1).abs() < gate.distance_m(sigma)
+    };
+    let mut partner = |also: Option<&LiftedMatch>| {
+        (0..24).find_map(|_| {
+            let b = draw();
+            let near = (b.point0 - a.point0).norm() < radius_m;
+            (near && fits(a, b) && also.is_none_or(|c| fits(b, c))).then_some(b)
+        })
+    };
+    let b = partner(None)?;
+    let c = partner(Some(b))?;
+    let motion = rigid_fit([a, b, c].into_iter().map(|m| (m.point0, m.point1, 1.0)))?;
+    [a, b, c].iter().all(|m| gate.supports(m, &motion)).then_some(motion)
+}
+
+/// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).
+fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
+    let pairs = pool.iter().filter(|m| gate.supports(m, motion)).map(|m| {
+        let z = (motion * m.point0 - m.point1).norm() / m.sigma_m;
+        (m.point0, m.point1, (m.sigma_m * (1.0 + z * z / 4.0)).powi(-2))
+    });
+    rigid_fit(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+    use nalgebra::Vector3;
+
+    fn uniform(rng: &mut impl Rng) -> f64 {
+        (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn lifted(point0: Point3<f64>, point1: Point3<f64>, sigma_m: f64) -> LiftedMatch {
+        LiftedMatch { point0, point1, sigma_m, frames: [0, 0], pixels: [[0.0; 2]; 2] }
+    }
+
+    /// Points in a box moved by each motion, with noise, and as many wrong matches.
+    fn scene(motions: &[Pose], outliers: usize, seed: u64) -> Vec<LiftedMatch> {
+        let mut rng = stage_rng(seed, "test", 0);
+        let mut all = Vec::new();
+        let mut vector =
+            |s: f64, c: [f64; 3]| Vector3::from(c) + Vector3::from_fn(|_, _| s * (uniform(&mut rng) - 0.5));
+        for (k, motion) in motions.iter().enumerate() {
+            for _ in 0..60 {
+                let p = Point3::from(vector(0.3, [0.4 * k as f64, 0.0, 0.0]));
+                all.push(lifted(p, motion * p + vector(0.004, [0.0; 3]), 0.002));
+            }
+        }
+        for _ in 0..outliers {
+            all.push(lifted(
+                Point3::from(vector(1.0, [0.4, 0.0, 0.0])),
+                Point3::from(vector(1.0, [0.4, 0.0, 0.0])),
+                0.002,
+            ));
+        }
+        all
+    }
+
+    #[test]
+    fn three_motions_among_many_wrong_matches_are_found_once_each() {
+        let truth = [
+            Pose::identity(),
+            Pose::new(Vector3::new(0.2, 0.0, 0.1), Vector3::new(0.0, 0.6, 0.3)),
+            Pose::translation(0.0, 0.2, 0.05),
+            Pose::new(Vector3::new(-0.1, 0.1, 0.0), Vector3::new(0.9, 0.0, 0.0)),
+        ];
+        let matches = scene(&truth, 240, 1);
+        for seed in 0..3 {
+            let found =
+                propose(&matches, 3, 1.5, &RansacConfig::default(), &mut stage_rng(seed, "ransac", 0));
+            assert!(found.len() >= 3, "{}", found.len());
+            for (k, t) in truth.iter().enumerate().skip(1) {
+                let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
+                let near = |p: &Proposal| {
+                    (p.state1_from_state0 * center - t * center).norm() < 0.002
+                        && p.state1_from_state0.rotation.angle_to(&t.rotation) < 0.01
+                };
+                assert_eq!(found.iter().filter(|p| near(p)).count(), 1, "motion {k}");
+                assert!(found.iter().position(near).is_some_and(|i| i < 3));
+            }
+        }
+    }
+
+    #[test]
+    fn parts_side_by_side_that_move_nearly_alike_are_two() {
+        let truth = [Pose::translation(0.112, 0.0, 0.0), Pose::translation(0.125, 0.0, 0.0)];
+        let found =
+            propose(&scene(&truth, 60, 4), 2, 0.94, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0));
+        for (k, t) in truth.iter().enumerate() {
+            let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
+            let off_m = |p: &Proposal| (p.state1_from_state0 * center - t * center).norm();
+            assert!(
+                found.iter().map(off_m).fold(f64::INFINITY, f64::min) < 0.003,
+                "motion {k} of {}",
+                found.len()
+            );
+        }
+    }
+
+    #[test]
+    fn static_matches_and_slack_propose_nothing() {
+        let slack = Pose::new(Vector3::new(0.03, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.01));
+        let matches = scene(&[Pose::identity(), slack], 0, 2);
+        assert!(
+            propose(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty()
+        );
+        assert!(propose(&[], 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty());
+    }
+
+    #[test]
+    fn wrong_matches_alone_propose_nothing() {
+        let matches = scene(&[], 300, 3);
+        assert!(
+            propose(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty()
+        );
+    }
+}

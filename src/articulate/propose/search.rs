@@ -1,0 +1,197 @@
+//! What the search for motions in unexplained surface knows, and what a motion explains of it.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::articulate::{
+    pair::{surface_pair::SurfacePair, unexplained::Unexplained},
+    propose::{
+        agreement::{gains, rough, sharp},
+        patch::faces,
+        slid_panel::join_slid,
+    },
+    samples::{
+        hinge::{axis_of_turn, axis_off_m, hinge_score},
+        slip::{Slip, slips},
+    },
+};
+use crate::geometry::Pose;
+
+/// Finest step of a motion that is polished, as a share of the reach.
+/// tuned: shared/bags
+const FINEST: f64 = 0.03;
+/// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
+/// tuned: shared/bags
+const DETACHED: f64 = 0.1;
+
+/// What the search for motions knows.
+pub(crate) struct Search<'a, 'b> {
+    pub pair: &'a SurfacePair<'b>,
+    pub extent_m: f64,
+    pub left: Unexplained,
+    /// Unexplained samples of each state by plane.
+    pub faces: [Vec<Vec<usize>>; 2],
+    /// Motions known so far, that of the static part first.
+    pub bodies: Vec<Pose>,
+}
+
+impl<'a, 'b> Search<'a, 'b> {
+    pub fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
+        let mut left = Unexplained::of(pair, motions);
+        join_slid(&mut left, pair);
+        let faces = [0, 1].map(|s| faces(pair, s, &left.open[s]));
+        Self { pair, extent_m, left, faces, bodies: motions.to_vec() }
+    }
+}
+
+impl Search<'_, '_> {
+    /// What a motion explains, weighed by what speaks for a hinge, and unweighed, in samples.
+    pub fn worth(&self, motion: &Pose) -> (f64, f64) {
+        let gains = gains(self.pair, motion, &self.left, &self.faces);
+        let total: f64 = gains.iter().flatten().sum();
+        (
+            total * attachment(self.pair, motion, &self.bodies, &gains[0], &self.left.open[0], self.extent_m),
+            total,
+        )
+    }
+
+    /// The same by some of the samples and for a motion that is a step off.
+    pub fn rough_worth(&self, motion: &Pose) -> f64 {
+        self.weighed(motion, self.total_by(motion, 7, |s, i, t| rough(self.pair, &self.left, s, i, t)))
+    }
+
+    /// The same by some of the samples, where beyond an edge there is no surface.
+    pub fn sharp_worth(&self, motion: &Pose) -> f64 {
+        self.weighed(motion, self.sharp_total(motion))
+    }
+
+    /// The same unweighed, with the share of every sample of state 0.
+    pub fn sharp_total(&self, motion: &Pose) -> (f64, Vec<f64>) {
+        self.total_by(motion, 5, |s, i, t| sharp(self.pair, &self.left, s, i, t))
+    }
+
+    /// What a motion explains, with the share of every sample of state 0, weighed by what speaks for a hinge.
+    fn weighed(&self, motion: &Pose, (total, gains): (f64, Vec<f64>)) -> f64 {
+        total * attachment(self.pair, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
+    }
+
+    /// What a motion explains by every so many samples of each face and what each says, with the
+    /// share of every sample of state 0.
+    fn total_by(
+        &self,
+        motion: &Pose,
+        every: usize,
+        says: impl Fn(usize, usize, &Pose) -> f64,
+    ) -> (f64, Vec<f64>) {
+        let mut total = 0.0;
+        let mut gains = vec![0.0; self.left.open[0].len()];
+        for s in 0..2 {
+            let other_from_this = if s == 0 { *motion } else { motion.inverse() };
+            for face in &self.faces[s] {
+                let values: Vec<(usize, f64)> =
+                    face.iter().step_by(every).map(|&i| (i, says(s, i, &other_from_this))).collect();
+                let sum: f64 = values.iter().map(|v| v.1).sum();
+                total += sum.max(0.0);
+                if s == 0 && sum > 0.0 {
+                    values.iter().for_each(|(i, v)| gains[*i] = *v);
+                }
+            }
+        }
+        (total, gains)
+    }
+
+    /// The motion that explains most of those that steps along slips lead to, with its worth. What a
+    /// point-to-plane fit leaves free (slips of the surface in itself: Gelfand and Guibas 2004) shows at
+    /// edges alone: steps are halved where none helps.
+    pub fn climbed(
+        &self,
+        motion: &Pose,
+        mut slips: [Slip; 3],
+        worth_of: impl Fn(&Pose) -> f64 + Sync,
+        anew: impl Fn(&Pose) -> Option<[Slip; 3]>,
+    ) -> (f64, Pose) {
+        let (mut best, mut step_m) = (*motion, 2.0 * self.pair.reach_m);
+        let mut worth = worth_of(&best);
+        while step_m > FINEST * self.pair.reach_m {
+            let moves: Vec<Pose> =
+                slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
+            let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (worth_of(&p), p)).collect();
+            let (next, pose) =
+                tried.into_iter().fold((f64::NEG_INFINITY, best), |a, b| if b.0 > a.0 { b } else { a });
+            if next > worth {
+                (worth, best) = (next, pose);
+            } else {
+                step_m *= 0.5;
+                slips = anew(&best).unwrap_or(slips);
+            }
+        }
+        (worth, best)
+    }
+
+    /// Middle of the surface of state 0 that a motion explains.
+    pub fn center(&self, motion: &Pose) -> Point3<f64> {
+        let explained = self.explained(motion);
+        let points = &self.pair.samples[0].points;
+        Point3::from(
+            explained.iter().map(|&i| points[i].coords).sum::<Vector3<f64>>() / explained.len().max(1) as f64,
+        )
+    }
+
+    /// Samples of state 0 that a motion explains.
+    fn explained(&self, motion: &Pose) -> Vec<usize> {
+        let [gains, _] = gains(self.pair, motion, &self.left, &self.faces);
+        (0..gains.len()).filter(|&i| gains[i] > 0.0).collect()
+    }
+
+    /// What a motion explains, points and normals, where it goes.
+    pub fn moved(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
+        let samples = self.pair.samples[0];
+        self.explained(motion)
+            .into_iter()
+            .map(|i| (motion * samples.points[i], motion * samples.normals[i]))
+            .unzip()
+    }
+
+    /// Slips of what a motion explains, where it goes.
+    pub fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
+        let (points, normals) = self.moved(motion);
+        slips(&points, &normals)
+    }
+
+    /// Takes what a motion explains out of what is left.
+    pub fn explain(&mut self, motion: &Pose) {
+        let explained = gains(self.pair, motion, &self.left, &self.faces);
+        for s in 0..2 {
+            for (i, _) in explained[s].iter().enumerate().filter(|(_, g)| **g > 0.0) {
+                self.left.open[s][i] = false;
+                self.left.moved[s][i] = false;
+            }
+        }
+        self.bodies.push(*motion);
+    }
+}
+
+/// How well a turn about its axis could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one
+/// of the `bodies`, runs close by both the surface that moves (of positive `gains`) and surface that other
+/// motions explain. Slides could be any.
+fn attachment(
+    pair: &SurfacePair<'_>,
+    motion: &Pose,
+    bodies: &[Pose],
+    gains: &[f64],
+    open: &[bool],
+    extent_m: f64,
+) -> f64 {
+    const EVERY: usize = 13;
+    let points = &pair.samples[0].points;
+    let moving: Vec<Point3<f64>> =
+        points.iter().zip(gains).filter(|(_, g)| **g > 0.0).map(|(p, _)| *p).collect();
+    let others: Vec<Point3<f64>> =
+        points.iter().zip(open).filter(|(_, o)| !**o).map(|(p, _)| *p).step_by(EVERY).collect();
+    let of = |body: &Pose| {
+        let Some(screw) = axis_of_turn(&(body.inverse() * motion)) else { return 1.0 };
+        let off_m = axis_off_m((&screw.point, &screw.direction), &moving, &others);
+        DETACHED + (1.0 - DETACHED) * hinge_score(off_m, extent_m)
+    };
+    bodies.iter().map(of).fold(0.0, f64::max)
+}

@@ -1,0 +1,244 @@
+//! Motions that a patch of surface could have made to the other state, by itself or after that of the body
+//! that it hangs on: slid along its normal and edges, turned about its edges, and turned into the plane of
+//! each patch there, which leaves one shift unknown where the axis lies in both planes' directions.
+//! See docs/method.md 6.5.
+
+use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use crate::articulate::{
+    pair::{
+        point_to_plane::refine, reprojection::EXPLAINED, surface_pair::SurfacePair, unexplained::Unexplained,
+    },
+    propose::{agreement::mean_rough, patch::Patch, search::Search},
+    samples::hinge::{HINGE, PARALLEL, axis_of_turn},
+};
+use crate::geometry::{Pose, Screw};
+
+/// Points of a patch that a trial looks at.
+const TRIAL_POINTS: usize = 60;
+/// Points of a body's surface that are looked at for a patch by it; one in so many for an axis by it.
+const SURFACE_POINTS: usize = 600;
+const EVERY: usize = 4;
+/// Trials of each kind of which the worth for all unexplained surface is measured, per patch.
+const DISTINCT: usize = 16;
+/// Trials refined per patch.
+const REFINED: usize = 4;
+/// Rounds of refinement of a trial.
+const ROUNDS: usize = 5;
+/// Agreement of a patch with its motion: share on unexplained surface of the other state less share in empty
+/// space.
+/// tuned: shared/bags
+const AGREEMENT: f64 = 0.35;
+/// The same of what hangs on a part that moves: it is tried in more places.
+/// tuned: shared/bags
+const FIRM_AGREEMENT: f64 = 0.6;
+/// Largest rotation that is tried, radians.
+/// tuned: shared/bags
+const LARGEST_TURN: f64 = 2.9;
+
+/// What a patch may hang on, in one state.
+struct Body {
+    /// Its motion to the other state.
+    carried: Pose,
+    /// Points that it takes onto a surface there and that do not stand still; none for the static part.
+    surface: Option<Vec<Point3<f64>>>,
+}
+
+impl Body {
+    fn new(search: &Search<'_, '_>, state: usize, motion: &Pose) -> Self {
+        let carried = if state == 0 { *motion } else { motion.inverse() };
+        let still = search.bodies[0];
+        let surface = (*motion != still).then(|| {
+            let costs = search.pair.shape_costs(state, &[still, *motion], None);
+            let moves = |row: &[f32]| row[0] >= EXPLAINED && row[1] < EXPLAINED;
+            let points = costs.chunks_exact(2).zip(&search.pair.samples[state].points);
+            let all: Vec<Point3<f64>> = points.filter(|(row, _)| moves(row)).map(|(_, p)| *p).collect();
+            all.iter().copied().step_by(all.len().div_ceil(SURFACE_POINTS).max(1)).collect()
+        });
+        Self { carried, surface }
+    }
+
+    /// Whether it is near a patch; the static part is near any.
+    fn touches(&self, points: &[Point3<f64>], patch: &Patch, near_m: f64) -> bool {
+        let Some(surface) = &self.surface else { return true };
+        some_of(patch).iter().any(|&i| surface.iter().any(|p| (p - points[i]).norm() < near_m))
+    }
+
+    /// Those motions of what it carried that are a slide or turn about an axis by its surface, after its own.
+    fn followed_by(&self, trials: Vec<Pose>, near_m: f64) -> Vec<Pose> {
+        let there: Option<Vec<Point3<f64>>> =
+            self.surface.as_ref().map(|s| s.iter().step_by(EVERY).map(|p| self.carried * p).collect());
+        let hangs = |t: &Pose| {
+            let Some((there, axis)) = there.as_ref().zip(axis_of_turn(t)) else {
+                return true;
+            };
+            there.iter().any(|p| (p - axis.point).cross(&axis.direction).norm() < near_m)
+        };
+        trials.into_iter().filter(hangs).map(|t| t * self.carried).collect()
+    }
+
+    /// Least agreement of a patch with a motion.
+    fn agreement(&self) -> f64 {
+        if self.surface.is_some() { FIRM_AGREEMENT } else { AGREEMENT }
+    }
+}
+
+/// Motions of the unexplained patches of each state that may hang on a body, from state 0 to state 1.
+pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
+    let near_m = HINGE * search.extent_m;
+    let mut all = Vec::new();
+    for state in [0, 1] {
+        let (body, points) = (Body::new(search, state, motion), &search.pair.samples[state].points);
+        let is_left = |p: &&Patch| {
+            2 * p.samples.iter().filter(|&&i| search.left.open[state][i]).count() > p.samples.len()
+        };
+        for patch in patches[state].iter().filter(is_left).filter(|p| body.touches(points, p, near_m)) {
+            all.extend(motions_of(search, state, patch, &body, &patches[1 - state]));
+        }
+    }
+    all
+}
+
+/// Some samples of a patch.
+fn some_of(patch: &Patch) -> Vec<usize> {
+    patch.samples.iter().copied().step_by(patch.samples.len().div_ceil(TRIAL_POINTS)).collect()
+}
+
+/// The best motions of a patch on a body, refined.
+fn motions_of(
+    search: &Search<'_, '_>,
+    state: usize,
+    patch: &Patch,
+    body: &Body,
+    onto: &[Patch],
+) -> Vec<Pose> {
+    let (pair, left) = (search.pair, &search.left);
+    let step_m = 0.7 * pair.reach_m;
+    let (some, carried) = (some_of(patch), patch.under(&body.carried));
+    let [slides, turns] = own_trials(&carried, step_m, search.extent_m);
+    let planes = onto.iter().flat_map(|p| plane_trials(&carried, p, step_m)).collect();
+    let kinds = [slides, turns, planes].map(|trials| body.followed_by(trials, HINGE * search.extent_m));
+    let mut best: Vec<(f64, Pose)> =
+        kinds.iter().flat_map(|t| distinct_trials(search, state, &some, t)).collect();
+    best.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let labels = near_labels(pair, state, patch, left);
+    let refined = |&(_, start): &(f64, Pose)| {
+        let mut motion = start;
+        for _ in 0..ROUNDS {
+            motion = refine(pair, [&labels[0], &labels[1]], &[], &motion, 1);
+        }
+        let there = if state == 0 { motion } else { motion.inverse() };
+        (mean_rough(pair, left, state, &patch.samples, &there) > body.agreement()).then_some(motion)
+    };
+    best.iter().take(REFINED).filter_map(refined).collect()
+}
+
+/// Motions that a patch could have made by itself, to the other state: slides and turns.
+fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
+    let steps = (extent_m / step_m) as i64;
+    let slides = patch.axes.iter().flat_map(|axis| {
+        let axis = *axis;
+        (-steps..=steps)
+            .filter(|k| *k != 0)
+            .map(move |k| Pose::from_parts((axis * (k as f64 * step_m)).into(), UnitQuaternion::identity()))
+    });
+    let [a, b, n] = patch.axes;
+    let [ha, hb] = patch.half_m;
+    let lines = [
+        (b, a * ha),
+        (b, -a * ha),
+        (a, b * hb),
+        (a, -b * hb),
+        (n, Vector3::zeros()),
+        (n, a * ha),
+        (n, -a * ha),
+        (n, b * hb),
+        (n, -b * hb),
+    ];
+    let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
+    let turns = (LARGEST_TURN / turn_step) as i64;
+    let turned = lines.into_iter().flat_map(move |(direction, offset)| {
+        let screw = Screw {
+            direction: Unit::new_normalize(direction),
+            point: patch.center + offset,
+            angle_rad: 0.0,
+            advance_m: 0.0,
+        };
+        (-turns..=turns).filter(|k| *k != 0).map(move |k| screw.motion_by(k as f64 * turn_step, 0.0))
+    });
+    [slides.collect(), turned.collect()]
+}
+
+/// Motions that take a patch into the plane of another about a line parallel to both planes: one shift across
+/// that line is unknown and tried in steps.
+fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
+    let (n0, n1) = (patch.axes[2], onto.axes[2]);
+    let angle = n0.angle(&n1);
+    let directions = if angle < PARALLEL {
+        let there = onto.center - patch.center;
+        return vec![Pose::from_parts((n0 * n0.dot(&there)).into(), UnitQuaternion::identity())];
+    } else if angle > std::f64::consts::PI - PARALLEL {
+        vec![patch.axes[0], patch.axes[1]]
+    } else {
+        vec![n0.cross(&n1).normalize()]
+    };
+    let side = |p: &Patch, v: &Vector3<f64>| {
+        p.axes[0].dot(v).abs() * p.half_m[0] + p.axes[1].dot(v).abs() * p.half_m[1]
+    };
+    let mut all = Vec::new();
+    for u in directions {
+        let rotation = Rotation3::from_axis_angle(&Unit::new_normalize(u), angle);
+        let (center, v) = (rotation * patch.center, n1.cross(&u));
+        let to_plane = n1 * n1.dot(&(onto.center - center));
+        let range_m = side(onto, &v) + side(patch, &(rotation.inverse() * v));
+        let steps = (range_m / step_m) as i64;
+        let middle = v.dot(&(onto.center - center));
+        all.extend((-steps..=steps).map(|k| {
+            let shift = to_plane + v * (middle + k as f64 * step_m);
+            Pose::from_parts(shift.into(), UnitQuaternion::from_rotation_matrix(&rotation))
+        }));
+    }
+    all
+}
+
+/// The trials that agree best with a patch and differ from each other, from state 0 to state 1, each with its
+/// worth for all unexplained surface.
+fn distinct_trials(
+    search: &Search<'_, '_>,
+    state: usize,
+    some: &[usize],
+    trials: &[Pose],
+) -> Vec<(f64, Pose)> {
+    let pair = search.pair;
+    let mut scored: Vec<(f64, usize)> = trials
+        .par_iter()
+        .enumerate()
+        .map(|(i, t)| (mean_rough(pair, &search.left, state, some, t), i))
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let points = &pair.samples[state].points;
+    let near =
+        |a: &Pose, b: &Pose| some.iter().all(|&j| (a * points[j] - b * points[j]).norm() < pair.reach_m);
+    let mut best: Vec<Pose> = Vec::new();
+    for &(_, i) in scored.iter().take_while(|s| s.0 > 0.5 * AGREEMENT) {
+        if best.len() >= DISTINCT {
+            break;
+        }
+        if best.iter().all(|b| !near(b, &trials[i])) {
+            best.push(trials[i]);
+        }
+    }
+    let forward = |t: Pose| if state == 0 { t } else { t.inverse() };
+    best.into_par_iter().map(forward).map(|m| (search.rough_worth(&m), m)).collect()
+}
+
+/// Label 1 for the unexplained samples that may be the part of a patch: those about it, and all of the other
+/// state.
+fn near_labels(pair: &SurfacePair<'_>, state: usize, patch: &Patch, left: &Unexplained) -> [Vec<u8>; 2] {
+    let radius_m = 1.2 * patch.half_m[0].hypot(patch.half_m[1]) + pair.reach_m;
+    [0, 1].map(|s| {
+        let near = |p: &Point3<f64>| s != state || (p - patch.center).norm() < radius_m;
+        pair.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
+    })
+}

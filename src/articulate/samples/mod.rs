@@ -1,0 +1,11 @@
+//! Surface samples: points of a surface, found by position, joined to their neighbors.
+
+pub(crate) mod hinge;
+pub(crate) mod index_sets;
+pub(crate) mod mesh_samples;
+pub(crate) mod sample_index;
+pub(crate) mod slip;
+pub(crate) mod spacing;
+pub(crate) mod surface_graph;
+#[cfg(test)]
+pub(crate) mod synthetic;

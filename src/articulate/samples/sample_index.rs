@@ -1,0 +1,153 @@
+//! Nearest surface samples by position and normal, on a grid of cells.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box};
+
+/// Most cells of an index; larger scenes get larger cells.
+///
+/// derived: 8 MB of cells
+const MOST_CELLS: f64 = 2e6;
+
+/// Samples sorted into cells of the search radius.
+pub(crate) struct SampleIndex<'a> {
+    samples: &'a SurfaceSamples,
+    origin: Point3<f64>,
+    cell_m: f64,
+    reach_m: f64,
+    dims: [usize; 3],
+    /// First entry of every cell in `order`, and the end.
+    starts: Vec<u32>,
+    order: Vec<u32>,
+}
+
+impl<'a> SampleIndex<'a> {
+    /// An index for searches up to `reach_m`.
+    pub fn new(samples: &'a SurfaceSamples, reach_m: f64) -> Self {
+        let (origin, upper) = bounding_box(samples.points.iter().copied()).unwrap_or_default();
+        let extent = upper - origin;
+        let mut cell_m = reach_m;
+        let dims_of = |cell: f64| [0, 1, 2].map(|k| (extent[k] / cell).floor() + 1.0);
+        while dims_of(cell_m).iter().product::<f64>() > MOST_CELLS {
+            cell_m *= 1.5;
+        }
+        let dims = dims_of(cell_m).map(|d| d as usize);
+        let mut index =
+            Self { samples, origin, cell_m, reach_m, dims, starts: Vec::new(), order: Vec::new() };
+        let cells: Vec<usize> =
+            samples.points.iter().map(|p| index.cell_index(index.cell(p).map(|c| c as usize))).collect();
+        let mut starts = vec![0u32; dims.iter().product::<usize>() + 1];
+        cells.iter().for_each(|&c| starts[c + 1] += 1);
+        for i in 1..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut next = starts.clone();
+        index.order = vec![0; cells.len()];
+        for (i, &c) in cells.iter().enumerate() {
+            index.order[next[c] as usize] = i as u32;
+            next[c] += 1;
+        }
+        index.starts = starts;
+        index
+    }
+
+    fn cell(&self, p: &Point3<f64>) -> [i64; 3] {
+        let g = (p - self.origin) / self.cell_m;
+        [0, 1, 2].map(|k| g[k].floor() as i64)
+    }
+
+    fn cell_index(&self, [x, y, z]: [usize; 3]) -> usize {
+        x + self.dims[0] * (y + self.dims[1] * z)
+    }
+
+    /// Visits all samples in the cells around a point: every sample within the reach, and some beyond.
+    pub fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize)) {
+        let c = self.cell(point);
+        let range = |k: usize| {
+            let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
+            low..=high
+        };
+        for z in range(2) {
+            for y in range(1) {
+                let row = range(0);
+                let (first, last) = (*row.start(), *row.end());
+                if first > last {
+                    continue;
+                }
+                let at = |x: i64| self.cell_index([x as usize, y as usize, z as usize]);
+                let (from, to) = (self.starts[at(first)], self.starts[at(last) + 1]);
+                self.order[from as usize..to as usize].iter().for_each(|&i| visit(i as usize));
+            }
+        }
+    }
+
+    /// Distance to the nearest sample, meters; the reach where none is nearer.
+    pub fn distance_m(&self, point: &Point3<f64>) -> f64 {
+        let mut squared = self.reach_m * self.reach_m;
+        self.around(point, |i| squared = squared.min((self.samples.points[i] - point).norm_squared()));
+        squared.sqrt()
+    }
+
+    /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
+    /// of a thin sheet never meet.
+    pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+        let bend = 0.25 * self.reach_m * self.reach_m;
+        let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
+        self.around(point, |i| {
+            let squared = (self.samples.points[i] - point).norm_squared();
+            if squared < best_squared {
+                let with_normal = squared + bend * (self.samples.normals[i] - normal).norm_squared();
+                if with_normal < best_squared {
+                    (best, best_squared) = (Some(i), with_normal);
+                }
+            }
+        });
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_sample_is_that_of_an_exhaustive_search() {
+        let mut samples = SurfaceSamples::default();
+        for i in 0..500 {
+            let t = f64::from(i);
+            samples.points.push(Point3::new((t * 0.7).sin(), (t * 1.3).cos(), (t * 0.31).sin() * 0.3));
+            samples.normals.push(Vector3::new((t * 0.2).cos(), (t * 0.2).sin(), 0.0));
+        }
+        let index = SampleIndex::new(&samples, 0.2);
+        let mut found = 0;
+        for i in 0..200 {
+            let t = f64::from(i) + 0.5;
+            let p = Point3::new((t * 0.71).sin() * 1.2, (t * 1.29).cos(), (t * 0.3).sin() * 0.3);
+            let n = Vector3::new((t * 0.2).cos(), (t * 0.2).sin(), 0.0);
+            let metric = |j: usize| {
+                (samples.points[j] - p).norm_squared() + 0.01 * (samples.normals[j] - n).norm_squared()
+            };
+            let best =
+                (0..500).min_by(|&a, &b| metric(a).total_cmp(&metric(b))).filter(|&j| metric(j) < 0.04);
+            assert_eq!(index.nearest(&p, &n), best);
+            found += usize::from(best.is_some());
+        }
+        assert!(found > 50 && found < 200, "{found}");
+    }
+
+    #[test]
+    fn the_other_side_of_a_sheet_is_no_neighbor() {
+        let samples = SurfaceSamples {
+            points: vec![Point3::new(0.0, 0.0, 0.004), Point3::origin()],
+            normals: vec![Vector3::z(), -Vector3::z()],
+            colors: vec![[0.5; 3]; 2],
+        };
+        let index = SampleIndex::new(&samples, 0.02);
+        assert_eq!(index.nearest(&Point3::new(0.0, 0.001, 0.001), &Vector3::z()), Some(0));
+        assert_eq!(index.nearest(&Point3::new(0.0, 0.001, 0.003), &-Vector3::z()), Some(1));
+        assert_eq!(
+            SampleIndex::new(&SurfaceSamples::default(), 0.1).nearest(&Point3::origin(), &Vector3::z()),
+            None
+        );
+    }
+}

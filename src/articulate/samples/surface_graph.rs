@@ -1,0 +1,313 @@
+//! Samples of a surface joined to their neighbors on it, and labels smoothed over them.
+
+use rayon::prelude::*;
+
+use crate::articulate::{
+    observations::SurfaceSamples,
+    samples::{index_sets::IndexSets, sample_index::SampleIndex},
+};
+
+/// Neighbors of a sample.
+const NEIGHBORS: usize = 8;
+/// Rounds of mean-field smoothing.
+const ROUNDS: usize = 15;
+/// Cost of a neighborhood that disagrees entirely, against 1 for a missing surface.
+///
+/// tuned: shared/bags
+const SMOOTHNESS: f32 = 0.8;
+/// Softness of the labels while smoothing.
+///
+/// tuned: shared/bags
+const TEMPERATURE: f32 = 0.12;
+/// A sample whose costs differ by less holds no evidence.
+///
+/// derived: odds of two to one at the temperature of the labels
+const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
+/// Most rounds in which labels are handed along the surface.
+const FILL_ROUNDS: usize = 60;
+/// The largest change of a share at which they end.
+///
+/// derived: a thousandth of a share decides no label
+const FILL_CHANGE: f32 = 1e-3;
+/// Pull of a sample's own evidence against that of its neighbors while filling, at a cost difference of 1.
+///
+/// tuned: shared/bags
+const OWN_PULL: f32 = 4.0;
+/// An island is joined to its surroundings if it holds less than this share of the evidence of its label's
+/// largest component.
+///
+/// tuned: shared/bags
+const ISLAND_SHARE: f32 = 0.02;
+
+/// Weight of the offset from the tangent planes against that along them, squared.
+///
+/// tuned: shared/bags
+const LIFT: f64 = 4.0;
+/// Neighbors on one flat patch: largest difference of the normals, and largest slope of the offset against
+/// the tangent planes, which is as large between neighbors on a bent surface.
+///
+/// tuned: shared/bags
+const PATCH_BEND: f64 = 0.3;
+/// A patch stands for one part if its evidence for all others is less than this share of that for the part.
+///
+/// tuned: shared/bags
+const PATCH_DISSENT: f32 = 0.2;
+/// Pull of a patch on those of its samples that hold no evidence.
+///
+/// derived: as much as all neighbors of the sample together
+const PATCH_PULL: f32 = 1.0;
+
+/// Samples of a surface and their neighbors on it.
+pub(crate) struct SurfaceGraph {
+    /// Neighbors of every sample with weights that sum to 1; unused slots point at the sample itself with
+    /// weight 0.
+    neighbors: Vec<[(u32, f32); NEIGHBORS]>,
+    /// Number of the flat patch that every sample is on.
+    patches: Vec<u32>,
+}
+
+impl SurfaceGraph {
+    /// The nearest samples within `reach_m`. Those on the same tangent plane weigh more than those beyond a
+    /// crease or on a parallel surface.
+    pub fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
+        let neighbors: Vec<_> = (0..samples.points.len())
+            .into_par_iter()
+            .map(|i| neighbors_of(i, samples, index, reach_m))
+            .collect();
+        let patches = components(&neighbors, |i, j| on_one_patch(samples, i, j));
+        Self { neighbors, patches }
+    }
+
+    /// Neighbors of a sample.
+    pub fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
+        self.neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
+    }
+
+    /// Number of the flat patch that a sample is on.
+    pub fn patch(&self, sample: usize) -> u32 {
+        self.patches[sample]
+    }
+
+    /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
+    /// See docs/method.md (6.7).
+    pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
+        let n = self.neighbors.len();
+        let mut beliefs = vec![1.0 / labels as f32; n * labels];
+        let mut next = beliefs.clone();
+        for _ in 0..ROUNDS {
+            next.par_chunks_mut(labels).with_min_len(512).enumerate().for_each(|(i, energy)| {
+                energy.copy_from_slice(&costs[i * labels..(i + 1) * labels]);
+                for &(j, w) in &self.neighbors[i] {
+                    let belief = &beliefs[j as usize * labels..(j as usize + 1) * labels];
+                    energy.iter_mut().zip(belief).for_each(|(e, b)| *e += SMOOTHNESS * w * (1.0 - b));
+                }
+                let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
+                energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
+                let sum: f32 = energy.iter().sum();
+                energy.iter_mut().for_each(|e| *e /= sum);
+            });
+            std::mem::swap(&mut beliefs, &mut next);
+        }
+        beliefs
+    }
+
+    /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
+    /// reached first along the surface wins. See docs/method.md (6.8).
+    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize) -> Vec<u8> {
+        let n = self.neighbors.len();
+        let mut pull: Vec<f32> =
+            (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
+        self.pull_of_patches(&mut beliefs, &mut pull, labels);
+        // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
+        let quads = labels.div_ceil(4);
+        let mut reached = vec![[0.0f32; 4]; n * quads];
+        for round in 0..FILL_ROUNDS {
+            let mut change = [0.0f32; 4];
+            for k in 0..n {
+                // Forth and back, so that labels cross the surface in few rounds.
+                let i = if round % 2 == 0 { k } else { n - 1 - k };
+                for quad in 0..quads {
+                    let own =
+                        &beliefs[i * labels + 4 * quad..((i + 1) * labels).min(i * labels + 4 * quad + 4)];
+                    let mut mean: [f32; 4] =
+                        std::array::from_fn(|lane| own.get(lane).map_or(0.0, |b| pull[i] * b));
+                    for &(j, w) in &self.neighbors[i] {
+                        let other = reached[j as usize * quads + quad];
+                        mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
+                    }
+                    let old = &mut reached[i * quads + quad];
+                    for lane in 0..4 {
+                        let new = mean[lane] / (1.0 + pull[i]);
+                        change[lane] = change[lane].max((new - old[lane]).abs());
+                        old[lane] = new;
+                    }
+                }
+            }
+            if change.into_iter().fold(0.0, f32::max) < FILL_CHANGE {
+                break;
+            }
+        }
+        let best =
+            |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
+        reached.chunks_exact(quads).map(|row| best(row.as_flattened())).collect()
+    }
+
+    /// Samples without evidence on a patch whose evidence is for one label get that label.
+    fn pull_of_patches(&self, beliefs: &mut [f32], pull: &mut [f32], labels: usize) {
+        let count = self.patches.iter().max().map_or(0, |m| *m as usize + 1);
+        let mut votes = vec![0.0f32; count * labels];
+        for (i, &patch) in self.patches.iter().enumerate() {
+            for k in 0..labels {
+                votes[patch as usize * labels + k] += pull[i] * beliefs[i * labels + k];
+            }
+        }
+        for (i, &patch) in self.patches.iter().enumerate() {
+            let votes = &votes[patch as usize * labels..(patch as usize + 1) * labels];
+            let top = (1..labels).fold(0, |best, k| if votes[k] > votes[best] { k } else { best });
+            let dissent = votes.iter().sum::<f32>() - votes[top];
+            if pull[i] == 0.0 && votes[top] > 0.0 && dissent < PATCH_DISSENT * votes[top] {
+                pull[i] = PATCH_PULL;
+                (0..labels).for_each(|k| beliefs[i * labels + k] = f32::from(u8::from(k == top)));
+            }
+        }
+    }
+
+    /// Joins components of a label that are apart from its largest component and hold little evidence to the
+    /// label around them (static if nothing is).
+    pub fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
+        let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
+        let count = components.iter().max().map_or(0, |m| *m as usize + 1);
+        let mut strength = vec![0.0f32; count];
+        let mut label = vec![0u8; count];
+        let mut around = vec![[0.0f32; 256]; count];
+        for (i, &component) in components.iter().enumerate() {
+            let component = component as usize;
+            let own = &costs[i * motions..(i + 1) * motions];
+            let rival = (0..motions)
+                .filter(|k| *k != usize::from(labels[i]))
+                .map(|k| own[k])
+                .fold(f32::INFINITY, f32::min);
+            strength[component] += (rival - own[usize::from(labels[i])]).clamp(0.0, 1.0);
+            label[component] = labels[i];
+            for &(j, w) in &self.neighbors[i] {
+                if labels[j as usize] != labels[i] {
+                    around[component][usize::from(labels[j as usize])] += w;
+                }
+            }
+        }
+        let mut largest = vec![0.0f32; motions];
+        for (component, &s) in strength.iter().enumerate() {
+            let l = usize::from(label[component]);
+            largest[l] = largest[l].max(s);
+        }
+        for (i, &component) in components.iter().enumerate() {
+            let component = component as usize;
+            if strength[component] < ISLAND_SHARE * largest[usize::from(label[component])] {
+                let top = (0..motions)
+                    .fold(0, |best, k| if around[component][k] > around[component][best] { k } else { best });
+                labels[i] = top as u8;
+            }
+        }
+    }
+}
+
+/// The nearest neighbors of a sample with weights that sum to 1.
+fn neighbors_of(
+    i: usize,
+    samples: &SurfaceSamples,
+    index: &SampleIndex<'_>,
+    reach_m: f64,
+) -> [(u32, f32); NEIGHBORS] {
+    let mut near: Vec<(f64, u32)> = Vec::new();
+    index.around(&samples.points[i], |j| {
+        let offset = samples.points[j] - samples.points[i];
+        let squared = offset.norm_squared();
+        if j != i && squared < reach_m * reach_m {
+            let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
+            let lift = samples.normals[i].dot(&offset).powi(2) + samples.normals[j].dot(&offset).powi(2);
+            near.push((squared + LIFT * lift + 0.1 * reach_m * reach_m * bend, j as u32));
+        }
+    });
+    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut slots = [(i as u32, 0.0); NEIGHBORS];
+    let weight = |squared: f64| (-2.0 * squared / (reach_m * reach_m)).exp() as f32;
+    let sum: f32 = near.iter().take(NEIGHBORS).map(|n| weight(n.0)).sum();
+    for (slot, n) in slots.iter_mut().zip(&near) {
+        *slot = (n.1, weight(n.0) / sum.max(1e-12));
+    }
+    slots
+}
+
+/// Whether two neighbors are on one flat patch.
+fn on_one_patch(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
+    let offset = samples.points[j] - samples.points[i];
+    let lift = samples.normals[i].dot(&offset).abs().max(samples.normals[j].dot(&offset).abs());
+    (samples.normals[j] - samples.normals[i]).norm() < PATCH_BEND && lift < PATCH_BEND * offset.norm()
+}
+
+/// Number of the connected component that each sample is in, over the neighbors for which `joined` holds.
+fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usize) -> bool) -> Vec<u32> {
+    let mut sets = IndexSets::new(neighbors.len());
+    for (i, slots) in neighbors.iter().enumerate() {
+        for &(j, w) in slots {
+            if w > 0.0 && joined(i, j as usize) {
+                sets.join(i, j as usize);
+            }
+        }
+    }
+    let mut number = vec![0; neighbors.len()];
+    let mut count = 0;
+    for i in 0..neighbors.len() {
+        let root = sets.root(i);
+        // A root comes before the rest of its set.
+        if root == i {
+            number[i] = count;
+            count += 1;
+        } else {
+            number[i] = number[root];
+        }
+    }
+    number
+}
+
+/// How much the best cost is below the second best, beyond what counts as none.
+fn evidence(costs: &[f32]) -> f32 {
+    let (best, second) = costs.iter().fold((f32::INFINITY, f32::INFINITY), |(best, second), &c| {
+        if c < best { (c, best) } else { (best, second.min(c)) }
+    });
+    if second.is_finite() { (second - best - EVIDENCE).clamp(0.0, 1.0) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Samples in a row, each joined to the next, broken after the fourth.
+    fn chain() -> SurfaceGraph {
+        let slots = |i: u32| {
+            let mut slots = [(i, 0.0); NEIGHBORS];
+            let (first, last) = if i < 4 { (0, 3) } else { (4, 5) };
+            slots[0] = (i.saturating_sub(1).max(first), 0.5);
+            slots[1] = ((i + 1).min(last), 0.5);
+            slots
+        };
+        SurfaceGraph { neighbors: (0..6).map(slots).collect(), patches: (0..6).collect() }
+    }
+
+    #[test]
+    fn samples_without_evidence_take_the_nearest_label_along_the_surface() {
+        let hidden = [0.9, 0.9, 0.9];
+        let costs = [[0.9, 0.9, 0.0], hidden, hidden, [0.9, 0.0, 0.9], hidden, hidden].concat();
+        let graph = chain();
+        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![2, 2, 1, 1, 0, 0]);
+    }
+
+    #[test]
+    fn an_island_without_evidence_joins_what_surrounds_it() {
+        let strong = [0.0, 0.9];
+        let costs = [strong, [0.9, 0.89], strong, strong, [0.9, 0.0], [0.9, 0.0]].concat();
+        let mut labels = vec![0, 1, 0, 0, 1, 1];
+        chain().join_islands(&mut labels, &costs, 2);
+        assert_eq!(labels, vec![0, 0, 0, 0, 1, 1]);
+    }
+}

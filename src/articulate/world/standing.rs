@@ -1,0 +1,85 @@
+//! How much of an object's surface a motion takes onto itself, by depth alone.
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::Pose,
+};
+
+/// Of this many pixels of the object one is compared.
+const EVERY: usize = 97;
+/// Readings that differ by more than this many standard deviations are of different surfaces.
+///
+/// derived: three, 0.3 % of a normal distribution
+const SAME: f64 = 3.0;
+
+/// Share of the surface seen in state 1 that a motion takes from where state 0 sees it; what no frame of
+/// state 0 could see does not count. 0 where nothing does.
+#[must_use]
+pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, noise: &NoiseConfig) -> f64 {
+    let back = state1_from_state0.inverse();
+    let of_frame = |frame: &RgbdFrame| {
+        let pixels = (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i));
+        let stands = |i| stands(&(back * frame.world_point(i)?), frame.sigma_m(i, noise), states[0], noise);
+        pixels.filter_map(stands).fold([0usize; 2], |[still, all], s| [still + usize::from(s), all + 1])
+    };
+    let [still, all] =
+        states[1].par_iter().map(of_frame).reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    still as f64 / all.max(1) as f64
+}
+
+/// Whether more frames see a surface at a point than see through it; `None` where none does either.
+fn stands(
+    point_in_world: &Point3<f64>,
+    sigma_m: f64,
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+) -> Option<bool> {
+    let (mut seen, mut through) = (0, 0);
+    for frame in frames {
+        let point = frame.in_camera(point_in_world);
+        let Some(pixel) = frame.intrinsics.pixel(&point).filter(|&i| frame.depth_m[i] > 0.0) else {
+            continue;
+        };
+        let behind_m = f64::from(frame.depth_m[pixel]) - point.z;
+        // A slanted surface is as much nearer or further within a pixel.
+        let gate_m = SAME * sigma_m.hypot(frame.sigma_m(pixel, noise)) + point.z / frame.intrinsics.fx;
+        seen += usize::from(behind_m.abs() <= gate_m);
+        through += usize::from(behind_m > gate_m);
+    }
+    (seen + through > 0).then_some(seen > through)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::{
+        geometry::Intrinsics,
+        surface::shapes::{cuboid, looking_at_origin, view_of},
+    };
+
+    #[test]
+    fn what_stands_still_is_not_what_moved() {
+        let noise =
+            NoiseConfig { constant_m: 0.001, quadratic_per_m: 0.0, edge_sigmas: 6.0, grazing_cosine: 0.15 };
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let motion = Pose::new(Vector3::new(0.05, -0.04, 0.03), Vector3::new(0.0, 0.1, 0.3));
+        let block = cuboid(Vector3::new(0.2, 0.15, 0.1));
+        let moved = |p: &Point3<f64>| block(&motion.inverse_transform_point(p));
+        let eyes = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, -0.6, 0.45)];
+        let state0 = eyes.map(|eye| view_of(&block, k, looking_at_origin(eye)));
+        let state1 = eyes.map(|eye| view_of(&moved, k, looking_at_origin(eye)));
+        let share = |states: [&[RgbdFrame]; 2], motion: &Pose| standing_share(states, motion, &noise);
+        let shares = [share([&state0, &state0], &Pose::identity()), share([&state0, &state1], &motion)];
+        assert!(shares.iter().all(|s| *s > 0.85), "{shares:?}");
+        assert!(
+            share([&state0, &state1], &Pose::identity()) < 0.25,
+            "{}",
+            share([&state0, &state1], &Pose::identity())
+        );
+    }
+}

@@ -1,0 +1,271 @@
+//! Whether both states were recorded in one world frame, and the motion between their frames where they were
+//! not. See docs/method.md 5.
+//!
+//! Some of the object and all of its surroundings should stand still. Where nothing does that no common
+//! motion would explain as well, the frames drifted apart or the object was moved as a whole: the motion of
+//! the surroundings, or without them that of the largest part, is then the motion of the world.
+
+use rand_core::Rng;
+
+use crate::articulate::{
+    observations::LiftedMatch,
+    propose::ransac::{CellCounter, Gate, RansacConfig, common_motions},
+};
+use crate::geometry::Pose;
+
+/// Cells of matches that a motion needs to count: more than wrong matches give by chance.
+///
+/// tuned: shared/bags
+const LEAST_CELLS: f64 = 8.0;
+/// The motion of the world must be supported by this many times the cells of the next one.
+///
+/// tuned: shared/bags
+const CLEAR: f64 = 2.0;
+/// The world did not move where surfaces of at least this share of the object stand still.
+///
+/// tuned: random objects (eval/random_objects.md)
+const STANDING: f64 = 0.25;
+/// Motions looked for.
+const MOTIONS: usize = 4;
+
+/// What shows that the world frames differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AlignedBy {
+    /// What stands around the object.
+    Surroundings,
+    /// The part of the object with the most matches.
+    LargestPart,
+}
+
+/// A correction of state 1's world frame.
+#[derive(Clone, Debug)]
+pub struct StateAlignment {
+    /// Takes what stands still from state 0's frame to state 1's.
+    pub state1_from_state0: Pose,
+    /// What it rests on.
+    pub by: AlignedBy,
+    /// Cells of matches that support it.
+    pub cells: f64,
+}
+
+/// Why the states cannot be aligned.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum AlignmentError {
+    /// Two motions could be the world's.
+    #[error(
+        "nothing stands still between the two states, and what should is not known: {first:.0} \
+         cells of matches follow one motion and {second:.0} another; record both states in one world frame, \
+         or with textured surroundings in view"
+    )]
+    Ambiguous {
+        /// Support of the strongest motion.
+        first: f64,
+        /// Support of the second.
+        second: f64,
+    },
+}
+
+/// The motion between the world frames of both states; `None` where they are one, or where too few matches
+/// show it. `surroundings` is asked for matches beside the object, where those on the object do not stand
+/// still, and `standing` for the share of the object's surface that lies where a motion takes it, where
+/// matches cannot decide. `extent_m` is the longest side of the object.
+///
+/// # Errors
+/// [`AlignmentError`] where two motions could be the world's.
+pub fn align_states(
+    object: &[LiftedMatch],
+    surroundings: impl FnOnce() -> Vec<LiftedMatch>,
+    standing: impl Fn(&Pose) -> f64,
+    extent_m: f64,
+    config: &RansacConfig,
+    rng: &mut impl Rng,
+) -> Result<Option<StateAlignment>, AlignmentError> {
+    let on_object = Support::new(object, extent_m, config);
+    let motions = common_motions(object, MOTIONS, extent_m, config, rng);
+    let still = Pose::identity();
+    // A motion whose followers stand still is none.
+    let real = |m: &&Pose| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]);
+    let moving: Vec<Pose> = motions.iter().filter(real).copied().collect();
+    if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
+        return Ok(None);
+    }
+    let around = surroundings();
+    let found = common_motions(&around, MOTIONS, extent_m, config, rng);
+    if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
+        let still = on_object.of_its_own(&motion, &[]) >= LEAST_CELLS;
+        if still {
+            let drifted = on_object.of_its_own(&motion, &[Pose::identity()]) >= LEAST_CELLS;
+            let alignment = StateAlignment { state1_from_state0: motion, by: AlignedBy::Surroundings, cells };
+            return Ok(drifted.then_some(alignment));
+        }
+        // The object was moved against its surroundings as a whole.
+    }
+    // A plain part that stands still has no matches.
+    let stands = || {
+        let share = standing(&Pose::identity());
+        share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
+    };
+    let clear = match on_object.clear(&motions) {
+        Err(_) if stands() => None,
+        clear => clear?,
+    };
+    Ok(clear.map(|(motion, cells)| StateAlignment {
+        state1_from_state0: motion,
+        by: AlignedBy::LargestPart,
+        cells,
+    }))
+}
+
+/// Counts the cells of matches that support motions.
+struct Support<'a> {
+    matches: &'a [LiftedMatch],
+    gate: Gate,
+    cell_m: f64,
+}
+
+impl<'a> Support<'a> {
+    fn new(matches: &'a [LiftedMatch], extent_m: f64, config: &RansacConfig) -> Self {
+        Self { matches, gate: Gate::new(config, extent_m), cell_m: config.cell * extent_m }
+    }
+
+    /// Cells of the matches that follow a motion and none of the others.
+    fn of_its_own(&self, motion: &Pose, others: &[Pose]) -> f64 {
+        let own = |m: &&LiftedMatch| {
+            self.gate.supports(m, motion) && !others.iter().any(|o| self.gate.supports(m, o))
+        };
+        let own: Vec<LiftedMatch> = self.matches.iter().filter(own).copied().collect();
+        CellCounter::new(&own, self.gate, self.cell_m).support(&own, motion)
+    }
+
+    /// The motion with the most support and its cells; `None` where no motion has enough.
+    fn clear(&self, motions: &[Pose]) -> Result<Option<(Pose, f64)>, AlignmentError> {
+        let mut scored: Vec<(f64, usize)> =
+            motions.iter().enumerate().map(|(i, m)| (self.of_its_own(m, &[]), i)).collect();
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let Some(&(first, i)) = scored.first().filter(|s| s.0 >= LEAST_CELLS) else { return Ok(None) };
+        let second = scored.get(1).map_or(0.0, |s| s.0);
+        if first < CLEAR * second {
+            return Err(AlignmentError::Ambiguous { first, second });
+        }
+        Ok(Some((motions[i], first)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+    use crate::random::stage_rng;
+
+    fn uniform(rng: &mut impl Rng) -> f64 {
+        (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Matches of `counts` points in boxes side by side, each box with its motion, and some wrong ones.
+    fn matches(counts: &[(usize, Pose)], seed: u64) -> Vec<LiftedMatch> {
+        let mut rng = stage_rng(seed, "matches", 0);
+        let mut all = Vec::new();
+        let mut vector = |s: f64, x: f64| {
+            Vector3::new(x, 0.0, 0.0) + Vector3::from_fn(|_, _| s * (uniform(&mut rng) - 0.5))
+        };
+        for (k, (count, motion)) in counts.iter().enumerate() {
+            for i in 0..*count {
+                let point0 = Point3::from(vector(0.3, 0.4 * k as f64));
+                let point1 = if i % 5 == 0 {
+                    Point3::from(vector(1.2, 0.3))
+                } else {
+                    motion * point0 + vector(0.003, 0.0)
+                };
+                all.push(LiftedMatch {
+                    point0,
+                    point1,
+                    sigma_m: 0.002,
+                    frames: [0, 0],
+                    pixels: [[0.0; 2]; 2],
+                });
+            }
+        }
+        all
+    }
+
+    fn drift() -> Pose {
+        Pose::new(Vector3::new(0.03, -0.03, 0.026), Vector3::new(0.05, 0.06, -0.04))
+    }
+
+    fn door() -> Pose {
+        Pose::new(Vector3::new(0.1, 0.2, 0.0), Vector3::new(0.0, 0.0, 0.7))
+    }
+
+    fn aligned(
+        object: &[(usize, Pose)],
+        around: &[(usize, Pose)],
+    ) -> Result<Option<StateAlignment>, AlignmentError> {
+        align_states(
+            &matches(object, 1),
+            || matches(around, 2),
+            |_| 0.0,
+            0.8,
+            &RansacConfig::default(),
+            &mut stage_rng(0, "align", 0),
+        )
+    }
+
+    fn check_drift(found: Option<StateAlignment>, by: AlignedBy) {
+        let found = found.unwrap();
+        assert_eq!(found.by, by);
+        let apart = found.state1_from_state0.inverse() * drift();
+        assert!(apart.rotation.angle() < 0.01, "{}", apart.rotation.angle());
+        assert!((apart * Point3::new(0.2, 0.0, 0.0) - Point3::new(0.2, 0.0, 0.0)).norm() < 0.002);
+    }
+
+    #[test]
+    fn one_world_is_left_alone_however_large_the_moving_part() {
+        assert!(aligned(&[(100, Pose::identity()), (400, door())], &[]).unwrap().is_none());
+        assert!(aligned(&[], &[]).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_drift_is_found_by_the_surroundings_even_where_a_moving_part_is_larger() {
+        let found = aligned(&[(150, drift()), (400, drift() * door())], &[(200, drift())]).unwrap();
+        check_drift(found, AlignedBy::Surroundings);
+    }
+
+    #[test]
+    fn without_surroundings_the_largest_part_decides_or_nothing_does() {
+        check_drift(
+            aligned(&[(400, drift()), (100, drift() * door())], &[]).unwrap(),
+            AlignedBy::LargestPart,
+        );
+        let unclear = aligned(&[(300, drift()), (280, drift() * door())], &[]);
+        assert!(matches!(unclear, Err(AlignmentError::Ambiguous { .. })), "{unclear:?}");
+    }
+
+    #[test]
+    fn where_matches_cannot_tell_surfaces_that_stand_still_do() {
+        let object = matches(&[(300, drift()), (280, drift() * door())], 1);
+        let still = |share: f64| move |m: &Pose| if *m == Pose::identity() { share } else { 0.6 };
+        let aligned = |share: f64| {
+            align_states(
+                &object,
+                Vec::new,
+                still(share),
+                0.8,
+                &RansacConfig::default(),
+                &mut stage_rng(0, "align", 0),
+            )
+        };
+        assert!(aligned(0.5).unwrap().is_none());
+        assert!(matches!(aligned(0.2), Err(AlignmentError::Ambiguous { .. })), "little stands still");
+        assert!(
+            matches!(aligned(0.28), Err(AlignmentError::Ambiguous { .. })),
+            "another motion explains clearly more"
+        );
+    }
+
+    #[test]
+    fn an_object_moved_as_a_whole_is_followed() {
+        let found = aligned(&[(400, drift()), (100, drift() * door())], &[(300, Pose::identity())]).unwrap();
+        check_drift(found, AlignedBy::LargestPart);
+    }
+}

@@ -1,0 +1,39 @@
+//! Planes that the object stands on or before, and the box that it lies in.
+
+use nalgebra::Point3;
+
+use super::plane::Plane;
+use crate::capture::{CaptureConfig, NoiseConfig, RgbdFrame};
+
+/// Whether a point lies in the workspace, if there is one.
+pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {
+    workspace.is_none_or(|[lower, upper]| (0..3).all(|k| p[k] >= lower[k] && p[k] <= upper[k]))
+}
+
+/// What is taken for background.
+pub struct Background<'a> {
+    pub planes: Vec<Plane>,
+    pub config: &'a CaptureConfig,
+    pub noise: NoiseConfig,
+}
+
+impl Background<'_> {
+    /// The plane nearest to a point.
+    pub fn nearest_plane(&self, point: &Point3<f64>) -> Option<usize> {
+        let height = |p: &usize| self.planes[*p].height_m(point).abs();
+        (0..self.planes.len()).min_by(|a, b| height(a).total_cmp(&height(b)))
+    }
+
+    /// Whether a point is above all planes by more than its noise.
+    pub fn is_above(&self, frame: &RgbdFrame, pixel: usize, point: &Point3<f64>) -> bool {
+        let k = &frame.intrinsics;
+        let ray =
+            frame.world_from_camera.rotation * k.ray((pixel % k.width) as f64, (pixel / k.width) as f64);
+        let sigma = self.noise.sigma_m(f64::from(frame.depth_m[pixel]));
+        let isolate = &self.config.isolate;
+        self.planes.iter().all(|p| {
+            p.height_m(point)
+                > isolate.plane_clearance_m + isolate.plane_sigmas * p.height_sigma_m(&ray, sigma)
+        })
+    }
+}

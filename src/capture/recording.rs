@@ -1,0 +1,56 @@
+//! A recording as the pipeline takes it: frames of every state, and what was found on the way.
+
+use serde::{Deserialize, Serialize};
+
+use super::{NoiseConfig, PoseFindings, RgbdFrame};
+use crate::note::Note;
+
+/// The recording: frames of every state, and what was found or lost on the way.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Capture {
+    /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
+    pub name: String,
+    /// Frames per state, in time order.
+    pub states: Vec<Vec<RgbdFrame>>,
+    /// Pixel matches that came with the data, if any.
+    pub matches: Vec<PixelMatch>,
+    /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say
+    /// otherwise.
+    pub noise: NoiseConfig,
+    /// What was found of the camera poses.
+    pub poses: PoseFindings,
+    /// What was degraded: damage, drops, frames not used.
+    pub warnings: Vec<Note>,
+    /// What was found and chosen: topics, counts, frames.
+    pub notes: Vec<Note>,
+}
+
+impl Capture {
+    /// A recording of so many states, without frames yet.
+    #[must_use]
+    pub fn of_states(count: usize) -> Self {
+        Self { states: vec![Vec::new(); count], ..Self::default() }
+    }
+
+    /// Frames of every state.
+    #[must_use]
+    pub fn frames(&self) -> Vec<&[RgbdFrame]> {
+        self.states.iter().map(Vec::as_slice).collect()
+    }
+}
+
+/// Most states of one recording.
+pub const MAX_STATES: usize = 16;
+
+/// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PixelMatch {
+    /// Index of the frame in `states[0]` and its pixel (u right, v down).
+    pub frame0: usize,
+    /// Pixel coordinates in frame 0.
+    pub pixel0: [f32; 2],
+    /// Index of the frame in `states[1]`.
+    pub frame1: usize,
+    /// Pixel coordinates in frame 1.
+    pub pixel1: [f32; 2],
+}

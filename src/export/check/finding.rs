@@ -1,0 +1,84 @@
+//! What a check finds.
+
+use std::collections::BTreeMap;
+
+use crate::limits::FINDINGS;
+
+use super::rule::Rule;
+
+/// Contents of a folder: relative path with `/` to bytes.
+pub type Folder = BTreeMap<String, Vec<u8>>;
+
+/// How bad a finding is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// Some importer refuses the model, loses something of it, or makes it explode.
+    Error,
+    /// Some importer shows or simulates it otherwise than meant.
+    Warning,
+}
+
+/// One broken rule.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct CheckFinding {
+    /// How bad it is.
+    pub level: Level,
+    /// The URDF, relative to the folder.
+    pub file: String,
+    /// What it is about.
+    pub rule: Rule,
+    /// Link, joint or file.
+    pub subject: String,
+    /// What is wrong, with numbers and remedy.
+    pub message: String,
+}
+
+impl std::fmt::Display for CheckFinding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let level = match self.level {
+            Level::Error => "error",
+            Level::Warning => "warning",
+        };
+        write!(f, "{level} {}: {}: {}: {}", self.rule, self.file, self.subject, self.message)
+    }
+}
+
+/// Findings of one URDF while it is looked at.
+pub(super) struct Findings<'a> {
+    file: &'a str,
+    pub all: Vec<CheckFinding>,
+}
+
+impl<'a> Findings<'a> {
+    /// None yet, of a file.
+    pub fn of(file: &'a str) -> Self {
+        Self { file, all: Vec::new() }
+    }
+
+    fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
+        if self.all.len() > FINDINGS {
+            // What is not listed may still be an error.
+            return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
+        }
+        let (file, subject) = (self.file.to_owned(), subject.to_owned());
+        if self.all.len() == FINDINGS {
+            let message = format!("there are more than {FINDINGS} findings; further ones are not listed");
+            return self.all.push(CheckFinding {
+                level,
+                file,
+                rule: Rule::File,
+                subject: ".".into(),
+                message,
+            });
+        }
+        self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
+    }
+
+    pub fn error(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+        self.add(Level::Error, rule, subject, message);
+    }
+
+    pub fn warn(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+        self.add(Level::Warning, rule, subject, message);
+    }
+}

@@ -1,0 +1,221 @@
+//! The twin with its effects as MJCF, without meshes: what MuJoCo 3.5 and later has a place for.
+
+use std::fmt::Write as _;
+
+use crate::{
+    export::diagnosed::{
+        numbers::{exported, note},
+        tilt::{asks_for_turn, tilted},
+    },
+    gap::{
+        judge::report::{ExportNote, JointReport},
+        model::{
+            format::{Expression, Format, JointNumbers, Spring},
+            joint_model::{CREEP, Catalogue},
+        },
+        twin_tree::{Motion, TwinJoint, TwinTree},
+    },
+    geometry::Pose,
+    model::escape_xml,
+};
+
+/// Step of the file, seconds; a delayed effort is read between steps and a stop is met between them, so that
+/// both ask for finer ones.
+/// tuned: tests/python/gap/generate.py.
+const TIMESTEP_S: f64 = 5e-4;
+/// The finer one.
+/// tuned: tests/python/gap/generate.py.
+const FINE_TIMESTEP_S: f64 = 1e-4;
+/// Solver impedance of friction without a settle time.
+/// derived: next to the largest that MuJoCo takes, 0.9999.
+const HARD_IMPEDANCE: f64 = 0.9995;
+
+/// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.
+/// derived: that of the rollout.
+const SOFT_IMPEDANCE: f64 = 1.0 - CREEP;
+
+/// What is written about one joint.
+struct Attributes {
+    numbers: JointNumbers,
+    /// Further attributes of the joint.
+    more: String,
+    parent_from_joint: Pose,
+}
+
+struct Writer<'a> {
+    tree: &'a TwinTree,
+    joints: &'a [JointReport],
+    catalogue: &'a Catalogue,
+    file: &'a str,
+    actuators: String,
+    notes: Vec<ExportNote>,
+}
+
+/// The twin with the effects as MJCF, and what became of each effect.
+#[must_use]
+pub fn mjcf(
+    tree: &TwinTree,
+    joints: &[JointReport],
+    catalogue: &Catalogue,
+    file: &str,
+) -> (String, Vec<ExportNote>) {
+    let mut writer = Writer { tree, joints, catalogue, file, actuators: String::new(), notes: Vec::new() };
+    let body = writer.link(tree.root);
+    let g = tree.gravity;
+    let is_fine = writer.actuators.contains(" delay=") || body.contains(" solreflimit=");
+    let timestep_s = if is_fine { FINE_TIMESTEP_S } else { TIMESTEP_S };
+    let text = format!(
+        "<mujoco model=\"{}\">\n<compiler angle=\"radian\" autolimits=\"false\"/>\n\
+         <option timestep=\"{timestep_s}\" gravity=\"{} {} {}\" integrator=\"RK4\"/>\n\
+         <worldbody>\n{body}</worldbody>\n<actuator>\n{}</actuator>\n</mujoco>\n",
+        escape_xml(&tree.name),
+        g.x,
+        g.y,
+        g.z,
+        writer.actuators
+    );
+    (text, writer.notes)
+}
+
+impl Writer<'_> {
+    /// A link's content and the bodies that hang on it.
+    fn link(&mut self, index: usize) -> String {
+        let mut text = String::new();
+        let tree = self.tree;
+        for joint in tree.joints.iter().filter(|j| j.parent == index) {
+            let child = &tree.links[joint.child];
+            let mut inside = String::new();
+            let mut pose = joint.parent_from_joint;
+            if joint.motion != Motion::Fixed {
+                let a = self.attributes(joint);
+                pose = a.parent_from_joint;
+                let kind = if joint.motion == Motion::Turn { "hinge" } else { "slide" };
+                let (name, axis) = (escape_xml(&joint.name), joint.axis);
+                let n = &a.numbers;
+                let damping = if n.drag == 0.0 {
+                    format!("{}", n.damping)
+                } else {
+                    format!("{} {}", n.damping, n.drag)
+                };
+                let _ = writeln!(
+                    inside,
+                    "<joint name=\"{name}\" type=\"{kind}\" axis=\"{} {} {}\" damping=\"{damping}\" \
+                     frictionloss=\"{}\"{}/>",
+                    axis.x, axis.y, axis.z, n.friction, a.more
+                );
+                let _ = writeln!(
+                    self.actuators,
+                    "<general name=\"{name}\" joint=\"{name}\" gear=\"{}\" gaintype=\"fixed\" \
+                     gainprm=\"1\" biastype=\"affine\" biasprm=\"{} 0 0\"{}/>",
+                    n.gear,
+                    n.bias / n.gear,
+                    delay(n.delay_s)
+                );
+            }
+            if child.mass_kg > 0.0 {
+                let (c, i) = (child.center_of_mass, &child.inertia);
+                let full = [i[(0, 0)], i[(1, 1)], i[(2, 2)], i[(0, 1)], i[(0, 2)], i[(1, 2)]]
+                    .map(|x| x.to_string())
+                    .join(" ");
+                let _ = writeln!(
+                    inside,
+                    "<inertial pos=\"{} {} {}\" mass=\"{}\" fullinertia=\"{full}\"/>",
+                    c.x, c.y, c.z, child.mass_kg
+                );
+            }
+            let below = self.link(joint.child);
+            let (p, q) = (pose.translation.vector, pose.rotation);
+            let _ = write!(
+                text,
+                "<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n{inside}{below}</body>\n",
+                escape_xml(&child.name),
+                p.x,
+                p.y,
+                p.z,
+                q.w,
+                q.i,
+                q.j,
+                q.k
+            );
+        }
+        text
+    }
+
+    /// The joint with its effects.
+    fn attributes(&mut self, joint: &TwinJoint) -> Attributes {
+        let mut a = Attributes {
+            numbers: JointNumbers::of(joint.damping, joint.friction),
+            more: String::new(),
+            parent_from_joint: joint.parent_from_joint,
+        };
+        let Some(report) = self.joints.iter().find(|j| j.joint == joint.name) else { return a };
+        let model = &report.diagnosis.model;
+        if model.has_friction(self.catalogue) {
+            a.more = solver_of_friction(model.settle_s);
+        }
+        for mut effect in exported(Format::Mjcf, report, self.catalogue) {
+            if effect.expression != Expression::NotExpressible {
+                effect.effect.write(effect.p, &mut a.numbers);
+            }
+            if asks_for_turn(effect.effect, effect.p) {
+                let index = self.tree.joints.iter().position(|j| j.name == joint.name);
+                let [sine, cosine] = a.numbers.tilt.unwrap_or_default();
+                match index.and_then(|i| tilted(self.tree, i, sine, cosine)) {
+                    Some(pose) => a.parent_from_joint = pose,
+                    None => effect.expression = Expression::NotExpressible,
+                }
+            }
+            self.notes.push(note(Format::Mjcf, self.file, report, &effect));
+        }
+        a.more.push_str(&joint_attributes(&a.numbers, model.plant.inertia));
+        a
+    }
+}
+
+/// Solver of a friction with a settle time.
+fn solver_of_friction(settle_s: f64) -> String {
+    let (settle, impedance) = if settle_s > 0.0 { (settle_s, SOFT_IMPEDANCE) } else { (0.0, HARD_IMPEDANCE) };
+    // MuJoCo keeps time constants of constraints above two steps.
+    let constant_s = (2.0 * settle).max(2.0 * TIMESTEP_S);
+    format!(" solreffriction=\"{constant_s} 1\" solimpfriction=\"{impedance} {impedance} 0.001\"")
+}
+
+/// Spring, armature, offset and stops of a joint.
+fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    if let Some(Spring { stiffness, cubic, rest }) = n.spring {
+        let polynomial = if cubic == 0.0 { String::new() } else { format!(" 0 {cubic}") };
+        let _ = write!(text, " stiffness=\"{stiffness}{polynomial}\" springref=\"{rest}\"");
+    }
+    if n.armature != 0.0 {
+        let _ = write!(text, " armature=\"{}\"", n.armature);
+    }
+    if n.position_offset != 0.0 {
+        let _ = write!(text, " ref=\"{}\"", n.position_offset);
+    }
+    // One solver serves both ends.
+    if let Some(stop) = n.stops.first() {
+        let end = |upper: bool| n.stops.iter().find(|s| s.is_upper == upper).map(|s| s.position.to_string());
+        let (low, high) = (end(false).unwrap_or("-1e3".into()), end(true).unwrap_or("1e3".into()));
+        let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
+        let impedance = stop.impedance.clamp(1e-4, 0.9999);
+        let _ = write!(
+            text,
+            " limited=\"true\" range=\"{low} {high}\" solreflimit=\"{solver}\" \
+             solimplimit=\"{impedance} {impedance} 0.001\""
+        );
+    }
+    text
+}
+
+/// Attributes of an actuator whose effort acts late.
+fn delay(delay_s: f64) -> String {
+    if delay_s == 0.0 {
+        return String::new();
+    }
+    // Read between its samples, a held effort changes half a step early.
+    let delay_s = delay_s + 0.5 * FINE_TIMESTEP_S;
+    let kept = (delay_s / FINE_TIMESTEP_S).ceil() as usize + 2;
+    format!(" delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"")
+}

@@ -1,0 +1,115 @@
+//! A turned joint in files that place every link in the frame of the model (SDF, USD): all links that it
+//! carries turn with it.
+
+use crate::{
+    gap::{
+        judge::report::{ExportNote, JointReport},
+        model::{effect::Effect, format::JointNumbers, joint_model::Catalogue, plant::Plant},
+        twin_tree::TwinTree,
+    },
+    geometry::Pose,
+};
+
+/// A joint that is turned about its origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tilt {
+    /// Link that stays.
+    pub parent: String,
+    /// Links that turn.
+    pub links: Vec<String>,
+    /// Where what the joint carries stands, from where it stood; frame of the parent.
+    pub turned_from_given: Pose,
+}
+
+/// The turn of a joint that takes a load off it; `None` where there is none to take or no turn does it.
+#[must_use]
+pub fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
+    let [sine, cosine] = numbers.tilt?;
+    let index = tree.joints.iter().position(|j| j.name == joint)?;
+    let spec = &tree.joints[index];
+    let turned = tilted(tree, index, sine, cosine)?;
+    let links = (0..tree.links.len())
+        .filter(|l| tree.carries(index, *l))
+        .map(|l| tree.links[l].name.clone())
+        .collect();
+    Some(Tilt {
+        parent: tree.links[spec.parent].name.clone(),
+        links,
+        turned_from_given: turned * spec.parent_from_joint.inverse(),
+    })
+}
+
+impl Tilt {
+    /// The pose of a carried link in the frame of the model, from its pose and its joint's parent's there.
+    #[must_use]
+    pub fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
+        model_from_parent * self.turned_from_given * model_from_parent.inverse() * model_from_link
+    }
+}
+
+/// Notes in a file that its links could not be turned, for the effects that ask for it.
+pub fn note_unturned(notes: &mut [ExportNote], joint: &JointReport, catalogue: &Catalogue) {
+    let mut unturned = |effect: &str| {
+        for note in notes.iter_mut().filter(|n| n.effect == effect) {
+            (note.status, note.rmse) =
+                ("not written: the file does not place the links of this joint as expected".into(), None);
+        }
+    };
+    for term in &joint.diagnosis.model.terms {
+        if asks_for_turn(catalogue[term.effect].as_ref(), &term.p) {
+            unturned(catalogue[term.effect].name());
+        }
+    }
+}
+
+/// Whether an effect is written as a turn of the joint.
+#[must_use]
+pub fn asks_for_turn(effect: &dyn Effect, p: &[f64]) -> bool {
+    let mut numbers = JointNumbers::of(0.0, 0.0);
+    effect.write(p, &mut numbers);
+    numbers.tilt.is_some()
+}
+
+/// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
+/// less than the twin; `None` where no turn does that.
+#[must_use]
+pub fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
+    let plant = Plant::of(tree, joint).ok()?;
+    let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
+    let scale = wanted.0.hypot(wanted.1).max(plant.load.amplitude());
+    let mut tree = tree.clone();
+    let given = tree.joints[joint].parent_from_joint;
+    let mut turn = nalgebra::Vector3::zeros();
+    let mut miss = |turn: &nalgebra::Vector3<f64>| {
+        tree.joints[joint].parent_from_joint = nalgebra::Isometry3::from_parts(
+            given.translation,
+            nalgebra::UnitQuaternion::from_scaled_axis(*turn) * given.rotation,
+        );
+        let load = Plant::of(&tree, joint).map(|p| p.load).unwrap_or_default();
+        nalgebra::Vector2::new(wanted.0 - load.sine, wanted.1 - load.cosine)
+    };
+    for _ in 0..30 {
+        let now = miss(&turn);
+        if now.norm() < 1e-7 * scale {
+            return Some(Pose::from_parts(
+                given.translation,
+                nalgebra::UnitQuaternion::from_scaled_axis(turn) * given.rotation,
+            ));
+        }
+        let step = 1e-6;
+        let column =
+            |axis: usize, miss: &mut dyn FnMut(&nalgebra::Vector3<f64>) -> nalgebra::Vector2<f64>| {
+                let mut other = turn;
+                other[axis] += step;
+                (now - miss(&other)) / step
+            };
+        let j = nalgebra::Matrix2x3::from_columns(&[
+            column(0, &mut miss),
+            column(1, &mut miss),
+            column(2, &mut miss),
+        ]);
+        let least = j.transpose() * (j * j.transpose()).try_inverse()? * now;
+        turn += least * (0.3 / least.norm().max(0.3));
+    }
+    None
+}

@@ -1,0 +1,160 @@
+//! The named effects in the twin's URDF: natively where it has a place, in a namespaced element elsewhere.
+
+use roxmltree::{Document, Node};
+
+use crate::{
+    export::diagnosed::{
+        edits::{Edit, before_end, edited},
+        numbers::{exported, joint_numbers, note},
+    },
+    gap::{
+        judge::{
+            report::{ExportNote, JointReport},
+            verdict::{Finding, ParameterEstimate},
+        },
+        model::{
+            format::{Expression, Format},
+            joint_model::Catalogue,
+        },
+        twin_tree::TwinTree,
+    },
+    limits::{XmlError, parse_xml},
+};
+
+/// Namespace of the elements that other readers skip.
+const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
+
+/// The URDF with the effects, and what became of each. Damping and friction are changed in place; all other
+/// effects are elements of the joint.
+///
+/// # Errors
+/// [`XmlError`].
+pub fn urdf(
+    text: &str,
+    tree: &TwinTree,
+    joints: &[JointReport],
+    catalogue: &Catalogue,
+    file: &str,
+) -> Result<(String, Vec<ExportNote>), XmlError> {
+    let document = parse_xml(text)?;
+    let (mut edits, mut notes) = (Vec::new(), Vec::new());
+    let mut foreign = text.contains("<gap:");
+    for joint in joints {
+        let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
+        let old = (spec.damping, spec.friction);
+        let held = joint_numbers(Format::Urdf, spec, joint, catalogue);
+        let dynamics = held.map_or(old, |n| (n.damping, n.friction));
+        let mut elements = String::new();
+        for effect in exported(Format::Urdf, joint, catalogue) {
+            if effect.expression != Expression::Native {
+                elements.push_str(&element(effect.finding, ""));
+            }
+            notes.push(note(Format::Urdf, file, joint, &effect));
+        }
+        foreign |= !elements.is_empty();
+        let changed = (dynamics != old).then_some(dynamics);
+        edits.extend(
+            joint_of(&document, &joint.joint)
+                .into_iter()
+                .flat_map(|n| joint_edits(text, n, changed, &elements)),
+        );
+    }
+    edits.extend(namespace_edit(text, &document).filter(|_| foreign));
+    Ok((edited(text, edits), notes))
+}
+
+/// An effect as an element that other readers skip, with further `attributes`.
+pub(crate) fn element(finding: &Finding, attributes: &str) -> String {
+    let parameter = |p: &ParameterEstimate| {
+        format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
+    };
+    let parameters: String = finding.parameters.iter().map(parameter).collect();
+    format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
+}
+
+/// Declares the namespace of such elements at the root, where it is not.
+pub(crate) fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
+    let root = document.root_element();
+    let at = root.range().start
+        + 1
+        + text[root.range().start + 1..].find(|c: char| c.is_whitespace() || "/>".contains(c))?;
+    (!text.contains(NAMESPACE)).then(|| (at..at, format!(" {NAMESPACE}")))
+}
+
+/// The joint of this name among the children of `<robot>`, where it has content to change.
+fn joint_of<'a>(document: &'a Document<'a>, name: &str) -> Option<Node<'a, 'a>> {
+    let is_it = |n: &Node| n.has_tag_name("joint") && n.attribute("name") == Some(name) && n.has_children();
+    document.root_element().children().find(is_it)
+}
+
+/// Replaces the dynamics of a joint and adds elements to it.
+fn joint_edits(text: &str, joint: Node, dynamics: Option<(f64, f64)>, elements: &str) -> Vec<Edit> {
+    let mut edits = Vec::new();
+    let mut added = String::new();
+    if let Some((damping, friction)) = dynamics {
+        edits.extend(
+            joint.children().find(|n| n.has_tag_name("dynamics")).map(|old| (old.range(), String::new())),
+        );
+        added = format!("<dynamics damping=\"{damping}\" friction=\"{friction}\"/>");
+    }
+    added.push_str(elements);
+    if !added.is_empty() {
+        edits.push((before_end(text, joint), added));
+    }
+    edits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::escape_xml;
+
+    #[test]
+    fn the_joint_of_a_name_is_changed_and_no_text_that_looks_like_it() {
+        let name = "j\"/><joint name=\"injected\" type=\"slide";
+        let text = format!(
+            "<!-- <robot > <joint name=\"door\"></joint> --><robot\n name='r'><joint name=\"{}\"><dynamics \
+             damping=\"1\"/></joint>\
+             <transmission><joint name=\"door\"><x/></joint></transmission><joint  \
+             name='door'><axis/><dynamics damping='2'></dynamics><y/>\
+             </joint><joint name=\"bare\"/></robot><!-- </robot> -->",
+            escape_xml(name)
+        );
+        let document = Document::parse(&text).unwrap();
+        let mut edits = vec![];
+        for (k, name) in [name, "door"].into_iter().enumerate() {
+            let joint = joint_of(&document, name).unwrap();
+            edits.extend(joint_edits(
+                &text,
+                joint,
+                Some((k as f64, 0.5)),
+                &format!("<gap:effect name=\"e{k}\"/>"),
+            ));
+        }
+        edits.extend(namespace_edit(&text, &document));
+        assert!(joint_of(&document, "bare").is_none() && joint_of(&document, "injected").is_none());
+        let changed = edited(&text, edits);
+        let document = Document::parse(&changed).unwrap();
+        for (k, name) in [name, "door"].into_iter().enumerate() {
+            let joint = joint_of(&document, name).unwrap();
+            let all: Vec<_> = joint
+                .children()
+                .filter(|n| n.has_tag_name("dynamics"))
+                .map(|n| n.attribute("damping"))
+                .collect();
+            assert_eq!(all, [Some(k.to_string().as_str())]);
+            assert!(
+                joint
+                    .children()
+                    .any(|n| n.has_tag_name("effect") && n.attribute("name") == Some(&format!("e{k}")))
+            );
+        }
+        assert_eq!(document.descendants().filter(|n| n.has_tag_name("effect")).count(), 2);
+        assert!(
+            changed.contains(
+                "<axis/><y/><dynamics damping=\"1\" friction=\"0.5\"/><gap:effect name=\"e1\"/></joint>"
+            ),
+            "{changed}"
+        );
+    }
+}

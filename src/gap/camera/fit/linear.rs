@@ -1,0 +1,168 @@
+//! Gauss-Newton over a hypothesis: compare, average, linearize, solve, advance.
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+use crate::gap::camera::{
+    fit::{
+        components::VarianceComponents,
+        mixed::System,
+        patches::{PatchMean, patch_means},
+        problem::FrameProblem,
+        reduced::{Reduced, Solution, best},
+    },
+    model::{advance::advance, hypothesis::Hypothesis, parameter::Parameter, posed::PosedTwin},
+};
+
+/// A hypothesis, and the values of effects that it has.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// The hypothesis.
+    pub hypothesis: Hypothesis,
+    /// Values of parameters of effects in it.
+    pub applied: Vec<(Parameter, f64)>,
+}
+
+/// A linear system about a state.
+pub struct Linear {
+    /// Patches in the order of the rows.
+    pub patch_means: Vec<PatchMean>,
+    /// The system: nuisance first, then the columns of all trials.
+    pub system: System,
+    /// Columns of each trial.
+    pub of_trial: Vec<Vec<usize>>,
+}
+
+/// A set of trials with its solution.
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    /// Trials.
+    pub set: Vec<usize>,
+    /// Solution: nuisance, then the trials' columns in order.
+    pub solution: Solution,
+}
+
+impl FrameProblem<'_> {
+    /// Linearizes about a state.
+    #[must_use]
+    pub fn linearize(&self, state: &State, gate_m: f64) -> Linear {
+        let samples = self.compare(&state.hypothesis, gate_m);
+        let posed = PosedTwin::new(self.twin, self.runs, &state.hypothesis);
+        let (means, patches) = patch_means(self.twin, &posed.parts, &samples, |_, f| !self.is_held_out(f));
+        let mut columns = self.nuisance.clone();
+        let mut of_trial = Vec::new();
+        for t in &self.trials {
+            of_trial.push(
+                t.columns
+                    .iter()
+                    .map(|c| {
+                        columns.iter().position(|k| k == c).unwrap_or_else(|| {
+                            columns.push(*c);
+                            columns.len() - 1
+                        })
+                    })
+                    .collect(),
+            );
+        }
+        // What the state already explains counts as not explained.
+        let with_residual = means
+            .into_iter()
+            .map(|c| {
+                let explained: f64 =
+                    state.applied.iter().map(|(p, x)| posed.derivative(*p, &c.seen) * x).sum();
+                (c, c.residual_m + explained)
+            })
+            .collect();
+        let (system, patch_means) =
+            System::new(with_residual, patches, columns, self.scales.radius_m, |p, c| {
+                posed.derivative(p, &c.seen)
+            });
+        Linear { patch_means, system, of_trial }
+    }
+
+    /// Columns of a set of trials behind the nuisance.
+    #[must_use]
+    pub fn subset(&self, linear: &Linear, set: &[usize]) -> Vec<usize> {
+        (0..self.nuisance.len()).chain(set.iter().flat_map(|&t| linear.of_trial[t].iter().copied())).collect()
+    }
+
+    /// One step of a state with a set of trials free; all other effects go.
+    pub fn step(&self, state: &mut State, set: &[usize], components: &VarianceComponents, gate_m: f64) {
+        let mut linear = self.linearize(state, gate_m);
+        let subset = self.subset(&linear, set);
+        for _ in 0..2 {
+            let Some(solution) = linear.system.reduce(components).and_then(|r| r.solve(&subset)) else {
+                return;
+            };
+            let left = linear.system.left(&subset, &solution.values);
+            linear.system.soften(&left);
+        }
+        if let Some(solution) = linear.system.reduce(components).and_then(|r| r.solve(&subset)) {
+            self.apply(state, &linear, &subset, &solution.values);
+        }
+    }
+
+    /// Moves a state to a solution.
+    pub fn apply(&self, state: &mut State, linear: &Linear, subset: &[usize], values: &DVector<f64>) {
+        let n = self.nuisance.len();
+        let mut steps = Vec::new();
+        for (&c, &x) in subset.iter().zip(values.iter()).take(n) {
+            let parameter = linear.system.columns[c].parameter;
+            let reported =
+                |r: usize, j: usize| self.runs[r].positions.contains_key(&self.twin.joints[j].name);
+            let stays = match parameter {
+                Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
+                Parameter::Position(r, j) => reported(r, j),
+                _ => false,
+            };
+            if !stays {
+                steps.push((parameter, x));
+            }
+        }
+        let mut target: Vec<(Parameter, f64)> = Vec::new();
+        for (&c, &x) in subset.iter().zip(values.iter()).skip(n) {
+            target.push((linear.system.columns[c].parameter, x));
+        }
+        let of = |all: &[(Parameter, f64)], p: Parameter| all.iter().find(|a| a.0 == p).map_or(0.0, |a| a.1);
+        for (p, x) in &target {
+            steps.push((*p, x - of(&state.applied, *p)));
+        }
+        for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
+            steps.push((*p, -x));
+        }
+        advance(&mut state.hypothesis, self.twin, &steps);
+        state.applied = target;
+    }
+
+    /// All sizes of the errors without names, eliminated.
+    #[must_use]
+    pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
+        // Outliers of the set known so far; without one, what an effect does would count as such.
+        if around.len() > self.nuisance.len()
+            && let Some(solution) =
+                linear.system.reduce(&VarianceComponents::middle(&self.scales)).and_then(|r| r.solve(around))
+        {
+            let left = linear.system.left(around, &solution.values);
+            linear.system.soften(&left);
+        }
+        VarianceComponents::grid(&self.scales).par_iter().filter_map(|s| linear.system.reduce(s)).collect()
+    }
+
+    /// Solution of a set, with the sizes of the errors that its evidence prefers.
+    #[must_use]
+    pub fn judge(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
+        let subset = self.subset(linear, set);
+        let (_, i) = best(reduced, &subset);
+        Some(Chosen { set: set.to_vec(), solution: reduced.get(i)?.solve(&subset)? })
+    }
+
+    /// Evidence of a set alone.
+    #[must_use]
+    pub fn evidence(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
+        best(reduced, &self.subset(linear, set)).0 + self.log_odds(set)
+    }
+
+    fn log_odds(&self, set: &[usize]) -> f64 {
+        set.iter().map(|&t| self.trials[t].log_odds).sum()
+    }
+}

@@ -1,0 +1,109 @@
+//! Residuals averaged over patches of surface, frame by frame: neighboring pixels err together.
+//! See docs/method.md 15.4.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{
+    gap::camera::{
+        fit::sample::{PixelSample, Sample},
+        model::{posed::Seen, twin::SeenTwin},
+    },
+    geometry::Pose,
+    statistics::{SIGMAS_PER_MAD, median},
+};
+
+/// Fewest pixels of a patch in a frame.
+const MIN_PIXELS: usize = 4;
+/// Side of a patch over the size of the object.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const PATCH: f64 = 0.2;
+
+/// A patch of a part's surface as one frame sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct PatchMean {
+    /// Where, on average.
+    pub seen: Seen,
+    /// Index of the patch.
+    pub patch: usize,
+    /// Mean residual across the surface, meters.
+    pub residual_m: f64,
+    /// Variance of the mean that the camera's noise gives, square meters.
+    pub variance_m2: f64,
+    /// Pixels.
+    pub pixels: usize,
+}
+
+type Key = (usize, [i32; 3], usize);
+
+/// Averages samples of the frames that `is_used` accepts. Patches are cubes in the part's frame, split by the
+/// side that the surface faces. Returns the means and the number of patches.
+#[must_use]
+pub fn patch_means(
+    twin: &SeenTwin,
+    world_from_parts: &[Vec<Pose>],
+    samples: &[PixelSample],
+    is_used: impl Fn(usize, usize) -> bool,
+) -> (Vec<PatchMean>, usize) {
+    let side_m = PATCH * twin.radius_m();
+    let mut patches: BTreeMap<Key, usize> = BTreeMap::new();
+    let mut groups: BTreeMap<(Key, usize, usize), Vec<(Seen, f64, f64)>> = BTreeMap::new();
+    for s in samples {
+        let Sample::Match { seen, residual_m, sigma_m, .. } = s.sample else { continue };
+        if !is_used(s.run, s.frame) {
+            continue;
+        }
+        let pose = &world_from_parts[s.run][seen.part];
+        let p = pose.inverse_transform_point(&seen.point);
+        let n = pose.rotation.inverse() * seen.normal;
+        let axis = n.iamax();
+        let key = (
+            seen.part,
+            [0, 1, 2].map(|k| (p[k] / side_m).floor() as i32),
+            2 * axis + usize::from(n[axis] > 0.0),
+        );
+        groups.entry((key, s.run, s.frame)).or_default().push((seen, residual_m, sigma_m));
+    }
+    let mut all = Vec::with_capacity(groups.len());
+    for ((key, _, _), group) in groups {
+        if let Some(mut mean) = average(&group) {
+            let next = patches.len();
+            mean.patch = *patches.entry(key).or_insert(next);
+            all.push(mean);
+        }
+    }
+    (all, patches.len())
+}
+
+/// The mean of a patch in a frame, without its outliers.
+fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
+    if group.len() < MIN_PIXELS {
+        return None;
+    }
+    let middle = median(group.iter().map(|g| g.1).collect())?;
+    let spread = SIGMAS_PER_MAD * median(group.iter().map(|g| (g.1 - middle).abs()).collect())?;
+    let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
+    let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
+    let mean =
+        |f: &dyn Fn(&(Seen, f64, f64)) -> f64| kept.iter().map(|g| f(g) * g.2.powi(-2)).sum::<f64>() / weight;
+    let vector = |f: &dyn Fn(&Seen) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
+    let seen = Seen {
+        point: Point3::from(vector(&|s| s.point.coords)),
+        normal: vector(&|s| s.normal).try_normalize(1e-6)?,
+        depth_m: mean(&|g| g.0.depth_m),
+        slant: mean(&|g| g.0.slant),
+        ..kept.first()?.0
+    };
+    // Where pixels scatter more than the camera's noise, the scatter counts.
+    let scatter =
+        (kept.iter().map(|g| (g.1 - middle).powi(2)).sum::<f64>() / kept.len() as f64) / kept.len() as f64;
+    Some(PatchMean {
+        seen,
+        patch: 0,
+        residual_m: mean(&|g| g.1),
+        variance_m2: (1.0 / weight).max(scatter),
+        pixels: kept.len(),
+    })
+}

@@ -1,0 +1,184 @@
+//! Joint positions of a run, found by looking over the joints' ranges on coarse frames.
+//! See docs/method.md 15.2.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+use crate::gap::camera::{
+    fit::predict::{predict, true_camera},
+    model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
+    record::frames::{FrameRun, coarse},
+};
+
+/// Frames that are looked at.
+const FRAMES: usize = 6;
+/// Width of the coarse images, pixels, about.
+const WIDTH: usize = 80;
+/// Fewest and most first steps over a joint's range.
+const STEPS: [usize; 2] = [12, 72];
+/// Minima of the first steps that are refined.
+const MINIMA: usize = 4;
+/// Halvings of the step.
+const HALVINGS: usize = 5;
+/// Rounds over all joints.
+const ROUNDS: usize = 3;
+/// A range is looked at this much beyond its limits, as a share of its width; twins have limits as they were
+/// observed.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const BEYOND: f64 = 1.0;
+
+/// Coarse frames of a run.
+pub struct CoarseRun {
+    run: FrameRun,
+    /// A depth further off than this counts as wrong.
+    wrong_m: f64,
+}
+
+impl CoarseRun {
+    /// Some frames of a run, spread over it, at a coarse grid.
+    #[must_use]
+    pub fn of(run: &FrameRun, scales: &Scales) -> Self {
+        let n = run.frames.len();
+        let chosen: Vec<usize> = (0..FRAMES.min(n)).map(|i| i * n / FRAMES.min(n)).collect();
+        let step = |i: usize| (run.frames[i].intrinsics.width / WIDTH).max(1);
+        let frames = chosen.iter().map(|&i| coarse(&run.frames[i], step(i))).collect();
+        let velocities = chosen.iter().filter_map(|&i| run.velocities.get(i).copied()).collect();
+        Self {
+            run: FrameRun {
+                name: run.name.clone(),
+                frames,
+                velocities,
+                positions: run.positions.clone(),
+                noise: run.noise,
+            },
+            // One standard deviation of what effects may move.
+            wrong_m: 0.5 * scales.gate_m(),
+        }
+    }
+
+    /// Mean cost of the pixels that the object or the twin covers, 0 to 1.
+    #[must_use]
+    pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
+        let poses = hypothesis.poses(twin, run).0;
+        let wrong_m = self.wrong_m;
+        let of = |f: usize| {
+            let frame = &self.run.frames[f];
+            let camera = true_camera(&self.run, f, &hypothesis.camera);
+            let image = predict(twin, &poses, &frame.intrinsics, &camera, false);
+            let (mut sum, mut count) = (0.0, 0);
+            for i in 0..image.depth_m.len() {
+                let (reading, predicted) = (f64::from(frame.depth_m[i]), f64::from(image.depth_m[i]));
+                let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
+                let object = frame.is_object(i);
+                let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {
+                    (true, true) if reading > 0.0 => ((measured - predicted).abs() / wrong_m).min(1.0),
+                    (true, true) => continue,
+                    (true, false) => 1.0,
+                    (false, true) if reading == 0.0 || measured > predicted + wrong_m => 1.0,
+                    _ => continue,
+                };
+                sum += cost;
+                count += 1;
+            }
+            (sum, count)
+        };
+        let (sum, count) = (0..self.run.frames.len())
+            .into_par_iter()
+            .map(of)
+            .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        sum / count.max(1) as f64
+    }
+}
+
+/// Finds the positions of the joints in a run, one joint after the other from the root, again and again;
+/// those that came with the recording stay.
+pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize) {
+    let mut best = coarse.cost(twin, hypothesis, run);
+    for round in 0..ROUNDS {
+        let before = best;
+        for joint in 0..twin.joints.len() {
+            let spec = &twin.joints[joint];
+            if spec.mimic.is_some() || coarse.run.positions.contains_key(&spec.name) {
+                continue;
+            }
+            best = search_joint(twin, coarse, hypothesis, (run, joint), best, round == 0);
+        }
+        if before - best < 1e-4 {
+            break;
+        }
+    }
+}
+
+/// Finds the position of one joint in a run, all others as they are; returns the cost.
+pub fn find_position(
+    twin: &SeenTwin,
+    coarse: &CoarseRun,
+    hypothesis: &mut Hypothesis,
+    run: usize,
+    joint: usize,
+) -> f64 {
+    let best = coarse.cost(twin, hypothesis, run);
+    search_joint(twin, coarse, hypothesis, (run, joint), best, true)
+}
+
+fn search_joint(
+    twin: &SeenTwin,
+    coarse: &CoarseRun,
+    hypothesis: &mut Hypothesis,
+    (run, joint): (usize, usize),
+    mut best: f64,
+    first: bool,
+) -> f64 {
+    let spec = &twin.joints[joint];
+    let turns = hypothesis.laws[joint].kind.turns();
+    // A slide carries its part past its own length at most.
+    let wide = if turns { PI } else { 2.0 * twin.parts[spec.child].radius_m };
+    let (low, high) = spec.limit.map_or((-wide, wide), |(l, h)| {
+        let more = BEYOND * (h - l).max(0.1 * wide);
+        ((l - more).max(-wide + l.min(0.0)), (h + more).min(wide + h.max(0.0)))
+    });
+    let start = hypothesis.positions[run][joint];
+    let attempt = |q: f64, hypothesis: &mut Hypothesis| {
+        hypothesis.positions[run][joint] = q;
+        coarse.cost(twin, hypothesis, run)
+    };
+    let reach_m = if turns { (high - low) * twin.radius_m() } else { high - low };
+    // Steps that move the part by what counts as wrong pass over no minimum.
+    let count = ((reach_m / coarse.wrong_m).ceil() as usize).clamp(STEPS[0], STEPS[1]);
+    let mut step = (high - low) / count as f64;
+    let mut minima = vec![(best, start)];
+    if first {
+        let scan: Vec<(f64, f64)> = (0..=count)
+            .map(|i| {
+                let q = low + step * i as f64;
+                (attempt(q, hypothesis), q)
+            })
+            .collect();
+        let is_minimum = |i: usize| {
+            (i == 0 || scan[i].0 <= scan[i - 1].0) && (i + 1 == scan.len() || scan[i].0 <= scan[i + 1].0)
+        };
+        minima.extend((0..scan.len()).filter(|&i| is_minimum(i)).map(|i| scan[i]));
+        minima.sort_by(|a, b| a.0.total_cmp(&b.0));
+        minima.truncate(MINIMA);
+    } else {
+        step *= 0.25;
+    }
+    for _ in 0..HALVINGS {
+        step *= 0.5;
+        for m in &mut minima {
+            let middle = m.1;
+            for q in [middle - step, middle + step] {
+                let cost = attempt(q, hypothesis);
+                if cost < m.0 {
+                    *m = (cost, q);
+                }
+            }
+        }
+    }
+    let found = minima.into_iter().fold((best, start), |a, b| if b.0 < a.0 { b } else { a });
+    best = found.0;
+    hypothesis.positions[run][joint] = found.1;
+    best
+}

@@ -1,0 +1,37 @@
+//! The twin as the true camera of a frame would see it.
+
+use crate::{
+    gap::camera::{
+        model::{hypothesis::CameraErrors, small_motion::twist_motion, twin::SeenTwin},
+        record::frames::FrameRun,
+    },
+    geometry::Pose,
+    surface::{RenderItem, Rendered, render},
+};
+
+/// Pose of the true camera of a frame under a hypothesis of its errors.
+#[must_use]
+pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose {
+    let reported = run.frames[frame].world_from_camera;
+    let moved =
+        run.velocities.get(frame).map_or_else(Pose::identity, |twist| twist_motion(twist, camera.delay_s));
+    reported * moved * camera.reported_from_true
+}
+
+/// Renders the twin as a frame's camera would see it.
+#[must_use]
+pub fn predict(
+    twin: &SeenTwin,
+    poses: &[Pose],
+    intrinsics: &crate::geometry::Intrinsics,
+    camera: &Pose,
+    shading: bool,
+) -> Rendered {
+    let items: Vec<RenderItem> = twin
+        .parts
+        .iter()
+        .zip(poses)
+        .map(|(p, pose)| RenderItem { mesh: &p.mesh, world_from_mesh: *pose, tint: None })
+        .collect();
+    render(&items, intrinsics, camera, shading)
+}

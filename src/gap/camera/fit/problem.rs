@@ -1,0 +1,125 @@
+//! A twin and frames, prepared: usable pixels, effects, what is always free.
+
+use std::sync::Arc;
+
+use crate::gap::camera::{
+    effects,
+    fit::{residual::compare, sample::PixelSample},
+    model::{
+        hypothesis::Hypothesis,
+        missing::Missing,
+        parameter::Parameter,
+        scales::Scales,
+        trial::{Column, Trial, column, free_joints, twin_column},
+        twin::SeenTwin,
+    },
+    record::{frames::FrameRun, options::FrameOptions, pixels::Pixels},
+};
+
+/// What is diagnosed, and with which frames.
+pub struct FrameProblem<'a> {
+    /// Twin.
+    pub twin: &'a SeenTwin,
+    /// Recordings.
+    pub runs: &'a [FrameRun],
+    /// Their pixels.
+    pub pixels: Arc<Pixels>,
+    /// All ways in which effects may act.
+    pub trials: Vec<Trial>,
+    /// What is always free: placements and positions.
+    pub nuisance: Vec<Column>,
+    /// What may be taken for granted.
+    pub options: FrameOptions,
+    /// Lengths that gates and priors are multiples of.
+    pub scales: Scales,
+    /// Geometry that the twin is known to lack: readings of it are left out.
+    pub lacks: Vec<Missing>,
+}
+
+impl<'a> FrameProblem<'a> {
+    /// Prepares a diagnosis.
+    #[must_use]
+    pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], options: &FrameOptions) -> Self {
+        let scales = Scales::of(twin, runs, options.accuracy_m);
+        Self {
+            twin,
+            runs,
+            pixels: Arc::new(Pixels::choose(runs)),
+            trials: effects::trials(twin, runs, &scales),
+            nuisance: nuisance(twin, runs, &scales),
+            options: *options,
+            scales,
+            lacks: Vec::new(),
+        }
+    }
+
+    /// The same for another twin.
+    #[must_use]
+    pub fn of<'b>(&'b self, twin: &'b SeenTwin) -> FrameProblem<'b> {
+        FrameProblem {
+            twin,
+            runs: self.runs,
+            pixels: Arc::clone(&self.pixels),
+            trials: effects::trials(twin, self.runs, &self.scales),
+            nuisance: nuisance(twin, self.runs, &self.scales),
+            options: self.options,
+            scales: self.scales,
+            lacks: self.lacks.clone(),
+        }
+    }
+
+    /// Residuals beyond this are conflicts, meters.
+    #[must_use]
+    pub fn gate_m(&self) -> f64 {
+        self.scales.gate_m()
+    }
+
+    /// Compares all runs with a hypothesis, without readings of what the twin is known to lack.
+    #[must_use]
+    pub fn compare(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
+        let mut samples = compare(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
+        if !self.lacks.is_empty() {
+            let poses: Vec<_> = (0..self.runs.len()).map(|r| hypothesis.poses(self.twin, r).0).collect();
+            samples.retain(|s| !self.lacks.iter().any(|m| m.covers(&poses[s.run], &s.sample.measured())));
+        }
+        samples
+    }
+
+    /// Whether a frame is left to the proof.
+    #[must_use]
+    pub fn is_held_out(&self, frame: usize) -> bool {
+        let every = self.options.held_out_every;
+        every > 0 && frame % every == every - 1
+    }
+}
+
+/// What is always free: where the object stands in a run, joint positions, and what the twin itself errs by.
+fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
+    let mut all = Vec::new();
+    let gate_m = scales.gate_m();
+    // Readings beyond the gate would be conflicts, so a step need not reach further.
+    let [shift, turn] = [0.5 * gate_m, 0.5 * gate_m / scales.radius_m];
+    for (r, run) in runs.iter().enumerate() {
+        all.extend((0..6).map(|k| column(Parameter::Root(r, k), if k < 3 { shift } else { turn })));
+        for j in free_joints(twin) {
+            let lever = if twin.joints[j].kind.turns() { scales.child_lever_m(twin, j) } else { 1.0 };
+            all.push(if run.positions.contains_key(&twin.joints[j].name) {
+                twin_column(Parameter::Position(r, j), 1.0 / lever)
+            } else {
+                column(Parameter::Position(r, j), gate_m / lever)
+            });
+        }
+    }
+    for p in 1..twin.parts.len() {
+        let turn = scales.lever_m(twin, p).recip();
+        all.extend((0..6).map(|k| twin_column(Parameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })));
+    }
+    for j in free_joints(twin) {
+        let turn = scales.child_lever_m(twin, j).recip();
+        all.extend((0..2).map(|k| twin_column(Parameter::AxisTurn(j, k), turn)));
+        if twin.joints[j].kind.turns() {
+            all.extend((0..2).map(|k| twin_column(Parameter::AxisShift(j, k), 1.0)));
+        }
+    }
+    all
+}

@@ -1,0 +1,185 @@
+//! Measured less predicted depth, pixel by pixel: what agrees well enough to be compared, and what conflicts.
+//! See docs/method.md (15.3).
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::{
+    gap::camera::{
+        fit::{
+            predict::{predict, true_camera},
+            sample::{Conflict, PixelSample, Sample},
+        },
+        model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
+        record::{
+            frames::FrameRun,
+            pixels::{Pixels, around},
+        },
+    },
+    geometry::Pose,
+    surface::Rendered,
+};
+
+/// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const BEND: f64 = 0.3;
+/// Error of a pixel's place, pixels.
+///
+/// derived: uniform over a pixel, 1 / sqrt(12)
+const PIXEL_SIGMA: f64 = 0.289;
+/// Error of rounding, meters.
+///
+/// derived: 16UC1 has whole millimeters, 1 mm / sqrt(12)
+const ROUNDING_M: f64 = 0.000_289;
+/// Residuals along the ray that conflict where the surface has no normal, in gates.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const WITHOUT_NORMAL: f64 = 3.0;
+
+/// Compares all runs with a hypothesis; residuals beyond `gate_m` are conflicts.
+#[must_use]
+pub fn compare(
+    twin: &SeenTwin,
+    runs: &[FrameRun],
+    pixels: &Pixels,
+    hypothesis: &Hypothesis,
+    gate_m: f64,
+) -> Vec<PixelSample> {
+    let all: Vec<(usize, usize)> =
+        runs.iter().enumerate().flat_map(|(r, run)| (0..run.frames.len()).map(move |f| (r, f))).collect();
+    let poses: Vec<Vec<Pose>> = (0..runs.len()).map(|r| hypothesis.poses(twin, r).0).collect();
+    let of = |&(run, frame): &(usize, usize)| {
+        let camera = true_camera(&runs[run], frame, &hypothesis.camera);
+        let image = predict(twin, &poses[run], &runs[run].frames[frame].intrinsics, &camera, false);
+        let view = FrameView { run, frame, data: &runs[run], image: &image, hypothesis, gate_m };
+        let object = pixels.object[run][frame].iter().filter_map(|&i| view.object_sample(i).map(|s| (i, s)));
+        let empty = pixels.empty[run][frame].iter().filter_map(|&i| view.empty_sample(i).map(|s| (i, s)));
+        let stride = pixels.stride[run][frame] as f64;
+        let focal = image.intrinsics.fx;
+        object
+            .chain(empty)
+            .map(|(pixel, sample)| {
+                let depth_m = match &sample {
+                    Sample::Match { seen, .. } => seen.depth_m,
+                    Sample::Conflict { point, .. } => camera.inverse_transform_point(point).z,
+                };
+                PixelSample { run, frame, pixel, area_m2: (stride * depth_m / focal).powi(2), sample }
+            })
+            .collect::<Vec<_>>()
+    };
+    all.par_iter().map(of).collect::<Vec<_>>().concat()
+}
+
+/// A frame and its prediction.
+struct FrameView<'a> {
+    run: usize,
+    frame: usize,
+    data: &'a FrameRun,
+    image: &'a Rendered,
+    hypothesis: &'a Hypothesis,
+    gate_m: f64,
+}
+
+impl FrameView<'_> {
+    fn ray(&self, i: usize) -> Vector3<f64> {
+        let k = &self.image.intrinsics;
+        k.ray((i % k.width) as f64, (i / k.width) as f64)
+    }
+
+    fn point(&self, i: usize, depth_m: f64) -> nalgebra::Point3<f64> {
+        self.image.world_from_camera * nalgebra::Point3::from(self.ray(i) * depth_m)
+    }
+
+    /// Normal of the predicted surface in the camera, towards it; `None` at edges and bends.
+    fn normal(&self, i: usize) -> Option<Vector3<f64>> {
+        let k = &self.image.intrinsics;
+        let (x, y) = (i % k.width, i / k.width);
+        if x == 0 || y == 0 || x + 1 >= k.width || y + 1 >= k.height {
+            return None;
+        }
+        let item = self.image.item[i]?;
+        let inverse =
+            |n: usize| (self.image.item[n] == Some(item)).then(|| 1.0 / f64::from(self.image.depth_m[n]));
+        let (here, left, right) = (inverse(i)?, inverse(i - 1)?, inverse(i + 1)?);
+        let (up, down) = (inverse(i - k.width)?, inverse(i + k.width)?);
+        // The inverse depth of a plane is linear in the image.
+        let bend = (left + right - 2.0 * here).abs().max((up + down - 2.0 * here).abs()) / (here * here);
+        if bend > BEND / (here * k.fx) {
+            return None;
+        }
+        // On a plane n . ray = n . p / z: the slopes of 1/z give the normal.
+        let (gx, gy) = (0.5 * (right - left) * k.fx, 0.5 * (down - up) * k.fy);
+        let ray = self.ray(i);
+        let n = Vector3::new(gx, gy, here - gx * ray.x - gy * ray.y).normalize();
+        Some(if n.dot(&ray) > 0.0 { -n } else { n })
+    }
+
+    fn object_sample(&self, i: usize) -> Option<Sample> {
+        let frame = &self.data.frames[self.frame];
+        let camera = &self.hypothesis.camera;
+        let reading = f64::from(frame.depth_m[i]);
+        let measured_m = (reading - camera.bias_m) / camera.scale;
+        let k = &self.image.intrinsics;
+        let Some(item) = self.image.item[i] else {
+            let alone = around(i, k.width, k.height).all(|n| self.image.item[n].is_none());
+            // Without a mask the pixel may show something else.
+            return (alone && frame.mask.is_some()).then(|| Sample::Conflict {
+                kind: Conflict::Nearer,
+                point: self.point(i, measured_m),
+                part: None,
+            });
+        };
+        let predicted_m = f64::from(self.image.depth_m[i]);
+        let off_m = measured_m - predicted_m;
+        let conflict =
+            |kind| Sample::Conflict { kind, point: self.point(i, measured_m), part: Some(item as usize) };
+        let kind = if off_m < 0.0 { Conflict::Nearer } else { Conflict::Farther };
+        let normal = self.normal(i);
+        let ray = self.ray(i);
+        let Some((n, slant)) = normal
+            .map(|n| (n, n.dot(&ray)))
+            .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
+        else {
+            return (off_m.abs() > WITHOUT_NORMAL * self.gate_m).then(|| conflict(kind));
+        };
+        let residual_m = slant * off_m * camera.scale;
+        if residual_m.abs() > self.gate_m {
+            return Some(conflict(kind));
+        }
+        let sigma_m = {
+            let across = slant * frame.sigma_m(i, &self.data.noise);
+            let aside =
+                PIXEL_SIGMA * predicted_m / k.fx * (ray.norm_squared() - slant * slant).max(0.0).sqrt();
+            (across * across + aside * aside + ROUNDING_M * ROUNDING_M).sqrt()
+        };
+        let seen = Seen {
+            run: self.run,
+            frame: self.frame,
+            part: item as usize,
+            point: self.point(i, predicted_m),
+            normal: self.image.world_from_camera.rotation * n,
+            camera: self.image.world_from_camera,
+            depth_m: predicted_m,
+            slant,
+        };
+        Some(Sample::Match { seen, residual_m, sigma_m, measured: self.point(i, measured_m) })
+    }
+
+    fn empty_sample(&self, i: usize) -> Option<Sample> {
+        let item = self.image.item[i]?;
+        let k = &self.image.intrinsics;
+        if !around(i, k.width, k.height).all(|n| self.image.item[n].is_some()) {
+            return None;
+        }
+        let predicted_m = f64::from(self.image.depth_m[i]);
+        let reading = f64::from(self.data.frames[self.frame].depth_m[i]);
+        // Something else may stand before the object.
+        let behind = reading > predicted_m + self.gate_m;
+        (reading == 0.0 || behind).then(|| Sample::Conflict {
+            kind: Conflict::Empty,
+            point: self.point(i, predicted_m),
+            part: Some(item as usize),
+        })
+    }
+}

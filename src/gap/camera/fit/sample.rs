@@ -1,0 +1,65 @@
+//! A pixel compared with the twin: a residual, or a conflict.
+
+use crate::gap::camera::model::posed::Seen;
+
+/// How a measured pixel conflicts with the twin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Conflict {
+    /// The object is seen before the twin's surface, or where the twin has none.
+    Nearer,
+    /// The object is seen behind the twin's surface.
+    Farther,
+    /// The twin has a surface where the object is not.
+    Empty,
+}
+
+/// What became of a sampled pixel.
+#[derive(Clone, Copy, Debug)]
+pub enum Sample {
+    /// Surface and reading belong together: residual across the surface and its standard deviation, meters.
+    Match {
+        /// What is seen.
+        seen: Seen,
+        /// Measured less predicted, meters, positive towards the camera.
+        residual_m: f64,
+        /// Standard deviation expected of the camera.
+        sigma_m: f64,
+        /// World point measured.
+        measured: nalgebra::Point3<f64>,
+    },
+    /// They do not; the world point measured (predicted, where nothing was) and the part predicted.
+    Conflict {
+        /// How.
+        kind: Conflict,
+        /// World point.
+        point: nalgebra::Point3<f64>,
+        /// Part that the twin has there.
+        part: Option<usize>,
+    },
+}
+
+impl Sample {
+    /// World point measured; the predicted one where nothing was.
+    #[must_use]
+    pub fn measured(&self) -> nalgebra::Point3<f64> {
+        match self {
+            Self::Match { measured, .. } => *measured,
+            Self::Conflict { point, .. } => *point,
+        }
+    }
+}
+
+/// A sampled pixel with its place.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelSample {
+    /// Run.
+    pub run: usize,
+    /// Frame in the run.
+    pub frame: usize,
+    /// Pixel index.
+    pub pixel: usize,
+    /// Area that it stands for, square meters on a surface facing the camera.
+    pub area_m2: f64,
+    /// What became of it.
+    pub sample: Sample,
+}

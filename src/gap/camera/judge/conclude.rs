@@ -1,0 +1,151 @@
+//! From a selection to a diagnosis: findings, verdict, proof, places.
+
+use crate::{
+    gap::{
+        camera::{
+            fit::{
+                components::{VarianceComponents, largest_m},
+                problem::FrameProblem,
+            },
+            judge::{
+                diagnosis::{FrameDiagnosis, Place},
+                effect_size::without_small,
+                missing_finding::missing_finding,
+                missing_geometry::missing_geometry,
+                proof::{PartResidual, by_part, frame_gap},
+                select::{Selected, with_set},
+                type_change::TypeChange,
+                weigh::findings_of,
+            },
+            model::{displacement::still, hypothesis::Hypothesis, twin::SeenTwin},
+        },
+        judge::verdict::Verdict,
+    },
+    note::{Note, NoteCode},
+};
+
+/// Share of the area seen that may conflict under a verdict of agreement.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const CONFLICT_SHARE: f64 = 0.08;
+/// Multiple of a pixel's noise that a joint's child must move between recordings, for anything to be known of
+/// the joint.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const LEAST_WAYS: f64 = 10.0;
+/// Fewest patches for a verdict.
+const MIN_PATCHES: usize = 60;
+
+/// The twin as it was given, fitted, with the residuals of its parts.
+pub(super) struct AsGiven<'a> {
+    /// The twin.
+    pub twin: &'a SeenTwin,
+    /// Its fit without effects.
+    pub fitted: Hypothesis,
+    /// Residuals of its parts under that fit.
+    pub parts: &'a [PartResidual],
+}
+
+/// From a selection to a diagnosis.
+pub(super) fn conclude(
+    problem: &FrameProblem,
+    selected: Selected,
+    change: Option<TypeChange>,
+    given: AsGiven,
+) -> FrameDiagnosis {
+    let mut notes = Vec::new();
+    let selected = without_small(problem, selected, &mut notes);
+    // The law of a joint of another type is fitted with the effects.
+    let freed = change.as_ref().and_then(|c| {
+        let free: Vec<usize> =
+            c.free(problem).into_iter().filter(|t| !selected.chosen.set.contains(t)).collect();
+        with_set(problem, &selected, &[selected.chosen.set.clone(), free].concat())
+    });
+    let after = updated(problem, &selected, freed.as_ref());
+    let mut findings = findings_of(problem, &selected, &selected.chosen);
+    if let (Some(change), Some(freed)) = (&change, &freed) {
+        findings.insert(0, change.finding(problem, freed));
+    }
+    let missing = missing_geometry(problem, &after);
+    findings.extend(missing.iter().map(|m| missing_finding(m, problem.twin)));
+    let gap = frame_gap(problem, (given.twin, &given.fitted), &after, &missing);
+    let parts = by_part(problem, &after);
+    let too_few = selected.linear.patch_means.len() < MIN_PATCHES;
+    if too_few {
+        findings.clear();
+        notes.push(few_patches(selected.linear.patch_means.len()));
+    }
+    let least_m = LEAST_WAYS * gap.noise_floor.max(problem.options.accuracy_m);
+    let still = still(problem.twin, &after, least_m);
+    notes.extend(still.iter().map(|(j, way_m)| stands_still(&problem.twin.joints[*j].name, *way_m)));
+    let nothing_moves = !problem.twin.joints.is_empty() && still.len() == problem.twin.joints.len();
+    let off = |p: &PartResidual| p.rms_m > p.floor_m + largest_m(&problem.scales);
+    let unexplained = parts.iter().any(off) || gap.conflict_after > CONFLICT_SHARE;
+    let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
+    let verdict = match (findings.is_empty(), ambiguous, unexplained) {
+        _ if too_few => Verdict::Insufficient,
+        (true, _, false) if nothing_moves => Verdict::Insufficient,
+        (false, true, _) => Verdict::Ambiguous,
+        (false, false, _) => Verdict::Named,
+        (true, _, true) => Verdict::Unknown,
+        (true, _, false) => Verdict::None,
+    };
+    FrameDiagnosis {
+        verdict,
+        findings,
+        twin: problem.twin.clone(),
+        before: given.fitted,
+        after,
+        gap,
+        places: places(problem, given.parts, &parts),
+        scales: problem.scales,
+        notes,
+    }
+}
+
+/// The twin with the effects that were chosen.
+fn updated(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>) -> Hypothesis {
+    if let Some(freed) = freed {
+        return freed.state.hypothesis.clone();
+    }
+    if selected.chosen.set.is_empty() {
+        return selected.null.hypothesis.clone();
+    }
+    let mut after = selected.state.clone();
+    problem.step(&mut after, &selected.chosen.set, &selected.chosen.solution.components, problem.gate_m());
+    after.hypothesis
+}
+
+fn few_patches(count: usize) -> Note {
+    let text = format!(
+        "only {count} patches of the object are seen: film 10 views or more from all sides at each position, \
+         the object filling the image"
+    );
+    Note::new(NoteCode::FewPatches, text)
+}
+
+fn stands_still(joint: &str, way_m: f64) -> Note {
+    let text = format!(
+        "{joint} stands at one place in all recordings ({:.1} mm apart): film it at two positions or more, \
+         most of its range apart, or nothing is known of its axis and its type",
+        1e3 * way_m
+    );
+    Note::new(NoteCode::JointStands, text)
+}
+
+/// Parts with what is left of their residuals, worst first.
+fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<Place> {
+    let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
+    let mut all: Vec<Place> = (0..problem.twin.parts.len())
+        .filter(|&p| b[p].rms_m > b[p].floor_m + unnamed_m || b[p].conflict > CONFLICT_SHARE)
+        .map(|p| Place {
+            part: problem.twin.parts[p].name.clone(),
+            before_m: b[p].rms_m,
+            after_m: a[p].rms_m,
+            conflict: b[p].conflict,
+            bounds: b[p].bounds,
+        })
+        .collect();
+    all.sort_by(|x, y| (y.before_m + y.conflict).total_cmp(&(x.before_m + x.conflict)));
+    all
+}

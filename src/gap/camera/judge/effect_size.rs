@@ -1,0 +1,55 @@
+//! How much effects move of what is seen; those within the errors of the twin are let go.
+
+use crate::{
+    gap::camera::{
+        fit::problem::FrameProblem,
+        judge::select::{Selected, with_set},
+        model::displacement::made_m,
+    },
+    note::{Note, NoteCode},
+};
+
+/// Lets go of effects that move what they concern by less than the twin errs.
+pub(super) fn without_small(
+    problem: &FrameProblem,
+    mut selected: Selected,
+    notes: &mut Vec<Note>,
+) -> Selected {
+    loop {
+        let accuracy_m = selected.chosen.solution.components.surface_m;
+        let own_m =
+            |i: usize| accuracy_m.max(made_m(problem.twin, problem.trials[selected.chosen.set[i]].joint));
+        let all = (0..selected.chosen.set.len()).map(|i| (i, moved_m(problem, &selected, i), own_m(i)));
+        let least = all.min_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
+        let Some((i, moved_m, own_m)) = least.filter(|(_, moved_m, own_m)| moved_m < own_m) else {
+            return selected;
+        };
+        let mut set = selected.chosen.set.clone();
+        let name = problem.trials[set.remove(i)].name;
+        notes.push(Note::new(NoteCode::EffectTooSmall, format!(
+            "{name} would move what is seen by {:.1} mm; too little for a twin whose own errors are {:.1} mm",
+            1e3 * moved_m,
+            1e3 * own_m
+        )));
+        let Some(next) = with_set(problem, &selected, &set) else { return selected };
+        selected = next;
+    }
+}
+
+/// How much an effect of the set moves what it concerns across the surface: root mean square without the
+/// largest, meters.
+fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
+    let (linear, set) = (&selected.linear, &selected.chosen.set);
+    let own = &linear.of_trial[set[which]];
+    let from = problem.nuisance.len() + set[..which].iter().map(|&t| linear.of_trial[t].len()).sum::<usize>();
+    let values = selected.chosen.solution.values.rows(from, own.len());
+    let concerned = (0..linear.system.matrix.nrows())
+        .filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0));
+    let moved =
+        |i: usize| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum::<f64>();
+    let mut squares: Vec<f64> = concerned.map(|i| moved(i).powi(2)).collect();
+    squares.sort_unstable_by(f64::total_cmp);
+    // Without the largest, so that a few conflicting patches do not count.
+    let kept = squares.len() - squares.len() / 20;
+    (squares[..kept].iter().sum::<f64>() / kept.max(1) as f64).sqrt()
+}

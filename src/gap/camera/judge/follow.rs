@@ -1,0 +1,28 @@
+//! The loops of Gauss-Newton steps.
+
+use crate::gap::camera::fit::{components::VarianceComponents, linear::State, problem::FrameProblem};
+
+/// Steps of the twin without effects, and from far off.
+pub(super) const FAR_STEPS: usize = 3;
+/// Steps of the twin with effects, from nearby.
+pub(super) const NEAR_STEPS: usize = 2;
+
+/// Moves a state with a set of trials free.
+pub(super) fn follow(
+    problem: &FrameProblem,
+    state: &mut State,
+    set: &[usize],
+    components: &VarianceComponents,
+    steps: usize,
+) {
+    for _ in 0..steps {
+        problem.step(state, set, components, problem.gate_m());
+    }
+}
+
+/// Fits the twin without effects; the first step looks twice as far.
+pub(super) fn settle(problem: &FrameProblem, state: &mut State) {
+    let middle = VarianceComponents::middle(&problem.scales);
+    problem.step(state, &[], &middle, 2.0 * problem.gate_m());
+    follow(problem, state, &[], &middle, FAR_STEPS - 1);
+}

@@ -1,0 +1,111 @@
+//! Laws of other types that a joint may have: type, direction, point.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use crate::gap::camera::model::{
+    parameter::normals_of,
+    twin::{JointKind, SeenTwin},
+};
+
+/// Least pitch of a screw that is tried, in sizes of the part a radian.
+///
+/// tuned: made capped boxes
+const LEAST_PITCH: f64 = 0.02;
+/// Pitches that are tried each way, each twice the one before.
+const PITCHES: i32 = 5;
+/// Cosine above which two directions are one.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const SAME_DIRECTION: f64 = 0.98;
+/// Cosine below which two directions count as square.
+///
+/// derived: the sine of the angle of `SAME_DIRECTION`
+const SQUARE: f64 = 0.2;
+
+/// Place of a type among the three.
+pub(super) fn rank(kind: JointKind) -> usize {
+    match kind {
+        JointKind::Revolute => 0,
+        JointKind::Prismatic => 1,
+        JointKind::Screw { .. } => 2,
+    }
+}
+
+/// Laws of the other type that are tried: type, direction, point.
+pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(JointKind, Unit<Vector3<f64>>, Point3<f64>)> {
+    let spec = &twin.joints[joint];
+    let faces = face_directions(twin, spec.child);
+    let mut directions: Vec<Unit<Vector3<f64>>> = vec![spec.axis];
+    for f in &faces {
+        if directions.iter().all(|d| d.dot(f).abs() < SAME_DIRECTION) {
+            directions.push(*f);
+        }
+    }
+    if spec.kind.turns() {
+        let slides = directions.into_iter().map(|d| (JointKind::Prismatic, d, spec.point));
+        let size_m = twin.parts[spec.child].radius_m;
+        let pitches = (0..PITCHES).map(|k| LEAST_PITCH * size_m * f64::from(1 << k)).flat_map(|p| [p, -p]);
+        let screws =
+            pitches.map(|pitch_m_per_rad| (JointKind::Screw { pitch_m_per_rad }, spec.axis, spec.point));
+        return slides.chain(screws).collect();
+    }
+    let mesh = &twin.parts[spec.child].mesh;
+    let mut all = vec![(JointKind::Revolute, spec.axis, spec.point)];
+    for d in directions {
+        let [u, v] = sides(&d, &faces);
+        let range = |e: &Vector3<f64>| {
+            let of = mesh.vertices.iter().map(|p| p.cast::<f64>().coords.dot(e));
+            of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
+        };
+        let (ru, rv, along) = (range(&u), range(&v), twin.parts[spec.child].center.coords.dot(&d));
+        for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
+            all.push((JointKind::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
+        }
+        let middle =
+            Point3::from(u * (0.5 * (ru.0 + ru.1)) + v * (0.5 * (rv.0 + rv.1)) + d.into_inner() * along);
+        all.push((JointKind::Revolute, d, middle));
+    }
+    all
+}
+
+/// Two directions normal to an axis, along faces where there are such.
+fn sides(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f64>; 2] {
+    let face = faces.iter().find(|f| f.dot(axis).abs() < SQUARE);
+    face.map_or_else(
+        || normals_of(axis),
+        |f| {
+            let u = (f.into_inner() - axis.into_inner() * axis.dot(f)).normalize();
+            [u, axis.cross(&u)]
+        },
+    )
+}
+
+/// Up to three directions that most of a part's faces have, normal to each other, in its frame.
+fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
+    const CANDIDATES: usize = 96;
+    let mesh = &twin.parts[part].mesh;
+    let normals: Vec<Vector3<f64>> = (0..mesh.triangles.len()).map(|t| mesh.area_normal(t).cast()).collect();
+    let step = (normals.len() / CANDIDATES).max(1);
+    let candidates: Vec<Unit<Vector3<f64>>> =
+        normals.iter().step_by(step).filter_map(|n| Unit::try_new(*n, 1e-12)).collect();
+    let area = |c: &Unit<Vector3<f64>>| {
+        normals
+            .iter()
+            .map(|n| (n.norm(), n.dot(c).abs()))
+            .filter(|(a, d)| *d > SAME_DIRECTION * a)
+            .map(|(a, _)| a)
+            .sum::<f64>()
+    };
+    let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
+    for _ in 0..2 {
+        let free = candidates.iter().filter(|c| chosen.iter().all(|d| d.dot(c).abs() < SQUARE));
+        let Some(best) = free.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
+        chosen.push(*best);
+    }
+    if let [a, b] = chosen[..]
+        && let Some(c) = Unit::try_new(a.cross(&b), 1e-6)
+    {
+        chosen.push(c);
+    }
+    chosen
+}

@@ -1,0 +1,68 @@
+//! The box of missing geometry with intervals of its sides.
+
+use nalgebra::Point3;
+use rand_core::Rng;
+
+use crate::random::stage_rng;
+
+/// Share of readings beyond each side of the box.
+///
+/// derived: quantiles of one in a hundred, for outliers of the depth
+const OUTER: f64 = 0.01;
+/// Draws of the frames for the intervals.
+const DRAWS: usize = 120;
+
+/// The box of points by frames, and intervals of its sides: frames drawn anew, the noise of the readings, and
+/// outwards the border of the twin's silhouette, within which pixels are not compared.
+pub(super) fn sides(
+    views: &[Vec<Point3<f64>>],
+    border_m: f64,
+    noise_m: f64,
+) -> Option<([[f64; 3]; 2], [[(f64, f64); 3]; 2])> {
+    if views.iter().all(Vec::is_empty) {
+        return None;
+    }
+    let (mut bounds, mut intervals) = ([[0.0; 3]; 2], [[(0.0, 0.0); 3]; 2]);
+    for k in 0..3 {
+        let along: Vec<Vec<f64>> = views.iter().map(|v| v.iter().map(|p| p[k]).collect()).collect();
+        for (s, share) in [OUTER, 1.0 - OUTER].into_iter().enumerate() {
+            bounds[s][k] = quantile(&along.concat(), share);
+            let (low, high) = resampled(&along, |all| quantile(all, share));
+            let (below, above) = if s == 0 { (border_m, 0.0) } else { (0.0, border_m) };
+            intervals[s][k] = (low - noise_m - below, high + noise_m + above);
+        }
+    }
+    Some((bounds, intervals))
+}
+
+/// The area in the frame that sees most, and its interval: frames drawn anew, and outwards the border.
+pub(super) fn area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
+    let largest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+    let area_m2 = largest(areas);
+    let groups: Vec<Vec<f64>> = areas.iter().map(|a| vec![*a]).collect();
+    let (low, high) = resampled(&groups, largest);
+    (area_m2, (low, high.max((area_m2.sqrt() + 2.0 * border_m).powi(2))))
+}
+
+/// The value below which a share of others lies.
+fn quantile(all: &[f64], share: f64) -> f64 {
+    let mut sorted = all.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
+}
+
+/// 95 % interval of a statistic over groups that are drawn anew.
+fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+    let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);
+    let mut values: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let drawn: Vec<f64> = (0..groups.len())
+                .flat_map(|_| groups[rng.next_u64() as usize % groups.len()].iter().copied())
+                .collect();
+            statistic(&drawn)
+        })
+        .collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let cut = DRAWS / 40;
+    (values[cut], values[DRAWS - 1 - cut])
+}

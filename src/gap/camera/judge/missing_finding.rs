@@ -1,0 +1,55 @@
+//! Missing geometry as a finding.
+
+use crate::gap::{
+    camera::{
+        judge::finding::{CameraFinding, Subject},
+        model::{missing::Missing, twin::SeenTwin},
+    },
+    judge::verdict::{Finding, ParameterEstimate},
+};
+
+/// Index in reports, behind the catalogue.
+const INDEX: usize = 101;
+
+/// As a finding.
+#[must_use]
+pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
+    let estimate = |name: &str, value: f64, unit: &str, interval| ParameterEstimate {
+        name: name.into(),
+        value,
+        unit: unit.into(),
+        interval,
+    };
+    let mut parameters = vec![estimate("area", missing.area_m2, "m^2", missing.area_interval)];
+    for (s, name) in ["lower", "upper"].iter().enumerate() {
+        for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+            parameters.push(estimate(
+                &format!("{name}_{axis}"),
+                missing.bounds[s][k],
+                "m",
+                missing.bounds_interval[s][k],
+            ));
+        }
+    }
+    // A reconstruction may lack what it was not shown: nothing in the frames decides which.
+    let reconstructed = !twin.own.is_exact();
+    let alternatives = if reconstructed {
+        vec![("geometry that the reconstruction itself lacks".to_owned(), 0.5)]
+    } else {
+        Vec::new()
+    };
+    let finding = Finding {
+        index: INDEX,
+        effect: "missing_geometry".into(),
+        parameters,
+        weight: if reconstructed { 0.5 } else { 1.0 },
+        alternatives,
+        experiment: "film the place from nearby and from all sides".into(),
+    };
+    CameraFinding {
+        subject: twin.parts[missing.part].joint.map_or(Subject::Root, Subject::Joint),
+        finding,
+        types: None,
+        in_urdf: "not expressible",
+    }
+}

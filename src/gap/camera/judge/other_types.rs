@@ -1,0 +1,152 @@
+//! Another type of joint: revolute where the twin has a slide, a slide or a screw where it is revolute.
+//! See docs/method.md 15.8.
+//!
+//! Signature: a part that its joint cannot bring to where the frames show it, and another motion can.
+//! Directions are the joint's own and those of the part's faces; revolute joints are tried on the joint's
+//! axis and along the part's edges, screws on the axis with a range of pitches. The best starts are refined
+//! with their axis, or their pitch, free.
+
+use crate::gap::camera::{
+    fit::{
+        components::VarianceComponents,
+        cost::{costs, mean_cost},
+        linear::State,
+        placement::{CoarseRun, find_position},
+        problem::FrameProblem,
+    },
+    judge::{
+        follow::follow,
+        laws::{laws, rank},
+        select::Selected,
+        type_change::TypeChange,
+    },
+    model::{
+        hypothesis::Hypothesis,
+        trial::{Trial, free_joints},
+        twin::{JointKind, SeenTwin},
+    },
+};
+
+/// Mean cost of a part's pixels from which its joint is doubted.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const DOUBT: f64 = 0.9;
+/// The cost under another type of joint must fall to this share of that under the type in the twin.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+pub(super) const TYPE_COST: f64 = 0.8;
+/// The new type may cost this much more than effects that fit every state by itself.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+pub(super) const STATEWISE_COST: f64 = 1.2;
+/// Steps of refinement.
+const STEPS: usize = 5;
+/// Starts of each type that are refined.
+const REFINED: usize = 3;
+
+/// Looks for a joint whose part another type brings to where it is seen; the twin with that type and its
+/// state.
+#[must_use]
+pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChange, SeenTwin, State)> {
+    // What fits every state by itself may stand for a motion that the joint lacks.
+    let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
+    let explained = mean_cost(problem, &first.state.hypothesis);
+    let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
+    let doubted = free_joints(problem.twin)
+        .map(|j| (j, before[problem.twin.joints[j].child]))
+        .filter(|(_, c)| *c > DOUBT);
+    let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
+    // The run that the twin fits worst shows the motion best.
+    let worst = (0..coarse.len())
+        .map(|r| (r, coarse[r].cost(problem.twin, &first.null.hypothesis, r)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(r, _)| r)?;
+    let starts = starts(problem, joint, &coarse, worst, &first.null.hypothesis);
+    let refined = starts.into_iter().map(|s| refined(problem, joint, s));
+    let best = refined.map(|(twin, state)| {
+        let cost = mean_cost(&problem.of(&twin), &state.hypothesis);
+        (cost, twin, state)
+    });
+    let (cost, twin, state) = best.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let was = before.last().copied().unwrap_or(f64::INFINITY);
+    let spec = &twin.joints[joint];
+    let change = TypeChange {
+        joint,
+        from: problem.twin.joints[joint].kind,
+        to: spec.kind,
+        axis: spec.axis,
+        point: spec.point,
+        cost: [was, cost],
+    };
+    let better = cost < TYPE_COST * was && (!statewise || cost < STATEWISE_COST * explained);
+    better.then_some((change, twin, state))
+}
+
+/// A twin with another law of a joint, and where that brings the joint.
+struct Start {
+    cost: f64,
+    twin: SeenTwin,
+    hypothesis: Hypothesis,
+}
+
+/// The best starts of each type, looked for in the run that the twin fits `worst` and placed in all.
+fn starts(
+    problem: &FrameProblem,
+    joint: usize,
+    coarse: &[CoarseRun],
+    worst: usize,
+    null: &Hypothesis,
+) -> Vec<Start> {
+    let mut starts: Vec<Start> = laws(problem.twin, joint)
+        .into_iter()
+        .map(|(kind, axis, point)| {
+            let mut twin = problem.twin.clone();
+            let spec = &mut twin.joints[joint];
+            if kind.turns() != spec.kind.turns() {
+                spec.limit = None;
+            }
+            (spec.kind, spec.axis, spec.point) = (kind, axis, point);
+            let mut hypothesis = Hypothesis::of(&twin, problem.runs.len());
+            hypothesis.positions.clone_from(&null.positions);
+            hypothesis.positions.iter_mut().for_each(|p| p[joint] = 0.0);
+            let cost = find_position(&twin, &coarse[worst], &mut hypothesis, worst, joint);
+            Start { cost, twin, hypothesis }
+        })
+        .collect();
+    starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let mut kept = [0usize; 3];
+    starts.retain(|s| {
+        let count = &mut kept[rank(s.twin.joints[joint].kind)];
+        *count += 1;
+        *count <= REFINED
+    });
+    for s in &mut starts {
+        for r in (0..coarse.len()).filter(|r| *r != worst) {
+            find_position(&s.twin, &coarse[r], &mut s.hypothesis, r, joint);
+        }
+    }
+    starts
+}
+
+/// A start followed with the axis free, or the pitch of a screw.
+fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, State) {
+    let mut twin = start.twin;
+    let own = problem.of(&twin);
+    let screw = matches!(twin.joints[joint].kind, JointKind::Screw { .. });
+    let name = if screw { "wrong_joint_type" } else { "axis_offset" };
+    let free = |t: &Trial| t.joint == Some(joint) && t.name == name;
+    let set: Vec<usize> = own.trials.iter().position(free).into_iter().collect();
+    let middle = VarianceComponents::middle(&problem.scales);
+    let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
+    for _ in 0..STEPS {
+        // What a step found is the law that the next one starts from.
+        state.applied.clear();
+        follow(&own, &mut state, &set, &middle, 1);
+    }
+    state.applied.clear();
+    let law = state.hypothesis.laws[joint];
+    let spec = &mut twin.joints[joint];
+    (spec.kind, spec.axis, spec.point) = (law.kind, law.axis, law.point);
+    (twin, state)
+}

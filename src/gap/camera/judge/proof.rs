@@ -1,0 +1,177 @@
+//! Before and after on frames that no fit has seen. See docs/method.md (15.11).
+
+use nalgebra::Point3;
+
+use crate::gap::camera::{
+    fit::{
+        patches::patch_means,
+        problem::FrameProblem,
+        residual::compare,
+        sample::{PixelSample, Sample},
+    },
+    model::{hypothesis::Hypothesis, missing::Missing, posed::PosedTwin, twin::SeenTwin},
+};
+
+/// The gap on held-out frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameGap {
+    /// Root mean square residual of patches, conflicts at the gate, meters: the twin.
+    pub before: f64,
+    /// The updated twin.
+    pub after: f64,
+    /// What the camera's noise gives.
+    pub noise_floor: f64,
+    /// Share of the area seen that conflicts with the twin.
+    pub conflict_before: f64,
+    /// And with the updated twin.
+    pub conflict_after: f64,
+    /// Each run: name, before, after.
+    pub runs: Vec<(String, f64, f64)>,
+}
+
+/// Residuals of a part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PartResidual {
+    /// Root mean square residual of its patches, meters.
+    pub rms_m: f64,
+    /// What the camera's noise gives.
+    pub floor_m: f64,
+    /// Share of its area that conflicts.
+    pub conflict: f64,
+    /// Box of the conflicting points, part frame.
+    pub bounds: Option<[[f64; 3]; 2]>,
+}
+
+#[derive(Default)]
+struct Sums {
+    square: f64,
+    floor: f64,
+    area: f64,
+    conflict: f64,
+}
+
+impl Sums {
+    /// Conflicts count with the gate.
+    fn rms_m(&self, gate_m: f64) -> f64 {
+        ((self.square + self.conflict * gate_m * gate_m) / (self.area + self.conflict).max(1e-12)).sqrt()
+    }
+}
+
+/// Before (a twin and its hypothesis) and after; `missing` is part of the updated twin.
+#[must_use]
+pub fn frame_gap(
+    problem: &FrameProblem,
+    before: (&SeenTwin, &Hypothesis),
+    after: &Hypothesis,
+    missing: &[Missing],
+) -> FrameGap {
+    let held = |f: usize| problem.options.held_out_every == 0 || problem.is_held_out(f);
+    let sums = |twin: &SeenTwin, h: &Hypothesis, known: &[Missing]| -> Vec<Sums> {
+        let mut samples = compare(twin, problem.runs, &problem.pixels, h, problem.gate_m());
+        let posed = PosedTwin::new(twin, problem.runs, h);
+        // What the updated twin has is neither in conflict nor a reading of what lies behind it.
+        samples.retain(|s| !known.iter().any(|m| m.covers(&posed.parts[s.run], &s.sample.measured())));
+        let mut all: Vec<Sums> = problem.runs.iter().map(|_| Sums::default()).collect();
+        for c in patch_means(twin, &posed.parts, &samples, |_, f| held(f)).0 {
+            let area = c.pixels as f64
+                * (c.seen.depth_m / problem.runs[c.seen.run].frames[c.seen.frame].intrinsics.fx).powi(2);
+            let sum = &mut all[c.seen.run];
+            sum.square += area * c.residual_m.powi(2);
+            sum.floor += area * c.variance_m2;
+            sum.area += area;
+        }
+        for s in samples.iter().filter(|s| held(s.frame)) {
+            if matches!(s.sample, Sample::Conflict { .. }) {
+                all[s.run].conflict += s.area_m2 / stride2(problem, s);
+            }
+        }
+        all
+    };
+    let gate_m = problem.gate_m();
+    let (b, a) = (sums(before.0, before.1, &[]), sums(problem.twin, after, missing));
+    let total = |all: &[Sums]| {
+        all.iter().fold(Sums::default(), |t, s| Sums {
+            square: t.square + s.square,
+            floor: t.floor + s.floor,
+            area: t.area + s.area,
+            conflict: t.conflict + s.conflict,
+        })
+    };
+    let (tb, ta) = (total(&b), total(&a));
+    let share = |s: &Sums| s.conflict / (s.area + s.conflict).max(1e-12);
+    FrameGap {
+        before: tb.rms_m(gate_m),
+        after: ta.rms_m(gate_m),
+        noise_floor: (ta.floor / ta.area.max(1e-12)).sqrt(),
+        conflict_before: share(&tb),
+        conflict_after: share(&ta),
+        runs: problem
+            .runs
+            .iter()
+            .zip(b.iter().zip(&a))
+            .map(|(r, (b, a))| (r.name.clone(), b.rms_m(gate_m), a.rms_m(gate_m)))
+            .collect(),
+    }
+}
+
+/// Sampled pixels stand for a square of the stride; patches count each pixel once.
+fn stride2(problem: &FrameProblem, s: &PixelSample) -> f64 {
+    let k = &problem.runs[s.run].frames[s.frame].intrinsics;
+    let depth = match &s.sample {
+        Sample::Match { seen, .. } => seen.depth_m,
+        Sample::Conflict { .. } => return problem.pixels.stride_of(s.run, s.frame).pow(2) as f64,
+    };
+    s.area_m2 / (depth / k.fx).powi(2)
+}
+
+/// Residuals of every part over all frames.
+#[must_use]
+pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResidual> {
+    let samples = compare(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
+    let posed = PosedTwin::new(problem.twin, problem.runs, hypothesis);
+    let mut sums: Vec<(f64, f64, f64)> = vec![(0.0, 0.0, 0.0); problem.twin.parts.len()];
+    for c in patch_means(problem.twin, &posed.parts, &samples, |_, _| true).0 {
+        let s = &mut sums[c.seen.part];
+        *s = (s.0 + c.residual_m.powi(2), s.1 + c.variance_m2, s.2 + 1.0);
+    }
+    let mut seen = vec![(0usize, 0usize); problem.twin.parts.len()];
+    let mut points: Vec<Vec<Point3<f64>>> = vec![Vec::new(); problem.twin.parts.len()];
+    for s in &samples {
+        match &s.sample {
+            Sample::Match { seen: at, .. } => seen[at.part].0 += 1,
+            Sample::Conflict { part: Some(p), point, .. } => {
+                seen[*p].1 += 1;
+                points[*p].push(posed.parts[s.run][*p].inverse_transform_point(point));
+            }
+            Sample::Conflict { .. } => {}
+        }
+    }
+    (0..sums.len())
+        .map(|p| {
+            let (square, floor, n) = sums[p];
+            let all = (seen[p].0 + seen[p].1).max(1) as f64;
+            PartResidual {
+                rms_m: (square / n.max(1.0)).sqrt(),
+                floor_m: (floor / n.max(1.0)).sqrt(),
+                conflict: seen[p].1 as f64 / all,
+                bounds: bounds(&points[p]),
+            }
+        })
+        .collect()
+}
+
+/// Box of the middle 90 % of points along every axis.
+#[must_use]
+pub fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
+    (!points.is_empty()).then(|| {
+        let mut sides = [[0.0; 3]; 2];
+        for k in 0..3 {
+            let mut values: Vec<f64> = points.iter().map(|p| p[k]).collect();
+            values.sort_unstable_by(f64::total_cmp);
+            let cut = values.len() / 20;
+            sides[0][k] = values[cut];
+            sides[1][k] = values[values.len() - 1 - cut];
+        }
+        sides
+    })
+}

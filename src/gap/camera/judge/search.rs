@@ -1,0 +1,71 @@
+//! Sets of trials, ranked by their evidence.
+
+use crate::gap::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
+
+/// Gain of evidence that each further effect must bring, in nats.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const NATS: f64 = 12.0;
+/// Trials that are combined in pairs.
+const PAIRED: usize = 8;
+/// Most effects together.
+const MOST: usize = 3;
+
+/// The set with the most evidence, and the rivals of the same size.
+pub(super) fn search(
+    problem: &FrameProblem,
+    linear: &Linear,
+    reduced: &[Reduced],
+) -> (Vec<usize>, Vec<(Vec<usize>, f64)>) {
+    let ranked = |sets: Vec<Vec<usize>>| {
+        let mut all: Vec<(Vec<usize>, f64)> = sets
+            .into_iter()
+            .map(|s| {
+                let evidence = problem.evidence(linear, reduced, &s);
+                (s, evidence)
+            })
+            .collect();
+        all.sort_by(|a, b| b.1.total_cmp(&a.1));
+        all
+    };
+    let singles = ranked((0..problem.trials.len()).map(|t| vec![t]).collect());
+    let (mut set, mut evidence, mut rivals) =
+        (Vec::new(), problem.evidence(linear, reduced, &[]), singles.clone());
+    let top: Vec<usize> = singles.iter().take(PAIRED).map(|s| s.0[0]).collect();
+    let mut level = singles;
+    for size in 1..=MOST {
+        let Some(best) = level.first().cloned() else { break };
+        if best.1 - evidence < NATS {
+            break;
+        }
+        (set, evidence) = best;
+        rivals = level;
+        // Larger sets grow from the best few of this size, with swaps by way of the pairs.
+        let grown: Vec<Vec<usize>> = rivals
+            .iter()
+            .take(if size == 1 { PAIRED } else { 3 })
+            .flat_map(|(s, _)| {
+                top.iter()
+                    .filter(|t| !s.contains(t))
+                    .map(|t| [s.clone(), vec![*t]].concat())
+                    .collect::<Vec<_>>()
+            })
+            .filter(|s| compatible(problem, s))
+            .map(|mut s| {
+                s.sort_unstable();
+                s
+            })
+            .collect();
+        let mut unique = grown;
+        unique.sort();
+        unique.dedup();
+        level = ranked(unique);
+    }
+    (set, rivals)
+}
+
+/// Whether no two trials are ways of the same effect at one joint.
+fn compatible(problem: &FrameProblem, set: &[usize]) -> bool {
+    let key = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
+    (0..set.len()).all(|i| (0..i).all(|k| key(set[i]) != key(set[k])))
+}

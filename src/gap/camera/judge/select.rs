@@ -1,0 +1,119 @@
+//! Which effects explain the residuals: sets of trials, judged by their evidence. See docs/method.md 15.7.
+
+use crate::gap::camera::{
+    fit::{
+        components::VarianceComponents,
+        cost::{SAME_COST, mean_cost},
+        linear::{Chosen, Linear, State},
+        problem::FrameProblem,
+        reduced::Reduced,
+    },
+    judge::{
+        follow::{FAR_STEPS, NEAR_STEPS, follow, settle},
+        search::search,
+    },
+};
+
+/// Effects that are followed then.
+const FOLLOWED: usize = 5;
+/// Rounds of selection and advance.
+const ROUNDS: usize = 3;
+
+/// The outcome of a selection.
+pub struct Selected {
+    /// State with the chosen effects.
+    pub state: State,
+    /// State without any.
+    pub null: State,
+    /// The last linear system, about `state`.
+    pub linear: Linear,
+    /// The systems of all variance components.
+    pub reduced: Vec<Reduced>,
+    /// What was chosen; an empty set where nothing was.
+    pub chosen: Chosen,
+    /// Sets of the same size that were tried, with their evidence, best first.
+    pub rivals: Vec<(Vec<usize>, f64)>,
+}
+
+/// Fits the twin without effects, then finds the set of effects with the most evidence.
+#[must_use]
+pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
+    settle(problem, &mut state);
+    let null = state.clone();
+    let first = rounds(problem, state, &null, Vec::new())?;
+    if !first.chosen.set.is_empty() || !is_doubtful(problem, &first) {
+        return Some(first);
+    }
+    // The residuals are large, and no effect explains them about the null: perhaps one does where it has been
+    // followed.
+    let followed = first.rivals.iter().take(FOLLOWED).filter_map(|(set, _)| {
+        let mut state = null.clone();
+        follow(problem, &mut state, set, &VarianceComponents::middle(&problem.scales), FAR_STEPS);
+        rounds(problem, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
+    });
+    let cost = |s: &Selected| mean_cost(problem, &s.state.hypothesis);
+    let best = followed.map(|s| (cost(&s), s)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let before = mean_cost(problem, &null.hypothesis);
+    Some(best.filter(|b| b.0 < before).map_or(first, |b| b.1))
+}
+
+/// Whether the twin errs more than in the middle of what is looked for, with the effects chosen.
+fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
+    selected.chosen.solution.components.surface_m > VarianceComponents::middle(&problem.scales).surface_m
+}
+
+/// Searches and follows the best set, again and again.
+fn rounds(problem: &FrameProblem, mut state: State, null: &State, mut set: Vec<usize>) -> Option<Selected> {
+    let mut selected = None;
+    for round in 0..=ROUNDS {
+        let mut linear = problem.linearize(&state, problem.gate_m());
+        if linear.patch_means.is_empty() {
+            return None;
+        }
+        let around = problem.subset(&linear, &set);
+        let reduced = problem.reduce_all(&mut linear, &around);
+        let (mut next, rivals) = search(problem, &linear, &reduced);
+        if round == ROUNDS {
+            // The last round judges what the state has.
+            next.clone_from(&set);
+        }
+        let chosen = problem.judge(&linear, &reduced, &next)?;
+        let stays = next == set;
+        set = next;
+        let components = chosen.solution.components;
+        selected =
+            Some(Selected { state: state.clone(), null: null.clone(), linear, reduced, chosen, rivals });
+        if stays {
+            break;
+        }
+        let before = mean_cost(problem, &state.hypothesis);
+        follow(problem, &mut state, &set, &components, NEAR_STEPS);
+        if mean_cost(problem, &state.hypothesis) > SAME_COST * before {
+            // Followed, the effects explain less than the linear system promised.
+            return selected.and_then(|s: Selected| {
+                let chosen = problem.judge(&s.linear, &s.reduced, &[])?;
+                Some(Selected { state: null.clone(), chosen, ..s })
+            });
+        }
+    }
+    selected
+}
+
+/// A selection with another set of effects: followed, and judged there.
+#[must_use]
+pub fn with_set(problem: &FrameProblem, selected: &Selected, set: &[usize]) -> Option<Selected> {
+    let mut state = selected.state.clone();
+    follow(problem, &mut state, set, &selected.chosen.solution.components, NEAR_STEPS);
+    let mut linear = problem.linearize(&state, problem.gate_m());
+    let around = problem.subset(&linear, set);
+    let reduced = problem.reduce_all(&mut linear, &around);
+    let chosen = problem.judge(&linear, &reduced, set)?;
+    Some(Selected {
+        state,
+        null: selected.null.clone(),
+        linear,
+        reduced,
+        chosen,
+        rivals: selected.rivals.clone(),
+    })
+}

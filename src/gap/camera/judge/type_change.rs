@@ -1,0 +1,109 @@
+//! A joint that the frames give another type.
+
+use nalgebra::{DVector, Point3, Unit, Vector3};
+
+use crate::gap::{
+    camera::{
+        fit::problem::FrameProblem,
+        judge::{
+            finding::{CameraFinding, Subject},
+            select::Selected,
+        },
+        model::{
+            interval::{INTERVAL, estimate},
+            parameter::{Parameter, normals_of},
+            twin::JointKind,
+        },
+    },
+    judge::verdict::Finding,
+};
+
+/// Index in reports, behind the catalogue.
+const INDEX: usize = 100;
+
+/// A joint that was given another type.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TypeChange {
+    /// Joint.
+    pub joint: usize,
+    /// Type in the twin.
+    pub from: JointKind,
+    /// Type that explains the frames.
+    pub to: JointKind,
+    /// Axis in the joint frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point of it in the joint frame, meters.
+    pub point: Point3<f64>,
+    /// Mean cost of the pixels before and after.
+    pub cost: [f64; 2],
+}
+
+impl TypeChange {
+    /// Trials that free the law of the joint: its axis, and the pitch of a screw.
+    #[must_use]
+    pub fn free(&self, problem: &FrameProblem) -> Vec<usize> {
+        let of =
+            |name: &str| problem.trials.iter().position(|t| t.joint == Some(self.joint) && t.name == name);
+        let pitch = if matches!(self.to, JointKind::Screw { .. }) { of("wrong_joint_type") } else { None };
+        of("axis_offset").into_iter().chain(pitch).collect()
+    }
+
+    /// As a finding, its law and intervals those of a selection in which the law was free.
+    #[must_use]
+    pub fn finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
+        let law = freed.state.hypothesis.laws[self.joint];
+        let normals = normals_of(&law.axis);
+        let spread = |of: &dyn Fn(Parameter) -> f64| {
+            let mut weights = DVector::zeros(freed.chosen.solution.values.len());
+            let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
+            for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
+                *w = of(c.parameter);
+            }
+            INTERVAL * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+        };
+        let joint = self.joint;
+        let turned = |k: usize| {
+            spread(&|p| match p {
+                Parameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
+                _ => 0.0,
+            })
+        };
+        let shifted = |k: usize| {
+            spread(&|p| match p {
+                Parameter::AxisShift(j, n) if j == joint => normals[n][k],
+                _ => 0.0,
+            })
+        };
+        let mut parameters: Vec<_> = ["axis_x", "axis_y", "axis_z"]
+            .iter()
+            .enumerate()
+            .map(|(k, n)| estimate(n, law.axis[k], "1", turned(k)))
+            .collect();
+        if self.to.turns() {
+            // The point of the axis next to the part's center: there turns of the axis do not move it.
+            let center = problem.twin.parts[problem.twin.joints[joint].child].center;
+            let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
+            parameters.extend(
+                ["x", "y", "z"].iter().enumerate().map(|(k, n)| estimate(n, point[k], "m", shifted(k))),
+            );
+        }
+        if let JointKind::Screw { pitch_m_per_rad } = law.kind {
+            let half = spread(&|p| f64::from(u8::from(p == Parameter::Pitch(joint))));
+            parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
+        }
+        let finding = Finding {
+            index: INDEX,
+            effect: "wrong_joint_type".into(),
+            parameters,
+            weight: 1.0,
+            alternatives: Vec::new(),
+            experiment: "film the joint at three more positions over its whole range".into(),
+        };
+        CameraFinding {
+            subject: Subject::Joint(self.joint),
+            finding,
+            types: Some([self.from.name(), self.to.name()]),
+            in_urdf: "native",
+        }
+    }
+}

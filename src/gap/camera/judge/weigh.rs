@@ -1,0 +1,112 @@
+//! Findings from a selection: their parameters, weights and rivals.
+
+use crate::gap::{
+    camera::{
+        effects::CATALOGUE,
+        fit::{linear::Chosen, problem::FrameProblem},
+        judge::{
+            finding::{CameraFinding, Subject},
+            select::Selected,
+        },
+        model::trial::Fitted,
+    },
+    judge::verdict::Finding,
+};
+
+/// Least weight of a set among its rivals for a name of its own.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+const SURE: f64 = 0.9;
+/// Rivals below this weight are not reported.
+///
+/// derived: not among the first two digits of a weight
+const REPORTED: f64 = 0.02;
+/// Most rivals that are reported.
+const MOST_RIVALS: usize = 4;
+
+pub(super) fn findings_of(
+    problem: &FrameProblem,
+    selected: &Selected,
+    chosen: &Chosen,
+) -> Vec<CameraFinding> {
+    let mut from = problem.nuisance.len();
+    let mut findings: Vec<(f64, CameraFinding)> = Vec::new();
+    for &t in &chosen.set {
+        let trial = &problem.trials[t];
+        let n = trial.columns.len();
+        let values = chosen.solution.values.rows(from, n).into_owned();
+        let covariance = chosen.solution.covariance.view((from, from), (n, n)).into_owned();
+        from += n;
+        let fitted = Fitted {
+            twin: problem.twin,
+            hypothesis: &selected.state.hypothesis,
+            trial,
+            values: &values,
+            covariance: &covariance,
+        };
+        let spec = &CATALOGUE[trial.effect];
+        let (weight, alternatives) = weigh(problem, selected, chosen, t);
+        let finding = Finding {
+            index: trial.effect,
+            effect: spec.name.to_owned(),
+            parameters: (spec.reported)(&fitted),
+            weight,
+            alternatives,
+            experiment: spec.experiment.to_owned(),
+        };
+        let others: Vec<usize> = chosen.set.iter().copied().filter(|s| *s != t).collect();
+        let without = problem.evidence(&selected.linear, &selected.reduced, &others);
+        findings.push((
+            without,
+            CameraFinding {
+                subject: trial.joint.map_or(Subject::Camera, Subject::Joint),
+                finding,
+                types: spec.types,
+                in_urdf: spec.in_urdf,
+            },
+        ));
+    }
+    // What is missed most comes first.
+    findings.sort_by(|a, b| a.0.total_cmp(&b.0));
+    findings.into_iter().map(|f| f.1).collect()
+}
+
+/// Weight of a trial against those that could stand in its place, and their names.
+fn weigh(
+    problem: &FrameProblem,
+    selected: &Selected,
+    chosen: &Chosen,
+    trial: usize,
+) -> (f64, Vec<(String, f64)>) {
+    let name = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
+    let mut best: Vec<((&'static str, Option<usize>), f64)> = Vec::new();
+    for t in 0..problem.trials.len() {
+        if chosen.set.contains(&t) && t != trial {
+            continue;
+        }
+        let set: Vec<usize> = chosen.set.iter().map(|&s| if s == trial { t } else { s }).collect();
+        let evidence = problem.evidence(&selected.linear, &selected.reduced, &set);
+        match best.iter_mut().find(|b| b.0 == name(t)) {
+            Some(b) => b.1 = b.1.max(evidence),
+            None => best.push((name(t), evidence)),
+        }
+    }
+    let top = best.iter().map(|b| b.1).fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = best.iter().map(|b| (b.1 - top).exp()).sum();
+    let share = |e: f64| (e - top).exp() / sum;
+    let own = best.iter().find(|b| b.0 == name(trial)).map_or(0.0, |b| share(b.1));
+    if own >= SURE {
+        return (own, Vec::new());
+    }
+    let mut others: Vec<(String, f64)> = best
+        .iter()
+        .filter(|b| b.0 != name(trial) && share(b.1) > REPORTED)
+        .map(|b| {
+            let joint = b.0.1.map_or(String::new(), |j| format!(" of {}", problem.twin.joints[j].name));
+            (format!("{}{joint}", b.0.0), share(b.1))
+        })
+        .collect();
+    others.sort_by(|a, b| b.1.total_cmp(&a.1));
+    others.truncate(MOST_RIVALS);
+    (own, others)
+}

@@ -1,0 +1,115 @@
+//! How far joints and their errors move what is seen.
+
+use crate::gap::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
+
+/// Standard deviations of a joint within which an effect counts as the twin's own error.
+///
+/// derived: 99.7 % of a normal distribution
+const SIGMAS: f64 = 3.0;
+
+/// What a twin's own errors can move of what is seen, meters: of the parts behind a joint, or of everything
+/// (`None`).
+#[must_use]
+pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
+    let Some(j) = joint else { return twin.own.surface_m };
+    let e = twin.own.joints.get(j).copied().unwrap_or_default();
+    (SIGMAS * e.place_m.hypot(e.axis_rad * twin.parts[twin.joints[j].child].radius_m)).max(twin.own.surface_m)
+}
+
+/// How far two hypotheses put a joint's child apart, in the run where that is farthest, meters.
+#[must_use]
+pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &Hypothesis)) -> f64 {
+    let child = one.0.joints[joint].child;
+    let part = &one.0.parts[child];
+    let of = |r: usize| {
+        let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.poses(twin, r).0[child]);
+        let apart = (a * part.center - b * part.center).norm();
+        apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m)
+    };
+    (0..one.1.positions.len()).map(of).fold(0.0, f64::max)
+}
+
+/// Joints that stand at one place in all runs, with the way of their child between the runs, meters: below
+/// `least_m`.
+#[must_use]
+pub fn still(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
+    let way = |j: usize| {
+        let at = (0..hypothesis.positions.len()).map(|r| hypothesis.position(twin, r, j));
+        let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
+        let lever = if twin.joints[j].kind.turns() { twin.parts[twin.joints[j].child].radius_m } else { 1.0 };
+        (high - low).max(0.0) * lever
+    };
+    (0..twin.joints.len()).map(|j| (j, way(j))).filter(|(_, m)| *m < least_m).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+    use crate::{
+        gap::camera::model::{
+            hypothesis::Hypothesis,
+            own_error::{JointError, OwnErrors},
+            twin::{JointKind, SeenJoint, SeenPart},
+        },
+        geometry::Pose,
+        surface::TriangleMesh,
+    };
+
+    fn door() -> SeenTwin {
+        let part = |name: &str, joint, center: Point3<f64>| SeenPart {
+            name: name.into(),
+            mesh: TriangleMesh::default(),
+            joint,
+            center,
+            radius_m: 0.4,
+        };
+        let joint = SeenJoint {
+            name: "hinge".into(),
+            parent: 0,
+            child: 1,
+            parent_from_joint: Pose::identity(),
+            kind: JointKind::Revolute,
+            axis: Vector3::z_axis(),
+            point: Point3::origin(),
+            limit: None,
+            mimic: None,
+        };
+        SeenTwin {
+            parts: vec![
+                part("base", None, Point3::origin()),
+                part("door", Some(0), Point3::new(0.3, 0.0, 0.0)),
+            ],
+            joints: vec![joint],
+            own: OwnErrors::default(),
+        }
+    }
+
+    #[test]
+    fn errors_of_an_axis_move_its_child_by_three_standard_deviations() {
+        let mut twin = door();
+        assert!(twin.own.is_exact());
+        assert_eq!(made_m(&twin, Some(0)), 0.0);
+        let joints = vec![JointError { axis_rad: 0.01, place_m: 0.003 }];
+        twin.own = OwnErrors { surface_m: 0.001, joints };
+        assert!((made_m(&twin, Some(0)) - 0.015).abs() < 1e-12);
+        assert_eq!(made_m(&twin, None), 0.001);
+        assert!(!twin.own.is_exact());
+    }
+
+    #[test]
+    fn a_joint_that_stands_still_in_all_runs_is_found() {
+        let twin = door();
+        let mut hypothesis = Hypothesis::of(&twin, 2);
+        (hypothesis.positions[0][0], hypothesis.positions[1][0]) = (0.5, 0.51);
+        let found = still(&twin, &hypothesis, 0.01);
+        assert!(found.len() == 1 && (found[0].1 - 0.004).abs() < 1e-12, "{found:?}");
+        hypothesis.positions[1][0] = 0.6;
+        assert!(still(&twin, &hypothesis, 0.01).is_empty());
+        let mut other = hypothesis.clone();
+        other.positions[1][0] = 0.7;
+        let apart = apart_m(0, (&twin, &hypothesis), (&twin, &other));
+        assert!((apart - (0.6 * 0.05f64.sin()).hypot(0.04)).abs() < 1e-9, "{apart}");
+    }
+}

@@ -1,0 +1,106 @@
+//! A twin, its joint positions and its camera, with what may be wrong with them.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use crate::{
+    gap::camera::model::twin::{JointKind, SeenJoint, SeenTwin},
+    geometry::{Pose, Screw},
+};
+
+/// The motion law of a joint, as a hypothesis has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    /// How it moves.
+    pub kind: JointKind,
+    /// Direction in the joint frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point of the axis in the joint frame, meters.
+    pub point: Point3<f64>,
+    /// By how much the joint frame is off, in itself.
+    pub frame: Pose,
+}
+
+impl Law {
+    /// Motion of the child for a position; identity at 0.
+    #[must_use]
+    pub fn motion(&self, position: f64) -> Pose {
+        let line = Screw { direction: self.axis, point: self.point, angle_rad: 0.0, advance_m: 0.0 };
+        match self.kind {
+            JointKind::Revolute => line.motion_by(position, 0.0),
+            JointKind::Prismatic => line.motion_by(0.0, position),
+            JointKind::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
+        }
+    }
+}
+
+/// What may be wrong with the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraErrors {
+    /// True optical frame in the reported one.
+    pub reported_from_true: Pose,
+    /// Reading over true depth.
+    pub scale: f64,
+    /// Reading at depth 0, meters.
+    pub bias_m: f64,
+    /// Images are this much younger than their stamps say: poses are to be read at stamp + this, seconds.
+    pub delay_s: f64,
+}
+
+impl Default for CameraErrors {
+    fn default() -> Self {
+        Self { reported_from_true: Pose::identity(), scale: 1.0, bias_m: 0.0, delay_s: 0.0 }
+    }
+}
+
+/// A twin, its joint positions and its camera, with what is believed to be wrong.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    /// Motion law of every joint.
+    pub laws: Vec<Law>,
+    /// Position of every joint in every run, rad or m.
+    pub positions: Vec<Vec<f64>>,
+    /// Further motion of a joint's child in a run that the law does not have, in the joint frame.
+    pub extra: Vec<Vec<Pose>>,
+    /// Root frame in the world of each run.
+    pub world_from_root: Vec<Pose>,
+    /// The camera.
+    pub camera: CameraErrors,
+}
+
+impl Hypothesis {
+    /// The twin as it is, every joint at 0.
+    #[must_use]
+    pub fn of(twin: &SeenTwin, runs: usize) -> Self {
+        let law = |j: &SeenJoint| Law { kind: j.kind, axis: j.axis, point: j.point, frame: Pose::identity() };
+        Self {
+            laws: twin.joints.iter().map(law).collect(),
+            positions: vec![vec![0.0; twin.joints.len()]; runs],
+            extra: vec![vec![Pose::identity(); twin.joints.len()]; runs],
+            world_from_root: vec![Pose::identity(); runs],
+            camera: CameraErrors::default(),
+        }
+    }
+
+    /// Position of a joint in a run; that of a joint that follows comes from the one that leads.
+    #[must_use]
+    pub fn position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
+        match twin.joints[joint].mimic {
+            Some((lead, factor, offset)) => factor * self.positions[run][lead] + offset,
+            None => self.positions[run][joint],
+        }
+    }
+
+    /// Pose of every part in the world of a run, and of every joint's frame before its own motion.
+    #[must_use]
+    pub fn poses(&self, twin: &SeenTwin, run: usize) -> (Vec<Pose>, Vec<Pose>) {
+        let mut parts = vec![self.world_from_root[run]; twin.parts.len()];
+        let mut frames = Vec::with_capacity(twin.joints.len());
+        for (j, joint) in twin.joints.iter().enumerate() {
+            let law = &self.laws[j];
+            let frame = parts[joint.parent] * joint.parent_from_joint * law.frame;
+            parts[joint.child] = frame * self.extra[run][j] * law.motion(self.position(twin, run, j));
+            frames.push(frame);
+        }
+        (parts, frames)
+    }
+}

@@ -1,0 +1,43 @@
+//! A region of geometry that the object has and the twin lacks.
+
+use std::collections::BTreeSet;
+
+use crate::geometry::Pose;
+use nalgebra::Point3;
+
+/// PatchMean of a grid in a part's frame.
+pub type Voxel = [i32; 3];
+
+/// A region of geometry that the twin lacks.
+#[derive(Clone, Debug)]
+pub struct Missing {
+    /// Part that it moves with.
+    pub part: usize,
+    /// Box in the part's frame, meters.
+    pub bounds: [[f64; 3]; 2],
+    /// Area, as the frame sees it that sees most, square meters.
+    pub area_m2: f64,
+    /// 95 % interval of the sides of the box.
+    pub bounds_interval: [[(f64, f64); 3]; 2],
+    /// 95 % interval of the area.
+    pub area_interval: (f64, f64),
+    /// Voxels that it fills.
+    pub voxels: BTreeSet<Voxel>,
+    /// Side of a voxel, meters.
+    pub voxel_m: f64,
+}
+
+impl Missing {
+    /// Whether a world point is part of it, the parts standing at given poses.
+    #[must_use]
+    pub fn covers(&self, world_from_parts: &[Pose], point: &Point3<f64>) -> bool {
+        let [x, y, z] = voxel(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
+        (-1..=1).any(|i| (-1..=1).any(|j| (-1..=1).any(|k| self.voxels.contains(&[x + i, y + j, z + k]))))
+    }
+}
+
+/// Voxel of a point.
+#[must_use]
+pub fn voxel(p: &Point3<f64>, side_m: f64) -> Voxel {
+    [0, 1, 2].map(|k| (p[k] / side_m).floor() as i32)
+}

@@ -1,0 +1,195 @@
+//! How the surface that is seen moves with the parameters of a hypothesis. See docs/method.md (15.7).
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{
+    gap::camera::{
+        model::{
+            hypothesis::Hypothesis,
+            parameter::{Parameter, component, normals_of},
+            twin::{JointKind, SeenTwin},
+        },
+        record::frames::FrameRun,
+    },
+    geometry::Pose,
+};
+
+/// Poses under a hypothesis that derivatives are taken at.
+pub struct PosedTwin<'a> {
+    /// Twin.
+    pub twin: &'a SeenTwin,
+    /// Recordings.
+    pub runs: &'a [FrameRun],
+    /// Hypothesis.
+    pub hypothesis: &'a Hypothesis,
+    /// World poses of the parts of each run.
+    pub parts: Vec<Vec<Pose>>,
+    /// World poses of the joint frames of each run.
+    pub frames: Vec<Vec<Pose>>,
+}
+
+/// A point of the surface as a frame sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Run.
+    pub run: usize,
+    /// Frame in the run.
+    pub frame: usize,
+    /// Part.
+    pub part: usize,
+    /// World point.
+    pub point: Point3<f64>,
+    /// Unit normal in the world, towards the camera.
+    pub normal: Vector3<f64>,
+    /// World pose of the true camera.
+    pub camera: Pose,
+    /// Depth, meters.
+    pub depth_m: f64,
+    /// Normal times ray with z = 1; negative.
+    pub slant: f64,
+}
+
+impl<'a> PosedTwin<'a> {
+    /// Poses of all runs.
+    #[must_use]
+    pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], hypothesis: &'a Hypothesis) -> Self {
+        let (parts, frames) = (0..runs.len()).map(|r| hypothesis.poses(twin, r)).unzip();
+        Self { twin, runs, hypothesis, parts, frames }
+    }
+
+    /// Derivative of the predicted reading at a surface point, across the surface, meters a unit of the
+    /// parameter.
+    #[must_use]
+    pub fn derivative(&self, parameter: Parameter, seen: &Seen) -> f64 {
+        match parameter {
+            Parameter::DepthScale => seen.slant * seen.depth_m,
+            Parameter::DepthBias => seen.slant,
+            Parameter::Extrinsic(_) | Parameter::Delay => {
+                seen.normal.dot(&self.camera_velocity(parameter, seen))
+            }
+            _ => seen.normal.dot(&self.surface_velocity(parameter, seen)),
+        }
+    }
+
+    /// How the surface moves in the world, seen from the camera, as the camera's errors change.
+    fn camera_velocity(&self, parameter: Parameter, seen: &Seen) -> Vector3<f64> {
+        let hypothesis = &self.hypothesis.camera;
+        let in_true = seen.camera.inverse_transform_point(&seen.point);
+        let (frame, point, t, w) = match parameter {
+            Parameter::Delay => {
+                let Some([t, w]) = self.runs[seen.run].velocities.get(seen.frame) else {
+                    return Vector3::zeros();
+                };
+                // The twist acts before the offset of the camera.
+                let reported = seen.camera * hypothesis.reported_from_true.inverse();
+                (reported, hypothesis.reported_from_true * in_true, *t, *w)
+            }
+            Parameter::Extrinsic(k) => {
+                let (e, turns) = component(k);
+                (
+                    seen.camera,
+                    in_true,
+                    if turns { Vector3::zeros() } else { e },
+                    if turns { e } else { Vector3::zeros() },
+                )
+            }
+            _ => return Vector3::zeros(),
+        };
+        -(frame.rotation * (t + w.cross(&point.coords)))
+    }
+
+    /// How the surface point moves in the world with a parameter.
+    fn surface_velocity(&self, parameter: Parameter, seen: &Seen) -> Vector3<f64> {
+        let zero = Vector3::zeros();
+        let twist = |pose: &Pose, center: Point3<f64>, k: usize| {
+            let (e, turns) = component(k);
+            let e = pose.rotation * e;
+            if turns { e.cross(&(seen.point - pose * center)) } else { e }
+        };
+        match parameter {
+            Parameter::Root(run, k) if run == seen.run => {
+                twist(&self.parts[run][0], self.twin.parts[0].center, k)
+            }
+            Parameter::Mesh(part, k) if part == seen.part => {
+                twist(&self.parts[seen.run][part], self.twin.parts[part].center, k)
+            }
+            Parameter::Position(run, joint) if run == seen.run => self.joint_velocity(joint, seen),
+            Parameter::EncoderBias(joint) => self.joint_velocity(joint, seen),
+            Parameter::EncoderScale(joint) => {
+                self.joint_velocity(joint, seen) * self.hypothesis.positions[seen.run][joint]
+            }
+            Parameter::Extra(run, joint, k) if run == seen.run && self.twin.carries(joint, seen.part) => {
+                let center = self.parts[run][self.twin.joints[joint].child]
+                    * self.twin.parts[self.twin.joints[joint].child].center;
+                let frame = &self.frames[run][joint];
+                twist(frame, frame.inverse_transform_point(&center), k)
+            }
+            Parameter::AxisTurn(joint, k) | Parameter::AxisShift(joint, k)
+                if self.twin.carries(joint, seen.part) =>
+            {
+                self.axis_velocity(joint, k, matches!(parameter, Parameter::AxisTurn(..)), seen)
+            }
+            Parameter::Frame(joint, k) if self.twin.carries(joint, seen.part) => {
+                let (law, frame) = (&self.hypothesis.laws[joint], &self.frames[seen.run][joint]);
+                let [u, v] = normals_of(&law.axis);
+                let e = frame.rotation * [u, v, law.axis.into_inner(), u, v][k];
+                if k < 3 { e } else { e.cross(&(seen.point - frame * law.point)) }
+            }
+            Parameter::Pitch(joint)
+                if self.twin.carries(joint, seen.part) && self.hypothesis.laws[joint].kind.turns() =>
+            {
+                let axis =
+                    self.frames[seen.run][joint].rotation * self.hypothesis.laws[joint].axis.into_inner();
+                axis * self.hypothesis.position(self.twin, seen.run, joint)
+            }
+            _ => zero,
+        }
+    }
+
+    /// Velocity of a surface point with the position of a joint, and of those that follow it.
+    fn joint_velocity(&self, joint: usize, seen: &Seen) -> Vector3<f64> {
+        let mut sum = Vector3::zeros();
+        for (j, spec) in self.twin.joints.iter().enumerate() {
+            let rate = match spec.mimic {
+                Some((lead, factor, _)) if lead == joint => factor,
+                None if j == joint => 1.0,
+                _ => continue,
+            };
+            if !self.twin.carries(j, seen.part) {
+                continue;
+            }
+            let (law, frame) =
+                (&self.hypothesis.laws[j], self.frames[seen.run][j] * self.hypothesis.extra[seen.run][j]);
+            let axis = frame.rotation * law.axis.into_inner();
+            let around = axis.cross(&(seen.point - frame * law.point));
+            sum += rate
+                * match law.kind {
+                    JointKind::Revolute => around,
+                    JointKind::Prismatic => axis,
+                    JointKind::Screw { pitch_m_per_rad } => around + axis * pitch_m_per_rad,
+                };
+        }
+        sum
+    }
+
+    /// Velocity with a turn or shift of the axis, the child at position 0 unchanged: with `M` the joint's
+    /// motion and `D` the small motion of the line, the child moves by `D M D^-1 M^-1`.
+    fn axis_velocity(&self, joint: usize, k: usize, turns: bool, seen: &Seen) -> Vector3<f64> {
+        let law = &self.hypothesis.laws[joint];
+        let frame = self.frames[seen.run][joint] * self.hypothesis.extra[seen.run][joint];
+        let motion = law.motion(self.hypothesis.position(self.twin, seen.run, joint));
+        let e = normals_of(&law.axis)[k];
+        let x = frame.inverse_transform_point(&seen.point);
+        let before = motion.inverse_transform_point(&x);
+        let by = |p: &Point3<f64>| if turns { e.cross(&(p - self.axis_point(joint))) } else { e };
+        frame.rotation * (by(&x) - motion.rotation * by(&before))
+    }
+
+    /// The point of the axis next to the child's center, joint frame: where turning and shifting the axis mix
+    /// least.
+    fn axis_point(&self, joint: usize) -> Point3<f64> {
+        let law = &self.hypothesis.laws[joint];
+        let center = self.twin.parts[self.twin.joints[joint].child].center;
+        law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point))
+    }
+}

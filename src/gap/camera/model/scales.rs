@@ -1,0 +1,87 @@
+//! The lengths that gates and priors are multiples of: the object's size, the range, the noise there.
+//! See docs/method.md (15.1).
+
+use super::twin::SeenTwin;
+use crate::{gap::camera::record::frames::FrameRun, statistics::median};
+
+/// One standard deviation of where a joint or a part may stand off, as a share of its part's size.
+///
+/// tuned: made objects (tests/gap_frames.rs)
+pub const MISPLACED: f64 = 0.03;
+/// One standard deviation of what a camera may be off, as a share of its range: in depth, in the place of its
+/// mount, in radians.
+///
+/// derived: the depth accuracy that data sheets of stereo cameras state, 2 % of the range; a mount is
+/// calibrated by that depth.
+pub const MISCALIBRATED: f64 = 0.02;
+/// Standard deviations of what effects may move that a residual may have and still belong to the surface.
+///
+/// derived: 95 % of a normal distribution
+const GATE: f64 = 2.0;
+/// Least lever of a turn, as a share of the object's size: a part without a mesh has none.
+///
+/// derived: such a part is smaller than the gate, which is 0.06 of the object and more
+const LEAST_LEVER: f64 = 0.02;
+
+/// What the twin and the recordings set. Lengths in meters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scales {
+    /// Half the diagonal of the largest part.
+    pub radius_m: f64,
+    /// Median distance from the cameras to the root.
+    pub range_m: f64,
+    /// Standard deviation of a depth reading at that range, of the noisiest recording.
+    pub reading_m: f64,
+    /// Least error of the twin's surface.
+    pub accuracy_m: f64,
+}
+
+impl Scales {
+    /// Scales of a twin in its recordings. Camera poses are in the frame of the twin's root.
+    #[must_use]
+    pub fn of(twin: &SeenTwin, runs: &[FrameRun], accuracy_m: f64) -> Self {
+        let center = twin.parts[0].center;
+        let ranges_m: Vec<f64> = runs
+            .iter()
+            .flat_map(|r| &r.frames)
+            .map(|f| (f.world_from_camera.translation.vector - center.coords).norm())
+            .collect();
+        let range_m = median(ranges_m).unwrap_or_default();
+        let reading_m = runs.iter().map(|r| r.noise.sigma_m(range_m)).fold(0.0, f64::max);
+        Self { radius_m: twin.radius_m(), range_m, reading_m, accuracy_m }
+    }
+
+    /// Residuals beyond this are conflicts: twice what effects of the joints and of the camera may move.
+    #[must_use]
+    pub fn gate_m(&self) -> f64 {
+        GATE * (MISPLACED * self.radius_m).hypot(MISCALIBRATED * self.range_m)
+    }
+
+    /// Lever by which a turn of a part moves its surface.
+    #[must_use]
+    pub fn lever_m(&self, twin: &SeenTwin, part: usize) -> f64 {
+        twin.parts[part].radius_m.max(LEAST_LEVER * self.radius_m)
+    }
+
+    /// Lever of a joint's child.
+    #[must_use]
+    pub fn child_lever_m(&self, twin: &SeenTwin, joint: usize) -> f64 {
+        self.lever_m(twin, twin.joints[joint].child)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jar_gets_no_gate_of_a_fridge() {
+        let jar = Scales { radius_m: 0.07, range_m: 0.4, reading_m: 0.001, accuracy_m: 0.0003 };
+        let fridge = Scales { radius_m: 0.9, range_m: 2.4, reading_m: 0.015, accuracy_m: 0.0003 };
+        assert!((jar.gate_m() - 2.0 * 0.0021f64.hypot(0.008)).abs() < 1e-12);
+        assert!(fridge.gate_m() > 6.0 * jar.gate_m());
+        // What is twice as large, from twice as far, gets twice the gate.
+        let double = Scales { radius_m: 0.14, range_m: 0.8, ..jar };
+        assert!((double.gate_m() - 2.0 * jar.gate_m()).abs() < 1e-12);
+    }
+}

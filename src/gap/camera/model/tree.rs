@@ -1,0 +1,119 @@
+//! The twin as cameras see it, from the tree of a description file.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+
+use crate::{
+    gap::camera::model::{
+        own_error::OwnErrors,
+        twin::{JointKind, SeenJoint, SeenPart, SeenTwin},
+    },
+    geometry::Pose,
+    model::{JointType, Tree},
+    surface::{TriangleMesh, merge},
+};
+
+/// What a tree does not hold of a joint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointFacts {
+    /// Lowest and highest position.
+    pub limit: Option<(f64, f64)>,
+    /// Advance of a screw, meters a radian.
+    pub pitch_m_per_rad: Option<f64>,
+}
+
+/// Why a tree shows nothing to a camera.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SeenTwinError {
+    /// No mesh at all.
+    #[error("no link of the twin has a visual mesh (.ply or .obj): frames can only be compared with meshes")]
+    NoMesh,
+    /// A joint that follows follows one that is not there.
+    #[error("joint '{joint}' mimics '{leader}', which is not a moving joint of the twin")]
+    Mimic {
+        /// The joint.
+        joint: String,
+        /// Whom it follows.
+        leader: String,
+    },
+}
+
+impl SeenTwin {
+    /// Links tied by fixed joints become one part; parts are ordered from the root.
+    ///
+    /// # Errors
+    /// [`SeenTwinError`].
+    pub fn of(tree: &Tree, facts: &BTreeMap<String, JointFacts>) -> Result<Self, SeenTwinError> {
+        let n = tree.links.len();
+        let mut part_of: Vec<Option<(usize, Pose)>> = vec![None; n];
+        part_of[tree.root] = Some((0, Pose::identity()));
+        let mut members: Vec<Vec<(usize, Pose)>> = vec![vec![(tree.root, Pose::identity())]];
+        let mut carriers: Vec<Option<usize>> = vec![None];
+        let mut joints: Vec<SeenJoint> = Vec::new();
+        let mut mimics: Vec<Option<&crate::model::Mimic>> = Vec::new();
+        let mut open = vec![tree.root];
+        while let Some(link) = open.pop() {
+            let Some((part, part_from_link)) = part_of[link] else { continue };
+            for joint in tree.joints.iter().filter(|j| j.parent == link) {
+                let part_from_joint = part_from_link * joint.parent_from_joint;
+                let place = if joint.kind == JointType::Fixed {
+                    members[part].push((joint.child, part_from_joint));
+                    (part, part_from_joint)
+                } else {
+                    members.push(vec![(joint.child, Pose::identity())]);
+                    carriers.push(Some(joints.len()));
+                    let own = facts.get(&joint.name).copied().unwrap_or_default();
+                    let kind = match (joint.kind, own.pitch_m_per_rad) {
+                        (JointType::Prismatic, _) => JointKind::Prismatic,
+                        (_, Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
+                        _ => JointKind::Revolute,
+                    };
+                    joints.push(SeenJoint {
+                        name: joint.name.clone(),
+                        parent: part,
+                        child: members.len() - 1,
+                        parent_from_joint: part_from_joint,
+                        kind,
+                        axis: joint.axis,
+                        point: Point3::origin(),
+                        limit: own.limit.filter(|_| joint.kind != JointType::Continuous),
+                        mimic: None,
+                    });
+                    mimics.push(joint.mimic.as_ref());
+                    (members.len() - 1, Pose::identity())
+                };
+                part_of[joint.child] = Some(place);
+                open.push(joint.child);
+            }
+        }
+        for (j, mimic) in mimics.iter().enumerate() {
+            let Some(m) = mimic else { continue };
+            let leader = joints.iter().position(|k| k.name == m.joint);
+            let leader = leader.ok_or_else(|| SeenTwinError::Mimic {
+                joint: joints[j].name.clone(),
+                leader: m.joint.clone(),
+            })?;
+            joints[j].mimic = Some((leader, m.multiplier, m.offset));
+        }
+        let part = |(k, links): (usize, &Vec<(usize, Pose)>)| {
+            let meshes: Vec<TriangleMesh> =
+                links.iter().map(|(l, pose)| tree.links[*l].visual.transformed(pose)).collect();
+            let mesh = merge(&meshes.iter().collect::<Vec<_>>());
+            let (low, high) = mesh.bounds().unwrap_or_default();
+            let (low, high): (Point3<f64>, Point3<f64>) = (low.cast(), high.cast());
+            SeenPart {
+                name: tree.links[links[0].0].name.clone(),
+                mesh,
+                joint: carriers[k],
+                center: nalgebra::center(&low, &high),
+                radius_m: 0.5 * (high - low).norm(),
+            }
+        };
+        let parts: Vec<SeenPart> = members.iter().enumerate().map(part).collect();
+        if parts.iter().all(|p| p.mesh.is_empty()) {
+            return Err(SeenTwinError::NoMesh);
+        }
+        Ok(Self { parts, joints, own: OwnErrors::default() })
+    }
+}

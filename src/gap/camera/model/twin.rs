@@ -1,0 +1,107 @@
+//! A twin as cameras see it: rigid parts with meshes, and joints.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use crate::{gap::camera::model::own_error::OwnErrors, geometry::Pose, surface::TriangleMesh};
+
+/// How a joint moves its child.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum JointKind {
+    /// Turns; radians.
+    Revolute,
+    /// Slides; meters.
+    Prismatic,
+    /// Turns and advances; radians.
+    Screw {
+        /// Meters a radian.
+        pitch_m_per_rad: f64,
+    },
+}
+
+impl JointKind {
+    /// Name in reports.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::Screw { .. } => "screw",
+        }
+    }
+
+    /// Whether its position is an angle.
+    #[must_use]
+    pub fn turns(&self) -> bool {
+        !matches!(self, Self::Prismatic)
+    }
+}
+
+/// A rigid part: links tied by fixed joints.
+#[derive(Clone, Debug)]
+pub struct SeenPart {
+    /// Name of its first link.
+    pub name: String,
+    /// Visual meshes in the frame of the first link.
+    pub mesh: TriangleMesh,
+    /// Joint that carries it; `None` for the root.
+    pub joint: Option<usize>,
+    /// Center of its box, part frame.
+    pub center: Point3<f64>,
+    /// Half the diagonal of its box, meters.
+    pub radius_m: f64,
+}
+
+/// A joint of the twin; its child part's frame is the joint frame.
+#[derive(Clone, Debug)]
+pub struct SeenJoint {
+    /// Name.
+    pub name: String,
+    /// Part that carries it.
+    pub parent: usize,
+    /// Part that it moves.
+    pub child: usize,
+    /// Joint frame in the parent part's frame at position 0.
+    pub parent_from_joint: Pose,
+    /// How it moves.
+    pub kind: JointKind,
+    /// Direction in the joint frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// A point of the axis in the joint frame, meters; the origin in every description file.
+    pub point: Point3<f64>,
+    /// Lowest and highest position, where the twin has limits.
+    pub limit: Option<(f64, f64)>,
+    /// Joint that it follows: index, factor, offset.
+    pub mimic: Option<(usize, f64, f64)>,
+}
+
+/// A twin as cameras see it. Parts stand behind the parts that carry them.
+#[derive(Clone, Debug)]
+pub struct SeenTwin {
+    /// Parts; the first is the root.
+    pub parts: Vec<SeenPart>,
+    /// Joints, each before those that its child carries.
+    pub joints: Vec<SeenJoint>,
+    /// How well it is known itself.
+    pub own: OwnErrors,
+}
+
+impl SeenTwin {
+    /// Whether a part moves with a joint.
+    #[must_use]
+    pub fn carries(&self, joint: usize, part: usize) -> bool {
+        let mut at = part;
+        while let Some(j) = self.parts[at].joint {
+            if j == joint {
+                return true;
+            }
+            at = self.joints[j].parent;
+        }
+        false
+    }
+
+    /// Half the diagonal of the largest part, meters.
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        self.parts.iter().map(|p| p.radius_m).fold(f64::MIN_POSITIVE, f64::max)
+    }
+}

@@ -1,0 +1,68 @@
+//! Which pixels of the frames are compared.
+
+use rayon::prelude::*;
+
+use crate::{capture::pixel_weights, gap::camera::record::frames::FrameRun};
+
+/// Pixels of the object that are looked at in a frame, about.
+const SAMPLES: usize = 2500;
+/// Pixels within this many of an outline are not compared.
+pub const BORDER: usize = 2;
+
+/// What does not change from hypothesis to hypothesis: usable pixels of every frame.
+pub struct Pixels {
+    /// Sampled pixel indices with a reading on the object, by run and frame.
+    pub object: Vec<Vec<Vec<usize>>>,
+    /// Sampled pixel indices off the object, by run and frame.
+    pub empty: Vec<Vec<Vec<usize>>>,
+    /// Side of the sampling grid, by run and frame.
+    pub stride: Vec<Vec<usize>>,
+}
+
+impl Pixels {
+    /// Chooses the pixels: on a grid, away from depth edges and from the mask's border.
+    #[must_use]
+    pub fn choose(runs: &[FrameRun]) -> Self {
+        let mut pixels = Self { object: Vec::new(), empty: Vec::new(), stride: Vec::new() };
+        for run in runs {
+            let chosen: Vec<_> = run.frames.par_iter().map(|f| choose(f, run)).collect();
+            let (mut object, mut empty, mut stride) = (Vec::new(), Vec::new(), Vec::new());
+            for (o, e, s) in chosen {
+                object.push(o);
+                empty.push(e);
+                stride.push(s);
+            }
+            pixels.object.push(object);
+            pixels.empty.push(empty);
+            pixels.stride.push(stride);
+        }
+        pixels
+    }
+
+    /// Side of the sampling grid of a frame, pixels.
+    #[must_use]
+    pub fn stride_of(&self, run: usize, frame: usize) -> usize {
+        self.stride[run][frame]
+    }
+}
+
+fn choose(frame: &crate::capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
+    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let weights = pixel_weights(frame, &run.noise);
+    let usable = |i: usize| weights[i] > 0.0 && frame.is_object(i);
+    let count = (0..w * h).filter(|&i| usable(i)).count();
+    let stride = ((count as f64 / SAMPLES as f64).sqrt().round() as usize).max(1);
+    let grid = (0..h).step_by(stride).flat_map(|y| (0..w).step_by(stride).map(move |x| y * w + x));
+    let object = grid.clone().filter(|&i| usable(i)).collect();
+    let off = |i: usize| frame.mask.is_some() && around(i, w, h).all(|n| !frame.is_object(n));
+    let empty = grid.filter(|&i| off(i)).collect();
+    (object, empty, stride)
+}
+
+/// Pixels about a pixel that a border reaches.
+pub fn around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (i % w, i / w);
+    let columns = x.saturating_sub(BORDER)..=(x + BORDER).min(w - 1);
+    let rows = y.saturating_sub(BORDER)..=(y + BORDER).min(h - 1);
+    rows.flat_map(move |y| columns.clone().map(move |x| y * w + x))
+}

@@ -1,0 +1,174 @@
+//! What acts on a joint at a state: efforts and bounds of the friction, with their derivatives.
+
+use crate::gap::model::{
+    effect::{At, Effect, MAX_PARAMETERS, Place, Response},
+    joint_model::{Catalogue, JointModel, Term},
+    plant::Plant,
+};
+
+/// Columns of a sensitivity: start position, start velocity, parameters.
+pub const MAX_COLUMNS: usize = 16;
+/// One row of sensitivities.
+pub type Row = [f64; MAX_COLUMNS];
+
+/// Efforts at a state, summed over the plant and the terms.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sum {
+    /// Smooth effort without the measured one.
+    pub effort: f64,
+    /// By position.
+    pub q: f64,
+    /// By velocity.
+    pub v: f64,
+    /// Bound of the friction.
+    pub friction: f64,
+    /// By position.
+    pub friction_q: f64,
+    /// By the measured effort.
+    pub friction_u: f64,
+    /// Share of the measured effort that contacts take off.
+    pub taken: f64,
+}
+
+/// What acts on a joint, looked up once for many states.
+pub struct Acting<'a> {
+    plant: &'a Plant,
+    /// Every term: effect, place, parameters.
+    terms: Vec<(&'a dyn Effect, Place, &'a [f64])>,
+    has_contact: bool,
+}
+
+impl<'a> Acting<'a> {
+    /// Of a model.
+    #[must_use]
+    pub fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+        let one = |t: &'a Term| (catalogue[t.effect].as_ref(), catalogue[t.effect].place(), t.p.as_slice());
+        let terms: Vec<_> = model.terms.iter().map(one).collect();
+        let has_contact = terms.iter().any(|t| t.1 == Place::Contact);
+        Self { plant: &model.plant, terms, has_contact }
+    }
+
+    /// Efforts at a state, without derivatives by parameters.
+    #[must_use]
+    pub fn at(&self, at: &At) -> Sum {
+        self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
+    }
+
+    /// The first contact that begins while the joint moves at `v` for `h` seconds.
+    #[inline]
+    pub fn meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
+        if !self.has_contact {
+            return None;
+        }
+        let (mut first, mut column) = (None::<Meeting>, 3);
+        for (effect, _, p) in &self.terms {
+            if let Some(i) = effect.begins() {
+                let after_s = (p[i] - q) / v;
+                let enters = (v > 0.0) == effect.is_upper();
+                if enters && after_s > 0.0 && after_s < first.map_or(h, |f| f.after_s) {
+                    first = Some(Meeting { after_s, position: p[i], column: column + i });
+                }
+            }
+            column += p.len();
+        }
+        first
+    }
+
+    /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
+    #[inline]
+    pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
+        let plant = self.plant;
+        let (load, slope) = plant.load_at(at.carried, at.q);
+        let damping = plant.damping + plant.inertia_at(at.carried).1;
+        let mut sum = Sum {
+            effort: -load - damping * at.v,
+            q: -slope,
+            v: -damping,
+            friction: plant.friction,
+            ..Sum::default()
+        };
+        let mut column = 3;
+        for (effect, place, p) in &self.terms {
+            if matches!(place, Place::Effort | Place::Friction) {
+                let mut r = Response::default();
+                effect.respond(at, p, &mut r);
+                let target = if *place == Place::Effort {
+                    sum.effort += r.value;
+                    sum.q += r.q;
+                    sum.v += r.v;
+                    &mut *effort
+                } else {
+                    sum.friction += r.value.max(0.0);
+                    sum.friction_q += r.q;
+                    sum.friction_u += r.u;
+                    &mut *friction
+                };
+                write(&mut target[column..], &r.p, p.len());
+            }
+            column += p.len();
+        }
+        if self.has_contact {
+            self.add_contacts(at, effort, &mut sum);
+        }
+        sum
+    }
+
+    /// Adds contacts up, which feel the sum of the other efforts.
+    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut Sum) {
+        let at = At { load: at.u + sum.effort, ..*at };
+        let mut column = 3;
+        for (effect, place, p) in &self.terms {
+            let first = column;
+            column += p.len();
+            if *place != Place::Contact {
+                continue;
+            }
+            let mut r = Response::default();
+            effect.respond(&at, p, &mut r);
+            sum.effort += r.value;
+            sum.q += r.q + r.load * sum.q;
+            sum.v += r.v + r.load * sum.v;
+            sum.taken -= r.load;
+            if r.load != 0.0 {
+                effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
+            }
+            write(&mut effort[first..], &r.p, p.len());
+        }
+    }
+}
+
+/// Where a step meets a contact.
+#[derive(Clone, Copy, Debug)]
+pub struct Meeting {
+    /// Seconds from the start of the step.
+    pub after_s: f64,
+    /// Position at which the contact begins.
+    pub position: f64,
+    /// Its column.
+    pub column: usize,
+}
+
+/// Writes the first `count` values; a loop of known length.
+#[inline]
+fn write(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
+    for (i, (t, x)) in target.iter_mut().zip(values).enumerate() {
+        if i < count {
+            *t = *x;
+        }
+    }
+}
+
+/// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way
+/// through rest the larger one of both sides.
+#[must_use]
+pub fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {
+    let mut unused = [0.0; MAX_COLUMNS];
+    let turned = At { direction: -at.direction, v: 0.0, ..*at };
+    if at.v == 0.0 {
+        return acting.add_up(&turned, &mut unused, friction).friction;
+    }
+    if bound <= 0.0 {
+        return bound;
+    }
+    bound.max(acting.add_up(&turned, &mut unused, &mut [0.0; MAX_COLUMNS]).friction)
+}

@@ -1,0 +1,243 @@
+//! Derivatives of every effect and of the rollout against central differences.
+
+use crate::gap::{
+    fit::rollout::{Rollout, Start, roll},
+    model::{
+        effect::{At, Coverage, Effect, Place, Response},
+        effects::catalogue,
+        joint_model::JointModel,
+        plant::{Load, Plant},
+    },
+    record::{
+        drive::{Drive, Hold},
+        log::{JointLog, Span},
+    },
+};
+
+fn coverage() -> Coverage {
+    Coverage {
+        position: (-0.3, 1.4),
+        travel: 1.7,
+        speed: (0.5, 2.0),
+        effort_rms: 6.0,
+        interval_s: 0.005,
+        inertia: 2.0,
+        damping: 0.3,
+        position_noise: 1e-3,
+        durations_s: vec![10.0, 10.0],
+        others: 1,
+        turns: true,
+        has_load_slope: true,
+        in_chain: false,
+    }
+}
+
+/// Parameters at which an effect acts.
+fn acting(effect: &dyn Effect) -> Vec<f64> {
+    let shapes = effect.shapes(&coverage());
+    let mut p = shapes[shapes.len() / 2].clone();
+    for (i, spec) in effect.parameters().iter().enumerate() {
+        if spec.neutral.is_some() {
+            p[i] += 0.3 + 0.1 * i as f64;
+        }
+    }
+    p
+}
+
+fn value(effect: &dyn Effect, at: &At, p: &[f64]) -> f64 {
+    let mut r = Response::default();
+    effect.respond(at, p, &mut r);
+    r.value
+}
+
+#[test]
+fn effects_have_the_derivatives_that_they_claim() {
+    for effect in
+        catalogue(1).iter().filter(|e| matches!(e.place(), Place::Effort | Place::Contact | Place::Friction))
+    {
+        let p = acting(effect.as_ref());
+        let mut acted = false;
+        for step in 0..60 {
+            let x = f64::from(step) / 60.0;
+            let t = if effect.name() == "disturbance" { p[1] + 0.2 * (x - 0.5) } else { x };
+            let at = At {
+                q: -0.25 + 1.6 * x,
+                v: 0.7 * (9.0 * x).sin() + 0.01,
+                u: 3.0 - 5.0 * x,
+                t,
+                direction: 1.0,
+                others: &[0.4],
+                load: 2.0 - x,
+                carried: None,
+            };
+            let mut r = Response::default();
+            effect.respond(&at, &p, &mut r);
+            acted |= r.value != 0.0;
+            let h = 1e-6;
+            let difference = |up: f64, down: f64| (up - down) / (2.0 * h);
+            let by_q = difference(
+                value(effect.as_ref(), &At { q: at.q + h, ..at }, &p),
+                value(effect.as_ref(), &At { q: at.q - h, ..at }, &p),
+            );
+            let by_v = difference(
+                value(effect.as_ref(), &At { v: at.v + h, ..at }, &p),
+                value(effect.as_ref(), &At { v: at.v - h, ..at }, &p),
+            );
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-4 * (1.0 + a.abs().max(b.abs()));
+            assert!(near(r.q, by_q), "{} by position at {x}: {} {by_q}", effect.name(), r.q);
+            let by_load = difference(
+                value(effect.as_ref(), &At { load: at.load + h, ..at }, &p),
+                value(effect.as_ref(), &At { load: at.load - h, ..at }, &p),
+            );
+            assert!(near(r.load, by_load), "{} by load at {x}: {} {by_load}", effect.name(), r.load);
+            assert!(near(r.v, by_v), "{} by velocity at {x}: {} {by_v}", effect.name(), r.v);
+            for i in 0..p.len() {
+                // Times are large numbers; a finer step would be lost in rounding.
+                let h = if effect.name() == "disturbance" { 1e-5 } else { 1e-6 };
+                let (mut up, mut down) = (p.clone(), p.clone());
+                up[i] += h;
+                down[i] -= h;
+                let by_p =
+                    (value(effect.as_ref(), &at, &up) - value(effect.as_ref(), &at, &down)) / (2.0 * h);
+                assert!(
+                    (r.p[i] - by_p).abs() < 1e-3 * (1.0 + by_p.abs()),
+                    "{} by parameter {i} at {x}: {} {by_p}",
+                    effect.name(),
+                    r.p[i]
+                );
+            }
+        }
+        assert!(acted, "{} never acted", effect.name());
+    }
+}
+
+fn log() -> JointLog {
+    let n = 200;
+    let time_s: Vec<f64> = (0..n).map(|k| 0.005 * f64::from(k)).collect();
+    let effort = time_s.iter().map(|t| 6.0 * (7.0 * t).sin() + 2.0).collect();
+    JointLog {
+        run: "r".into(),
+        position: vec![0.0; time_s.len()],
+        effort,
+        others: vec![vec![0.2; time_s.len()]],
+        carried: Vec::new(),
+        time_s,
+    }
+}
+
+fn plant() -> Plant {
+    Plant { inertia: 2.0, damping: 0.3, friction: 0.1, load: Load { constant: 0.0, sine: 0.4, cosine: 1.0 } }
+}
+
+fn last(model: &JointModel, start: Start) -> (f64, [f64; 16]) {
+    let (log, effects) = (log(), catalogue(1));
+    let drive = Drive::new(&log, Hold::Linear, model.delay_s(&effects), 1);
+    let mut out = Rollout::default();
+    roll(model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+    (out.position[199], out.rows[199])
+}
+
+#[test]
+fn rollouts_have_the_sensitivities_that_they_claim() {
+    let start = Start { position: 0.3, velocity: 0.4, play: -1.0 };
+    for (index, effect) in catalogue(1).iter().enumerate() {
+        if effect.name() == "disturbance" {
+            continue;
+        }
+        let model = JointModel::of(&plant())
+            .with(index, &acting(effect.as_ref()).iter().map(|x| 0.3 * x + 0.02).collect::<Vec<_>>());
+        let (_, row) = last(&model, start);
+        let parameters = model.parameters();
+        // Friction and play switch between steps; their derivative is that of the smooth pieces.
+        let switches = effect.place() == Place::Friction || effect.name() == "backlash";
+        for i in 0..parameters.len() {
+            let h = 1e-5 * (1.0 + parameters[i].abs());
+            let shifted = |by: f64| {
+                let mut p = parameters.clone();
+                p[i] += by;
+                last(&model.with_parameters(&p), start).0
+            };
+            let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
+            let allowed = if switches { 0.1 } else { 0.01 };
+            assert!(
+                (row[2 + i] - slope).abs() < allowed * (0.02 + slope.abs()),
+                "{} column {i}: {} {slope}",
+                effect.name(),
+                row[2 + i]
+            );
+        }
+    }
+}
+
+#[test]
+fn a_joint_that_sticks_stands_still() {
+    let effects = catalogue(0);
+    let mut log = log();
+    log.effort = vec![0.5; 200];
+    let held = Plant { friction: 2.0, load: Load::default(), ..plant() };
+    let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
+    let mut out = Rollout::default();
+    let start = Start { position: 0.3, velocity: 0.0, play: 0.0 };
+    roll(
+        &JointModel::of(&held),
+        &effects,
+        &log,
+        &drive,
+        Span { log: 0, start: 0, len: 200 },
+        start,
+        &mut out,
+    );
+    assert!(out.position.iter().all(|q| *q == 0.3));
+}
+
+#[test]
+fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
+    let effects = catalogue(0);
+    let mut log = log();
+    log.effort = vec![0.5; 200];
+    let held = Plant { inertia: 2.0, damping: 0.0, friction: 2.0, load: Load::default() };
+    let settle_s = 0.01;
+    let model = JointModel { settle_s, ..JointModel::of(&held) };
+    let velocity = |finer: usize, at: usize| {
+        let drive = Drive::new(&log, Hold::Zero, 0.0, finer);
+        let mut out = Rollout::default();
+        let start = Start { position: 0.3, velocity: 0.004, play: 0.0 };
+        roll(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+        (out.position[at + 1] - out.position[at]) / 0.005
+    };
+    // The solution of dv/dt = -v / settle + 0.1 a, averaged over an interval.
+    let creep = 0.1 * settle_s * 0.5 / 2.0;
+    let mean = |from: f64| {
+        creep
+            + (0.004 - creep) * settle_s / 0.005
+                * ((-from / settle_s).exp() - (-(from + 0.005) / settle_s).exp())
+    };
+    for (finer, allowed) in [(1, 0.05), (8, 0.002)] {
+        for at in [0, 1, 3, 6, 150] {
+            let (v, wanted) = (velocity(finer, at), mean(0.005 * at as f64));
+            assert!((v - wanted).abs() < allowed * 0.004, "interval {at}: {v} {wanted}");
+        }
+    }
+}
+
+#[test]
+fn sensitivities_hold_where_friction_settles() {
+    let index = catalogue(1).iter().position(|e| e.name() == "coulomb_friction").unwrap();
+    let model = JointModel { settle_s: 0.03, ..JointModel::of(&plant()).with(index, &[0.7]) };
+    let start = Start { position: 0.3, velocity: 0.4, play: 0.0 };
+    let row = last(&model, start).1;
+    for i in 0..2 {
+        let h = 1e-5;
+        let shifted = |by: f64| {
+            let mut p = model.parameters();
+            p[i] += by;
+            last(&model.with_parameters(&p), start).0
+        };
+        let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
+        assert!(
+            (row[2 + i] - slope).abs() < 0.02 * (0.02 + slope.abs()),
+            "column {i}: {} {slope}",
+            row[2 + i]
+        );
+    }
+}

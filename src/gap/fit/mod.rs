@@ -1,0 +1,13 @@
+//! Models fitted to recorded motion by multiple shooting.
+
+pub mod acting;
+#[cfg(test)]
+mod derivative_tests;
+pub mod noise;
+pub mod problem;
+pub mod rollout;
+pub mod shooting;
+pub mod smooth;
+pub mod starts;
+pub mod whiten;
+pub mod whitening;

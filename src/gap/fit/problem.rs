@@ -1,0 +1,214 @@
+//! What a fit works on: logs of one joint, windows, smoothed motion, noise and the catalogue.
+
+use crate::gap::{
+    fit::{
+        rollout::Start,
+        smooth::{Trace, smooth},
+    },
+    model::{
+        effect::Coverage,
+        joint_model::{Catalogue, JointModel},
+        plant::Plant,
+    },
+    record::{
+        drive::{Drive, Hold},
+        log::{JointLog, Span, position_noise, windows},
+    },
+};
+
+/// Share of a sample interval by which stamps of effort and position may disagree unreported.
+/// tuned: tests/python/gap/generate.py.
+const LAG_SHARE: f64 = 0.06;
+/// Least relative noise of the effort.
+/// tuned: tests/python/gap/generate.py.
+const MIN_EFFORT_NOISE: f64 = 2e-4;
+
+/// Most parts of a cross-validation.
+const FOLDS: usize = 6;
+
+/// Steps of the last fit and of the proof for each step of the search.
+const FINER: usize = 4;
+
+/// Logs of one joint, prepared.
+#[derive(Clone)]
+pub struct Problem<'c> {
+    /// Effects.
+    pub catalogue: &'c Catalogue,
+    /// The joint of the twin.
+    pub plant: Plant,
+    /// The joint turns.
+    pub turns: bool,
+    /// Runs.
+    pub logs: Vec<JointLog>,
+    /// How the effort runs between samples.
+    pub hold: Hold,
+    /// Windows of the shooting.
+    pub windows: Vec<Span>,
+    /// Smoothed motion of each log.
+    pub traces: Vec<Trace>,
+    /// What the motion covers.
+    pub coverage: Coverage,
+    /// Standard deviation of the positions.
+    pub sigma_y: f64,
+    /// Standard deviation of the lag's prior, seconds.
+    pub lag_sigma_s: f64,
+    /// Least standard deviation of the effort.
+    pub min_sigma_u: f64,
+    /// Steps between two samples of each log in the search.
+    pub steps: Vec<usize>,
+    /// Steps of a rollout for each one of the search.
+    pub finer: usize,
+}
+
+/// Window length for a joint: two and a half time constants of its damping, and three of the load where that
+/// drives it away from rest, between a quarter of a second and a second. Longer windows would be ruled by
+/// their start states. See docs/method.md (14.6).
+#[must_use]
+pub fn window_length_s(plant: &Plant) -> f64 {
+    let slope = plant.load.sine.hypot(plant.load.cosine);
+    let damped = if plant.damping > 0.0 { 2.5 * plant.inertia / plant.damping } else { f64::INFINITY };
+    let driven = if slope > 0.0 { 3.0 * (plant.inertia / slope).sqrt() } else { f64::INFINITY };
+    damped.min(driven).clamp(0.25, 1.0)
+}
+
+impl<'c> Problem<'c> {
+    /// Prepares logs.
+    #[must_use]
+    pub fn new(
+        catalogue: &'c Catalogue,
+        plant: &Plant,
+        turns: bool,
+        logs: Vec<JointLog>,
+        hold: Hold,
+    ) -> Self {
+        let sigma_y = position_noise(&logs).max(1e-9);
+        let steps = logs.iter().map(Drive::steps).collect();
+        let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0, 1)).collect();
+        let traces = smooth(&logs, &drives, plant, sigma_y);
+        let windows = windows(&logs, window_length_s(plant));
+        let coverage = cover(plant, turns, &logs, &traces, sigma_y);
+        let interval = coverage.interval_s;
+        let min_sigma_u = MIN_EFFORT_NOISE * coverage.effort_rms.max(plant.load.amplitude()).max(1e-12);
+        Self {
+            catalogue,
+            plant: plant.clone(),
+            turns,
+            logs,
+            hold,
+            windows,
+            traces,
+            coverage,
+            sigma_y,
+            lag_sigma_s: LAG_SHARE * interval,
+            min_sigma_u,
+            steps,
+            finer: 1,
+        }
+    }
+
+    /// Held-out logs with the noise of the logs that were fitted.
+    #[must_use]
+    pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
+        let mut problem = Self::new(fitted.catalogue, &fitted.plant, fitted.turns, logs, fitted.hold);
+        problem.sigma_y = fitted.sigma_y;
+        problem.finer = FINER;
+        problem
+    }
+
+    /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
+    /// together); none of a single run.
+    #[must_use]
+    pub fn folds(&self) -> Vec<[Self; 2]> {
+        let of = |holds: &dyn Fn(usize) -> bool| {
+            let logs =
+                self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
+            Self {
+                sigma_y: self.sigma_y,
+                ..Self::new(self.catalogue, &self.plant, self.turns, logs, self.hold)
+            }
+        };
+        let count = if self.logs.len() > 1 { self.logs.len().min(FOLDS) } else { 0 };
+        (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
+    }
+
+    /// The same with the small steps that parameters are reported from.
+    #[must_use]
+    pub fn refined(&self) -> Self {
+        Self { finer: FINER, ..self.clone() }
+    }
+
+    /// Start states of all windows from the smoothed motion, as the model's sensor sees it.
+    #[must_use]
+    pub fn starts(&self, model: &JointModel) -> Vec<Start> {
+        let sensor = model.sensor(self.catalogue);
+        let start = |w: &Span| {
+            let trace = &self.traces[w.log];
+            let play = -trace.direction[w.start];
+            let position = (trace.position[w.start] - sensor.bias) / sensor.scale - play * sensor.half_gap;
+            Start { position, velocity: trace.velocity[w.start] / sensor.scale, play }
+        };
+        self.windows.iter().map(start).collect()
+    }
+
+    /// The effort of every log, acting as late as the model has it.
+    #[must_use]
+    pub fn drives(&self, model: &JointModel) -> Vec<Drive> {
+        let delay = model.delay_s(self.catalogue);
+        self.drives_late(delay)
+    }
+
+    /// The effort of every log, acting so much late.
+    #[must_use]
+    pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
+        let one = |(log, steps): (&JointLog, &usize)| {
+            Drive::with_steps(log, self.hold, delay_s, steps * self.finer)
+        };
+        self.logs.iter().zip(&self.steps).map(one).collect()
+    }
+
+    /// Number of measurements in the windows.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.windows.iter().map(|w| w.len).sum()
+    }
+}
+
+fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_y: f64) -> Coverage {
+    let positions = || traces.iter().flat_map(|t| t.position.iter().copied());
+    let mut speeds: Vec<f64> = traces.iter().flat_map(|t| t.velocity.iter().map(|v| v.abs())).collect();
+    speeds.sort_by(f64::total_cmp);
+    let at =
+        |share: f64| speeds.get((share * (speeds.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0);
+    let efforts: Vec<f64> = traces.iter().flat_map(|t| t.effort.iter().copied()).collect();
+    let low = positions().fold(f64::INFINITY, f64::min);
+    let high = positions().fold(f64::NEG_INFINITY, f64::max);
+    let range = |t: &Trace| {
+        let [lo, hi] = t
+            .position
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
+        hi - lo
+    };
+    let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
+    let seen: Vec<_> =
+        std::iter::once(None).filter(|_| logs.iter().all(|l| l.carried.is_empty())).chain(carried).collect();
+    let slopes = (0..9)
+        .map(|i| low + (high - low) * f64::from(i) / 8.0)
+        .flat_map(|q| seen.iter().map(move |c| plant.load_at(*c, q).1));
+    let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
+    Coverage {
+        position: (low, high),
+        travel: traces.iter().map(range).fold(0.0, f64::max),
+        speed: (at(0.6), at(0.995)),
+        effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
+        interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),
+        inertia: plant.inertia,
+        damping: plant.damping,
+        position_noise: sigma_y,
+        durations_s: logs.iter().map(JointLog::duration_s).collect(),
+        others: logs.first().map_or(0, |l| l.others.len()),
+        turns,
+        has_load_slope: slope > 1e-6,
+        in_chain: logs.iter().any(|l| !l.carried.is_empty()),
+    }
+}

@@ -1,0 +1,350 @@
+//! Forward simulation of one joint with its sensitivities to the start state and to every parameter.
+//! See docs/method.md (14.7).
+//!
+//! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent
+//! efforts are taken linearly implicit, friction is set-valued: where its bound can slow the joint down to
+//! rest within the model's settle time (within the step, where that is 0), it does, so that a joint that
+//! sticks stands still.
+
+use crate::gap::{
+    fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
+    model::{
+        effect::{At, Place, run_time_s},
+        joint_model::{Catalogue, JointModel, Sensor, Settling},
+    },
+    record::{
+        drive::Drive,
+        log::{JointLog, Span},
+    },
+};
+
+/// Most free parameters.
+pub const MAX_FREE: usize = MAX_COLUMNS - 2;
+
+/// Predicted positions of a window and their sensitivities; the buffers are used again.
+#[derive(Clone, Debug, Default)]
+pub struct Rollout {
+    /// Predicted measurement at each sample.
+    pub position: Vec<f64>,
+    /// Its sensitivities.
+    pub rows: Vec<Row>,
+}
+
+/// State that a window starts in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// Position of the joint, rad or m.
+    pub position: f64,
+    /// Velocity.
+    pub velocity: f64,
+    /// Where in the play the sensor stands: -1 to 1.
+    pub play: f64,
+}
+
+/// Columns that are computed for a number of free parameters: start state, parameters, and one for the
+/// caller.
+#[must_use]
+pub fn width(free: usize) -> usize {
+    (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
+}
+
+/// Simulates a window from a start state.
+pub fn roll(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    out: &mut Rollout,
+) {
+    out.position.clear();
+    out.rows.clear();
+    let Rollout { position, rows } = out;
+    let keep = |q: f64, row: &Row| {
+        position.push(q);
+        rows.push(*row);
+    };
+    match width(model.free()) {
+        4 => roll_columns::<4>(model, catalogue, log, drive, span, start, keep),
+        8 => roll_columns::<8>(model, catalogue, log, drive, span, start, keep),
+        12 => roll_columns::<12>(model, catalogue, log, drive, span, start, keep),
+        _ => roll_columns::<MAX_COLUMNS>(model, catalogue, log, drive, span, start, keep),
+    };
+}
+
+/// Simulates a window with the sensitivities to its start state alone, which are the first two columns of
+/// every row that `each` is given beside the predicted measurement; gives the state at the last sample.
+pub fn roll_starts(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    each: impl FnMut(f64, &Row),
+) -> Start {
+    roll_columns::<2>(model, catalogue, log, drive, span, start, each)
+}
+
+/// Scalars of a model that enter every step, and their columns.
+struct Layout {
+    gain: f64,
+    gain_column: Option<usize>,
+    /// Added inertia.
+    added: f64,
+    inertia_column: Option<usize>,
+    delay_column: Option<usize>,
+    /// Offset, scale and play of the sensor.
+    sensors: [Option<usize>; 3],
+}
+
+impl Layout {
+    fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
+        let scalar = |place, neutral| {
+            model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)))
+        };
+        let (added, inertia_column) = scalar(Place::Inertia, 0.0);
+        let (gain, gain_column) = scalar(Place::Gain, 1.0);
+        Self {
+            gain,
+            gain_column,
+            added,
+            inertia_column,
+            delay_column: scalar(Place::Delay, 0.0).1,
+            sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+        }
+    }
+
+    /// Columns of what the measured effort goes through; `by_delay` is the derivative of the acting effort by
+    /// the delay.
+    #[inline]
+    fn by_drive(&self, sum: &Sum, effort: f64, by_delay: f64, effort_p: &mut Row, friction_p: &mut Row) {
+        let by_u = 1.0 - sum.taken;
+        (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
+        if let Some(c) = self.delay_column {
+            (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
+        }
+        if let Some(c) = self.gain_column {
+            (effort_p[c], friction_p[c]) = (by_u * effort, sum.friction_u * effort);
+        }
+    }
+}
+
+/// One over an inertia and what is added to it.
+#[must_use]
+pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
+    1.0 / (inertia + added).max(1e-3 * inertia)
+}
+
+/// A joint on its way, with the sensitivities of its position and velocity.
+struct Moving {
+    q: f64,
+    v: f64,
+    dq: Row,
+    dv: Row,
+}
+
+impl Moving {
+    /// Moves the position at a constant velocity.
+    #[inline]
+    fn drift<const W: usize>(&mut self, h: f64) {
+        self.q += h * self.v;
+        for c in 0..W {
+            self.dq[c] += h * self.dv[c];
+        }
+    }
+
+    /// A contact begins at the position whose column is given, where the acceleration leaps by `leap`:
+    /// whatever moves the joint or that position moves the time of it. See docs/method.md (14.9).
+    fn meet<const W: usize>(&mut self, column: usize, leap: f64) {
+        let rate = leap / self.v;
+        for c in 0..W {
+            self.dv[c] += rate * (self.dq[c] - f64::from(u8::from(c == column)));
+        }
+    }
+}
+
+/// Changes of the velocity under the efforts of a model; the buffers are used again.
+struct Kicks<'a> {
+    acting: Acting<'a>,
+    layout: Layout,
+    /// One over the inertia.
+    inverse: f64,
+    effort_p: Row,
+    friction_p: Row,
+}
+
+impl Kicks<'_> {
+    /// Changes the velocity by the efforts at a state over `h` seconds; `effort` is the recorded one and
+    /// `by_delay` its derivative.
+    #[inline]
+    fn kick<const W: usize>(
+        &mut self,
+        moving: &mut Moving,
+        at: &At,
+        h: f64,
+        settling: &Settling,
+        effort: f64,
+        by_delay: f64,
+    ) {
+        let (inverse, v) = (self.inverse, moving.v);
+        let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
+        self.layout.by_drive(&sum, effort, by_delay, &mut self.effort_p, &mut self.friction_p);
+        let total = at.u + sum.effort;
+        let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
+        if let Some(c) = self.layout.inertia_column {
+            (self.effort_p[c], self.friction_p[c]) = (-total * inverse, -sum.friction * inverse);
+        }
+        let free = v + kick * total;
+        if free * at.direction < 0.0 {
+            sum.friction = bound_at_turn(&self.acting, at, sum.friction, &mut self.friction_p);
+        }
+        let bound = kick * sum.friction;
+        let target = settling.keep * v + settling.creep * kick * total;
+        let taken = free - target;
+        let (dq, dv) = (&moving.dq, &mut moving.dv);
+        if taken.abs() <= bound {
+            moving.v = target;
+            let creep = settling.creep * kick;
+            for c in 0..W {
+                dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + self.effort_p[c]);
+            }
+        } else {
+            let sign = taken.signum();
+            moving.v = free - sign * bound;
+            let by_q = kick * (sum.q - sign * sum.friction_q);
+            let by_v = 1.0 + kick * sum.v;
+            for c in 0..W {
+                dv[c] = by_v * dv[c] + by_q * dq[c] + kick * (self.effort_p[c] - sign * self.friction_p[c]);
+            }
+        }
+    }
+
+    /// Leap of the acceleration where a contact begins, at a state that is before it, as a kick of `h`
+    /// seconds has it.
+    fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
+        let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
+        let (before, after) = (side(-BESIDE), side(BESIDE));
+        let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
+        self.inverse * (after.effort - before.effort) / (implicit * implicit)
+    }
+}
+
+/// Distance from a contact that is as good as none, rad or m.
+/// derived: some thousand times the rounding of a position of 1.
+const BESIDE: f64 = 1e-12;
+
+/// Rolls a window with `W` columns; gives the state at its last sample.
+fn roll_columns<const W: usize>(
+    model: &JointModel,
+    catalogue: &Catalogue,
+    log: &JointLog,
+    drive: &Drive,
+    span: Span,
+    start: Start,
+    mut each: impl FnMut(f64, &Row),
+) -> Start {
+    let sensor = model.sensor(catalogue);
+    let layout = Layout::of(model, catalogue);
+    let (gain, added, sensors) = (layout.gain, layout.added, layout.sensors);
+    let inverse = inverse_inertia(model.plant.inertia, added);
+    let row = [0.0; MAX_COLUMNS];
+    let mut kicks =
+        Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
+    let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
+    (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
+    let (mut gauge, mut dgauge) = (moving.q + start.play * sensor.half_gap, moving.dq);
+    if let Some(c) = sensors[2] {
+        dgauge[c] = start.play;
+    }
+    let (mut settled_h, mut settling) = (f64::NAN, Settling::default());
+    for k in span.start..span.start + span.len {
+        measure::<W>(moving.q, &moving.dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
+        if k + 1 == span.start + span.len {
+            break;
+        }
+        let step = (log.time_s[k + 1] - log.time_s[k]) / drive.steps as f64;
+        let t = run_time_s(span.log, log, k);
+        let others_now = log.others_after(k);
+        let carried = log.carried.get(k);
+        if let Some(c) = carried {
+            kicks.inverse = inverse_inertia(c.inertia, added);
+        }
+        for s in 0..drive.steps {
+            let index = k * drive.steps + s;
+            let (effort, by_delay) = (drive.effort[index], gain * drive.by_delay[index]);
+            let meeting = kicks.acting.meeting(moving.q, moving.v, step);
+            let before = meeting.map_or(step, |m| m.after_s);
+            for (h, meeting) in [(before, None), (step - before, meeting)]
+                .into_iter()
+                .take(if meeting.is_some() { 2 } else { 1 })
+            {
+                if h != settled_h {
+                    (settled_h, settling) = (h, Settling::over(model.settle_s, h));
+                }
+                let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
+                let t = t + (s as f64 + 0.5) * step;
+                let Moving { q, v, .. } = moving;
+                let at = At {
+                    q: q + 0.5 * h * v,
+                    v,
+                    u: gain * effort,
+                    t,
+                    direction,
+                    others: &others_now,
+                    load: 0.0,
+                    carried,
+                };
+                if let Some(m) = meeting {
+                    moving.meet::<W>(m.column, kicks.leap(&at, m.position, h));
+                }
+                moving.drift::<W>(0.5 * h);
+                kicks.kick::<W>(&mut moving, &at, h, &settling, effort, by_delay);
+                moving.drift::<W>(0.5 * h);
+            }
+        }
+    }
+    let Moving { q, v, .. } = moving;
+    let play = if sensor.half_gap > 0.0 { (gauge - q) / sensor.half_gap } else { start.play };
+    Start { position: q, velocity: v, play }
+}
+
+/// Passes the position through play, scale and offset of the sensor.
+#[inline]
+fn measure<const W: usize>(
+    q: f64,
+    dq: &Row,
+    sensor: &Sensor,
+    columns: [Option<usize>; 3],
+    gauge: &mut f64,
+    dgauge: &mut Row,
+    each: &mut impl FnMut(f64, &Row),
+) {
+    let half = sensor.half_gap;
+    let side = if *gauge < q - half || half == 0.0 {
+        -1.0
+    } else if *gauge > q + half {
+        1.0
+    } else {
+        0.0
+    };
+    if side != 0.0 {
+        *gauge = q + side * half;
+        dgauge[..W].copy_from_slice(&dq[..W]);
+        if let Some(c) = columns[2] {
+            dgauge[c] += side;
+        }
+    }
+    let mut row = [0.0; MAX_COLUMNS];
+    for i in 0..W {
+        row[i] = sensor.scale * dgauge[i];
+    }
+    if let Some(c) = columns[0] {
+        row[c] += 1.0;
+    }
+    if let Some(c) = columns[1] {
+        row[c] += *gauge;
+    }
+    each(sensor.scale * *gauge + sensor.bias, &row);
+}

@@ -1,0 +1,439 @@
+//! Multiple shooting: parameters, start states of all windows and the effort noise, by damped Gauss-Newton
+//! with the start states eliminated window by window. See docs/method.md (14.11).
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+use crate::gap::{
+    fit::{
+        acting::{MAX_COLUMNS, Row},
+        noise::most_likely_noise,
+        problem::Problem,
+        rollout::{MAX_FREE, Rollout, Start, width},
+        starts::improve,
+        whiten::whiten,
+        whitening::{Whitening, predict, residual_column, start_ridge},
+    },
+    model::{
+        effect::Place,
+        joint_model::{JointModel, SETTLE_S},
+    },
+};
+
+/// Most free parameters of a fit, the lag included.
+pub const MAX_FIT_FREE: usize = MAX_FREE - 1;
+
+/// A fitted model.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model.
+    pub model: JointModel,
+    /// Start state of each window.
+    pub starts: Vec<Start>,
+    /// Standard deviation of the effort noise, N m or N.
+    pub sigma_u: f64,
+    /// Restricted log likelihood.
+    pub log_likelihood: f64,
+    /// Covariance of the free parameters; rows of frozen ones are zero.
+    pub covariance: DMatrix<f64>,
+    /// Number of windows that each free parameter rests on, were they all to show as much of it.
+    pub witnesses: Vec<f64>,
+    /// Sum of squared whitened residuals of each window.
+    pub costs: Vec<f64>,
+}
+
+/// Normal equations of one window.
+#[derive(Clone)]
+struct Block {
+    cost: f64,
+    hessian: DMatrix<f64>,
+    start: Matrix2<f64>,
+    cross: DMatrix<f64>,
+    start_gradient: Vector2<f64>,
+    gradient: DVector<f64>,
+}
+
+/// Normal equations of all windows.
+struct Normal {
+    blocks: Vec<Block>,
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+/// What a fit may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Free {
+    /// Parameters, lag and start states.
+    All,
+    /// Start states only.
+    Starts,
+}
+
+struct Evaluation {
+    normal: Normal,
+    /// Total cost with the priors.
+    cost: f64,
+}
+
+/// Whitened normal equations at a model and start states; `frozen` parameters have no columns.
+fn evaluate(
+    problem: &Problem,
+    model: &JointModel,
+    starts: &[Start],
+    whitening: &Whitening,
+    frozen: &[bool],
+) -> Evaluation {
+    match width(model.free()) {
+        4 => evaluate_columns::<4>(problem, model, starts, whitening, frozen),
+        8 => evaluate_columns::<8>(problem, model, starts, whitening, frozen),
+        12 => evaluate_columns::<12>(problem, model, starts, whitening, frozen),
+        _ => evaluate_columns::<MAX_COLUMNS>(problem, model, starts, whitening, frozen),
+    }
+}
+
+fn evaluate_columns<const W: usize>(
+    problem: &Problem,
+    model: &JointModel,
+    starts: &[Start],
+    whitening: &Whitening,
+    frozen: &[bool],
+) -> Evaluation {
+    let drives = problem.drives(model);
+    let free = model.free();
+    let mut rollout = Rollout::default();
+    let mut blocks = Vec::with_capacity(starts.len());
+    let ridge = start_ridge(problem);
+    let residual = residual_column(free);
+    for (w, start) in starts.iter().enumerate() {
+        predict(problem, model, &drives, w, *start, &mut rollout);
+        let span = problem.windows[w];
+        whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
+        let sums = products::<W>(&rollout.rows);
+        let held = |i: usize, j: usize| frozen[i] || frozen[j];
+        blocks.push(Block {
+            cost: sums[residual][residual],
+            hessian: DMatrix::from_fn(free, free, |i, j| {
+                if held(i, j) { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }
+            }),
+            start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
+            cross: DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] }),
+            start_gradient: Vector2::new(sums[0][residual], sums[1][residual]),
+            gradient: DVector::from_fn(free, |i, _| if frozen[i] { 0.0 } else { sums[2 + i][residual] }),
+        });
+    }
+    total(problem, model, blocks, frozen)
+}
+
+/// Adds the windows up, with the prior of the lag.
+fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bool]) -> Evaluation {
+    let free = model.free();
+    let (mut hessian, mut gradient) = (DMatrix::zeros(free, free), DVector::zeros(free));
+    for b in &blocks {
+        hessian += &b.hessian;
+        gradient += &b.gradient;
+    }
+    let lag = model.lag_s / problem.lag_sigma_s;
+    let cost = blocks.iter().map(|b| b.cost).sum::<f64>() + lag * lag;
+    let cost = if cost.is_finite() { cost } else { f64::INFINITY };
+    if !frozen[0] {
+        hessian[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
+        gradient[0] -= lag / problem.lag_sigma_s;
+    }
+    Evaluation { normal: Normal { blocks, hessian, gradient }, cost }
+}
+
+/// `rows' * rows` over the first `W` columns; from the diagonal on.
+fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
+    let mut sums = [[0.0; W]; W];
+    for row in rows {
+        for i in 0..W {
+            let x = row[i];
+            for j in i & !1..W {
+                sums[i][j] += x * row[j];
+            }
+        }
+    }
+    sums
+}
+
+/// A step of all unknowns.
+struct Step {
+    parameters: DVector<f64>,
+    starts: Vec<Vector2<f64>>,
+}
+
+fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
+    let (mut s, mut g) = (normal.hessian.clone(), normal.gradient.clone());
+    let inverses: Vec<Matrix2<f64>> =
+        normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
+    for (b, inverse) in normal.blocks.iter().zip(&inverses) {
+        let weighted = b.cross.transpose() * inverse;
+        s -= &weighted * &b.cross;
+        g -= &weighted * b.start_gradient;
+    }
+    for i in 0..g.len() {
+        if frozen[i] {
+            s[(i, i)] = 1.0;
+            g[i] = 0.0;
+        } else {
+            s[(i, i)] = s[(i, i)] * (1.0 + damping) + 1e-12 * normal.hessian[(i, i)] + 1e-300;
+        }
+    }
+    let parameters = s.cholesky()?.solve(&g);
+    let starts = normal
+        .blocks
+        .iter()
+        .zip(&inverses)
+        .map(|(b, inverse)| inverse * (b.start_gradient - &b.cross * &parameters))
+        .collect();
+    Some(Step { parameters, starts })
+}
+
+/// Parameters moved by a step, kept inside their bounds.
+fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
+    let mut parameters = model.parameters();
+    let mut at = 1;
+    parameters[0] = (parameters[0] + step[0]).clamp(-5.0 * problem.lag_sigma_s, 5.0 * problem.lag_sigma_s);
+    for term in &model.terms {
+        for i in 0..term.p.len() {
+            let (low, high) = problem.catalogue[term.effect].bounds(i, &problem.coverage);
+            parameters[at] = (parameters[at] + step[at]).clamp(low, high);
+            at += 1;
+        }
+    }
+    model.with_parameters(&parameters)
+}
+
+/// Shares of the effort noise that a fit with play, and the last fits with a contact, run through first:
+/// under the noise of the twin, which takes what is missing for noise, a window that starts on the wrong side
+/// of the gap would never leave it.
+/// tuned: tests/python/gap/generate.py.
+const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
+
+/// How long a fit goes on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Rounds; the noise is estimated anew between them.
+    pub rounds: usize,
+    /// Most steps of a round.
+    pub steps: usize,
+    /// A step that gains less, and less than this share of 15 000 times the cost, is the last.
+    pub enough: f64,
+    /// The settle time of friction is chosen as well.
+    pub settles: bool,
+    /// Start states are looked for in every window; otherwise those given are of a like model, and only
+    /// windows that fit badly are searched.
+    pub searches: bool,
+    /// The noise is estimated before the first round as well.
+    pub hears: bool,
+}
+
+/// Most steps of one round.
+const MAX_STEPS: usize = 14;
+
+impl Pace {
+    /// To the end.
+    #[must_use]
+    pub const fn thorough(rounds: usize) -> Self {
+        Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true, searches: true, hears: false }
+    }
+
+    /// Far enough to see which start of a fit leads.
+    pub const FIRST: Self =
+        Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };
+    /// From there on, far enough to see which candidates lead.
+    pub const NEXT: Self = Self { searches: false, hears: true, ..Self::FIRST };
+}
+
+/// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
+#[must_use]
+pub fn fit(
+    problem: &Problem,
+    model: &JointModel,
+    starts: Option<&[Start]>,
+    sigma_u: f64,
+    free: Free,
+    pace: Pace,
+) -> Fit {
+    let mut best = fit_settled(problem, model, starts, sigma_u, free, pace);
+    if !pace.settles || free != Free::All || !model.has_friction(problem.catalogue) {
+        return best;
+    }
+    // Longer settle times first, as far as they help; then shorter ones.
+    let at = |fit: &Fit| SETTLE_S.iter().position(|s| *s >= fit.model.settle_s).unwrap_or(0);
+    for longer in [true, false] {
+        loop {
+            let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
+            let Some(&settle_s) = SETTLE_S.get(next) else { break };
+            let trial = JointModel { settle_s, ..best.model.clone() };
+            let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
+            let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, trial_pace);
+            if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
+                break;
+            }
+            best = trial;
+        }
+    }
+    best
+}
+
+/// Log likelihood that another settle time must gain.
+/// derived: half the 95 % quantile of chi-square with one degree of freedom.
+const ENOUGH_TO_SETTLE: f64 = 1.920_729;
+
+/// Fits at the settle time that the model has.
+fn fit_settled(
+    problem: &Problem,
+    model: &JointModel,
+    starts: Option<&[Start]>,
+    sigma_u: f64,
+    free: Free,
+    pace: Pace,
+) -> Fit {
+    let mut model = model.clone();
+    let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
+    let mut sigma_u = sigma_u.max(problem.min_sigma_u);
+    let mut frozen = vec![free == Free::Starts; model.free()];
+    frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
+    let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
+    let mut whitening = Whitening::new(problem, &model, sigma_u);
+    let has_contact = model.terms.iter().any(|t| problem.catalogue[t.effect].place() == Place::Contact);
+    let anneal = if free == Free::All && pace.searches && (has_play || (has_contact && pace.settles)) {
+        ANNEALING
+    } else {
+        &[]
+    };
+    for share in anneal {
+        whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
+        improve(problem, &model, &mut starts, &whitening, true);
+        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
+        iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now);
+    }
+    let mut end = None;
+    for round in 0..pace.rounds.max(1) {
+        if round > 0 || !anneal.is_empty() || pace.hears {
+            sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
+            whitening = Whitening::new(problem, &model, sigma_u);
+        }
+        improve(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
+        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
+        end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
+    }
+    let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
+    let log_likelihood = restricted(problem, &model, &end, &whitening);
+    let (covariance, witnesses) = covariance(&end.normal, &frozen);
+    let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
+    Fit { model, starts, sigma_u, log_likelihood, covariance, witnesses, costs }
+}
+
+/// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.
+fn iterate(
+    problem: &Problem,
+    model: &mut JointModel,
+    starts: &mut Vec<Start>,
+    whitening: &Whitening,
+    frozen: &[bool],
+    pace: Pace,
+    mut now: Evaluation,
+) -> Evaluation {
+    let mut damping = 1e-4;
+    for _ in 0..pace.steps {
+        let Some(step) = solve(&now.normal, frozen, damping) else {
+            damping = (damping * 10.0).max(1e-4);
+            continue;
+        };
+        let trial_model = moved(problem, model, &step.parameters);
+        let mut trial_starts: Vec<Start> = starts
+            .iter()
+            .zip(&step.starts)
+            .map(|(s, d)| Start { position: s.position + d[0], velocity: s.velocity + d[1], play: s.play })
+            .collect();
+        let mut trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
+        if !(trial.cost < now.cost) {
+            // Window by window, the start state that serves the new parameters better.
+            let kept = evaluate(problem, &trial_model, starts, whitening, frozen).normal.blocks;
+            let mut blocks = trial.normal.blocks;
+            for (w, own) in kept.into_iter().enumerate() {
+                if !(blocks[w].cost <= own.cost) {
+                    (blocks[w], trial_starts[w]) = (own, starts[w]);
+                }
+            }
+            trial = total(problem, &trial_model, blocks, frozen);
+        }
+        if trial.cost < now.cost {
+            let gained = now.cost - trial.cost;
+            (*model, *starts, now) = (trial_model, trial_starts, trial);
+            damping = (damping * 0.2).max(1e-7);
+            if gained < pace.enough * (1.0 + 6e-5 * now.cost) {
+                break;
+            }
+        } else {
+            damping = (damping * 12.0).max(1e-3);
+            if damping > 1e5 {
+                break;
+            }
+        }
+    }
+    now
+}
+
+/// Share of what is known of a parameter from which a window is its sole witness.
+/// derived: more than all others together.
+const SOLE: f64 = 0.5;
+
+/// Covariance of the parameters, that of the whitened residuals, widened where the parameters move by more
+/// than that when windows are left out (a jackknife of one Gauss-Newton step); and the number of windows that
+/// each rests on. See docs/method.md (14.13).
+fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
+    let mut s = normal.hessian.clone();
+    let n = s.nrows();
+    let mut windows = Vec::with_capacity(normal.blocks.len());
+    for b in &normal.blocks {
+        if let Some(inverse) = b.start.try_inverse() {
+            let weighted = b.cross.transpose() * inverse;
+            let lost = &weighted * &b.cross;
+            s -= &lost;
+            windows.push((&b.hessian - lost, &b.gradient - &weighted * b.start_gradient));
+        }
+    }
+    for i in (0..n).filter(|&i| frozen[i]) {
+        s[(i, i)] = 1.0;
+    }
+    let Some(mut c) = s.clone().cholesky().map(|c| c.inverse()) else {
+        return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
+    };
+    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    for (own, gradient) in &windows {
+        let without = (&s - own).cholesky().map_or_else(|| &c * gradient, |rest| rest.solve(gradient));
+        let (known, within) = (&c * own * &c, &c * gradient);
+        for i in 0..n {
+            // Without the window that shows most of a parameter nothing is left to compare.
+            let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
+            moved[i] += way * way;
+            shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
+        }
+    }
+    let wider: Vec<f64> = (0..n)
+        .map(|i| (moved[i] / c[(i, i)]).max(1.0).sqrt())
+        .map(|w| if w.is_finite() { w } else { 1.0 })
+        .collect();
+    for i in 0..n {
+        for j in 0..n {
+            c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
+        }
+    }
+    let witnesses =
+        shares.iter().map(|(sum, squares)| if *squares > 0.0 { sum * sum / squares } else { 1.0 }).collect();
+    (c, witnesses)
+}
+
+/// Log likelihood with the start states integrated out, up to a constant. See docs/method.md (14.12).
+fn restricted(problem: &Problem, model: &JointModel, at: &Evaluation, whitening: &Whitening) -> f64 {
+    let lag = model.lag_s / problem.lag_sigma_s;
+    let mut twice = whitening.log_variance + lag * lag;
+    for b in &at.normal.blocks {
+        let inverse = b.start.try_inverse().unwrap_or_else(Matrix2::zeros);
+        twice += b.cost - b.start_gradient.dot(&(inverse * b.start_gradient))
+            + b.start.determinant().max(1e-300).ln();
+    }
+    -0.5 * twice
+}

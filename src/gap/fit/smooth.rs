@@ -1,0 +1,197 @@
+//! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white
+//! effort noise.
+
+use crate::gap::{
+    model::plant::Plant,
+    record::{
+        carried::Carried,
+        drive::Drive,
+        log::{JointLog, Span},
+    },
+};
+
+/// Smoothed motion of a log, sample by sample.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trace {
+    /// Position, rad or m.
+    pub position: Vec<f64>,
+    /// Velocity.
+    pub velocity: Vec<f64>,
+    /// Mean effort until the next sample, N m or N.
+    pub effort: Vec<f64>,
+    /// Acceleration of the twin at this state under this effort; free of measured second differences.
+    pub acceleration: Vec<f64>,
+    /// Sign of the last clear motion; 0 before the first.
+    pub direction: Vec<f64>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Belief {
+    q: f64,
+    v: f64,
+    qq: f64,
+    qv: f64,
+    vv: f64,
+}
+
+/// One prediction of the twin.
+struct Predict<'a> {
+    plant: &'a Plant,
+    noise: f64,
+}
+
+impl Predict<'_> {
+    /// Transition matrix and effect of an effort over `dt` at a position.
+    fn matrices(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
+        let (inertia, rate) = self.plant.inertia_at(carried);
+        let i = 1.0 / inertia;
+        let (k, b) = (self.plant.load_at(carried, q).1 * i, (self.plant.damping + rate) * i);
+        let lost = 1.0 - (-b * dt).exp();
+        ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
+    }
+
+    fn step(&self, carried: Option<&Carried>, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
+        let (a, g) = self.matrices(carried, s.q, dt);
+        let (load, slope) = self.plant.load_at(carried, s.q);
+        let push = effort - load + slope * s.q;
+        let w = self.noise * self.noise;
+        let (m00, m01) = (a[0] * s.qq + a[1] * s.qv, a[0] * s.qv + a[1] * s.vv);
+        let (m10, m11) = (a[2] * s.qq + a[3] * s.qv, a[2] * s.qv + a[3] * s.vv);
+        let next = Belief {
+            q: a[0] * s.q + a[1] * s.v + g[0] * push,
+            v: a[2] * s.q + a[3] * s.v + g[1] * push,
+            qq: m00 * a[0] + m01 * a[1] + w * g[0] * g[0],
+            qv: m00 * a[2] + m01 * a[3] + w * g[0] * g[1],
+            vv: m10 * a[2] + m11 * a[3] + w * g[1] * g[1],
+        };
+        (next, a)
+    }
+}
+
+/// Smooths logs with the effort noise of the grid that makes them most probable.
+#[must_use]
+pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise: f64) -> Vec<Trace> {
+    let effort: Vec<Vec<f64>> = logs.iter().zip(drives).map(|(l, d)| sample_efforts(l, d)).collect();
+    let count: usize = effort.iter().map(Vec::len).sum();
+    let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
+    let scale = rms.max(plant.load.amplitude()).max(1e-9);
+    let likelihood = |noise: f64| -> f64 {
+        let each = logs
+            .iter()
+            .enumerate()
+            .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, position_noise).1);
+        each.sum()
+    };
+    let best = (0..9)
+        .map(|i| scale * 0.003 * 2.6f64.powi(i))
+        .map(|n| (likelihood(n), n))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let noise = best.map_or(scale, |(_, n)| n);
+    let predict = Predict { plant, noise };
+    logs.iter().enumerate().map(|(i, log)| backward(log, i, &effort[i], &predict, position_noise)).collect()
+}
+
+/// Mean effort between samples.
+fn sample_efforts(log: &JointLog, drive: &Drive) -> Vec<f64> {
+    let mut means: Vec<f64> =
+        drive.effort.chunks(drive.steps.max(1)).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
+    means.resize(log.time_s.len(), log.effort.last().copied().unwrap_or(0.0));
+    means
+}
+
+type Passed = (Belief, Belief, [f64; 4]);
+
+/// Filters; gives (predicted, updated, transition that led here) of every sample, and the log likelihood.
+fn forward(
+    log: &JointLog,
+    index: usize,
+    effort: &[f64],
+    predict: &Predict,
+    sigma: f64,
+) -> (Vec<(Span, Vec<Passed>)>, f64) {
+    let mut all = Vec::new();
+    let mut likelihood = 0.0;
+    for span in log.segments(index) {
+        let first = log.position[span.start];
+        let mut belief = Belief { q: first, v: 0.0, qq: sigma * sigma * 1e4, qv: 0.0, vv: 1e4 };
+        let mut transition = [1.0, 0.0, 0.0, 1.0];
+        let mut passed = Vec::with_capacity(span.len);
+        for k in span.start..span.start + span.len {
+            if k > span.start {
+                (belief, transition) = predict.step(
+                    log.carried.get(k - 1),
+                    &belief,
+                    effort[k - 1],
+                    log.time_s[k] - log.time_s[k - 1],
+                );
+            }
+            let predicted = belief;
+            let s = predicted.qq + sigma * sigma;
+            let innovation = log.position[k] - predicted.q;
+            if k > span.start + 2 {
+                likelihood -= 0.5 * (innovation * innovation / s + s.ln());
+            }
+            let (kq, kv) = (predicted.qq / s, predicted.qv / s);
+            belief = Belief {
+                q: predicted.q + kq * innovation,
+                v: predicted.v + kv * innovation,
+                qq: predicted.qq * (1.0 - kq),
+                qv: predicted.qv * (1.0 - kq),
+                vv: predicted.vv - kv * predicted.qv,
+            };
+            passed.push((predicted, belief, transition));
+        }
+        all.push((span, passed));
+    }
+    (all, likelihood)
+}
+
+fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sigma: f64) -> Trace {
+    let n = log.time_s.len();
+    let mut trace = Trace {
+        position: log.position.clone(),
+        velocity: vec![0.0; n],
+        effort: effort.to_vec(),
+        acceleration: vec![0.0; n],
+        direction: vec![0.0; n],
+    };
+    for (span, passed) in forward(log, index, effort, predict, sigma).0 {
+        let mut later: Option<(f64, f64)> = None;
+        for k in (0..span.len).rev() {
+            let (_, updated, _) = passed[k];
+            let mut state = (updated.q, updated.v);
+            if let (Some((q, v)), Some((next, _, a))) = (later, passed.get(k + 1)) {
+                // Gain P A' (predicted P)^-1.
+                let c = [
+                    updated.qq * a[0] + updated.qv * a[1],
+                    updated.qq * a[2] + updated.qv * a[3],
+                    updated.qv * a[0] + updated.vv * a[1],
+                    updated.qv * a[2] + updated.vv * a[3],
+                ];
+                let det = next.qq * next.vv - next.qv * next.qv;
+                if det > 0.0 {
+                    let (x, y) = (q - next.q, v - next.v);
+                    let (ix, iy) = ((next.vv * x - next.qv * y) / det, (next.qq * y - next.qv * x) / det);
+                    state = (updated.q + c[0] * ix + c[1] * iy, updated.v + c[2] * ix + c[3] * iy);
+                }
+            }
+            later = Some(state);
+            (trace.position[span.start + k], trace.velocity[span.start + k]) = state;
+        }
+    }
+    let plant = predict.plant;
+    let top = trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let mut last = 0.0;
+    for k in 0..n {
+        let (q, v) = (trace.position[k], trace.velocity[k]);
+        let carried = log.carried.get(k);
+        let (inertia, rate) = plant.inertia_at(carried);
+        trace.acceleration[k] =
+            (effort[k] - (plant.damping + rate) * v - plant.load_at(carried, q).0) / inertia;
+        if v.abs() > 0.02 * top {
+            last = v.signum();
+        }
+        trace.direction[k] = last;
+    }
+    trace
+}

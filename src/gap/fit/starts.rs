@@ -1,0 +1,291 @@
+//! Start states of windows, searched window by window: where a window holds a contact, a catch or play,
+//! Gauss-Newton from one state ends in the nearest minimum, and one window that started wrongly is taken for
+//! noise of the effort.
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::gap::{
+    fit::{
+        acting::Row,
+        problem::Problem,
+        rollout::{Start, roll_starts},
+        whiten::Filter,
+        whitening::{Whitening, start_ridge},
+    },
+    model::joint_model::JointModel,
+    record::{drive::Drive, log::Span},
+};
+
+/// A window whose squared whitened residuals exceed their number by this factor is searched further.
+/// tuned: tests/python/gap/generate.py.
+const MISFIT: f64 = 1.5;
+/// States of a searched window that are polished.
+const POLISHED: usize = 4;
+/// Steps of a polish.
+const POLISH_STEPS: usize = 6;
+/// Places in the play that a window is started at.
+/// derived: the ends, the middle, and between them.
+const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
+/// Samples over which the recorded slope is taken, from the start of a window: (first, last).
+const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];
+
+/// A window from one start state.
+#[derive(Clone, Copy, Debug)]
+struct Trial {
+    start: Start,
+    /// Sum of the squared whitened residuals.
+    cost: f64,
+    normal: Matrix2<f64>,
+    gradient: Vector2<f64>,
+}
+
+impl Trial {
+    /// The cost that one step of the start state promises.
+    fn reach(&self) -> f64 {
+        let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
+        if self.cost.is_finite() { self.cost - step } else { f64::INFINITY }
+    }
+}
+
+/// What every window is tried with.
+struct Bench<'a, 'c> {
+    problem: &'a Problem<'c>,
+    model: &'a JointModel,
+    drives: &'a [Drive],
+    whitening: &'a Whitening,
+    ridge: Matrix2<f64>,
+}
+
+impl Bench<'_, '_> {
+    fn try_start(&self, window: usize, start: Start) -> Trial {
+        let span = self.problem.windows[window];
+        let log = &self.problem.logs[span.log];
+        let measured = &log.position[span.start..span.start + span.len];
+        let mut whitening = measured
+            .iter()
+            .zip(&self.whitening.locals[span.log][span.start..])
+            .zip(&self.whitening.gains[window]);
+        let mut filter = Filter::<3>::default();
+        let [mut cost, mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 6];
+        let each = |predicted: f64, row: &Row| {
+            let Some(((measured, local), gain)) = whitening.next() else { return };
+            let mut white = [row[0], row[1], measured - predicted];
+            filter.pass(&mut white, local, gain);
+            let [a, b, e] = white;
+            cost += e * e;
+            (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
+        };
+        roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], span, start, each);
+        let normal = self.ridge + Matrix2::new(aa, ab, ab, bb);
+        Trial {
+            start,
+            cost: if cost.is_finite() { cost } else { f64::INFINITY },
+            normal,
+            gradient: Vector2::new(ae, be),
+        }
+    }
+
+    /// Damped Gauss-Newton on the start state alone.
+    fn polish(&self, window: usize, from: Trial) -> Trial {
+        let (mut now, mut damping) = (from, 1e-4);
+        for _ in 0..POLISH_STEPS {
+            let mut normal = now.normal;
+            normal[(0, 0)] *= 1.0 + damping;
+            normal[(1, 1)] *= 1.0 + damping;
+            let Some(step) = normal.try_inverse().map(|i| i * now.gradient) else { break };
+            let start = Start {
+                position: now.start.position + step[0],
+                velocity: now.start.velocity + step[1],
+                ..now.start
+            };
+            let trial = self.try_start(window, start);
+            if trial.cost < now.cost {
+                let gained = now.cost - trial.cost;
+                (now, damping) = (trial, damping * 0.2);
+                if gained < 0.5 {
+                    break;
+                }
+            } else {
+                damping = (damping * 20.0).max(1e-3);
+            }
+        }
+        now
+    }
+
+    /// The state that a window hands on to the next one, where that follows without a gap.
+    fn hand_on(&self, window: usize, start: Start) -> Option<Start> {
+        let span = self.problem.windows[window];
+        let next = self.problem.windows.get(window + 1)?;
+        if next.log != span.log || next.start != span.start + span.len {
+            return None;
+        }
+        let longer = Span { len: span.len + 1, ..span };
+        let log = &self.problem.logs[span.log];
+        let end = roll_starts(
+            self.model,
+            self.problem.catalogue,
+            log,
+            &self.drives[span.log],
+            longer,
+            start,
+            |_, _| (),
+        );
+        (end.position.is_finite() && end.velocity.is_finite()).then_some(end)
+    }
+}
+
+/// Start states that serve the model best: those given, those of the smoothed motion, those that the
+/// preceding window ends in; for windows that none of them fits, states over the play and over the recorded
+/// slopes. `all` compares the given states with the others in every window, not only in those that fit badly.
+pub fn improve(
+    problem: &Problem,
+    model: &JointModel,
+    starts: &mut [Start],
+    whitening: &Whitening,
+    all: bool,
+) {
+    let drives = problem.drives(model);
+    let fresh = problem.starts(model);
+    let half_gap = model.sensor(problem.catalogue).half_gap;
+    let ridge = start_ridge(problem);
+    let bench = Bench { problem, model, drives: &drives, whitening, ridge };
+    let mut carried = None;
+    for w in 0..starts.len() {
+        let fits = |t: &Trial| t.cost <= MISFIT * problem.windows[w].len as f64;
+        let given = bench.try_start(w, starts[w]);
+        let mut trials = vec![given];
+        if all || !fits(&given) {
+            trials.extend(std::iter::once(fresh[w]).chain(carried).map(|s| bench.try_start(w, s)));
+            if half_gap > 0.0 {
+                let more = [fresh[w], starts[w]]
+                    .into_iter()
+                    .flat_map(|s| PLAY.map(|p| (p != s.play).then(|| at_play(s, p, half_gap))));
+                trials.extend(more.flatten().map(|s| bench.try_start(w, s)).collect::<Vec<_>>());
+            }
+            trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
+        }
+        let mut best = trials[0];
+        if !fits(&best) {
+            best = searched(&bench, w, trials, &fresh[w], half_gap, &fits);
+        }
+        starts[w] = best.start;
+        carried = bench.hand_on(w, best.start);
+    }
+}
+
+/// The best start state of a window that fits badly.
+fn searched(
+    bench: &Bench,
+    w: usize,
+    mut trials: Vec<Trial>,
+    fresh: &Start,
+    half_gap: f64,
+    fits: &dyn Fn(&Trial) -> bool,
+) -> Trial {
+    let quick = bench.polish(w, trials[0]);
+    if fits(&quick) {
+        return quick;
+    }
+    let span = bench.problem.windows[w];
+    let (log, scale) = (&bench.problem.logs[span.log], bench.model.sensor(bench.problem.catalogue).scale);
+    let last = log.time_s.len() as i64 - 1;
+    let places: &[f64] = if half_gap > 0.0 { &PLAY } else { &[0.0] };
+    for (from, to) in SLOPES {
+        let at = |k: i64| (span.start as i64 + k).clamp(0, last) as usize;
+        let (a, b) = (at(from), at(to));
+        if a == b {
+            continue;
+        }
+        let velocity = (log.position[b] - log.position[a]) / (log.time_s[b] - log.time_s[a]) / scale;
+        for play in places {
+            let start = Start { velocity, ..at_play(*fresh, *play, half_gap) };
+            trials.push(bench.try_start(w, start));
+        }
+    }
+    trials.push(quick);
+    trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
+    trials.truncate(POLISHED);
+    trials.push(quick);
+    let polished: Vec<Trial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
+    polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)
+}
+
+/// The start state elsewhere in the play, its sensor where it was.
+fn at_play(start: Start, play: f64, half_gap: f64) -> Start {
+    if half_gap == 0.0 {
+        return start;
+    }
+    Start { position: start.position + (start.play - play) * half_gap, play, ..start }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::{
+        model::{
+            effects::catalogue,
+            plant::{Load, Plant},
+        },
+        record::{drive::Hold, log::JointLog},
+    };
+
+    /// A joint that runs into its stop and through its play, from start states that are far off in every
+    /// window.
+    #[test]
+    fn windows_with_contacts_and_play_find_their_start_states() {
+        let effects = catalogue(0);
+        let of = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
+        let plant =
+            Plant { inertia: 0.1, damping: 0.05, friction: 0.0, load: Load { sine: 4.0, ..Load::default() } };
+        let stop = JointModel::of(&plant).with(of("end_stop"), &[220.0, 7.0, 0.2, 0.9]);
+        let play = JointModel::of(&plant).with(of("backlash"), &[0.02]);
+        for model in [stop, play] {
+            let time_s: Vec<f64> = (0..800).map(|k| 0.005 * f64::from(k)).collect();
+            let effort: Vec<f64> =
+                time_s.iter().map(|t| 0.9 * (7.0 * t).sin() + 0.3 * (23.0 * t).cos()).collect();
+            let mut log = JointLog {
+                run: "r".into(),
+                position: vec![0.0; 800],
+                effort,
+                others: Vec::new(),
+                carried: Vec::new(),
+                time_s,
+            };
+            let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
+            let mut position = Vec::new();
+            let keep = |q: f64, _: &Row| position.push(q);
+            roll_starts(
+                &model,
+                &effects,
+                &log,
+                &drive,
+                Span { log: 0, start: 0, len: 800 },
+                Start::default(),
+                keep,
+            );
+            log.position = position
+                .iter()
+                .enumerate()
+                .map(|(k, q)| q + 1e-4 * f64::from((k * 37 % 11) as u32) - 5e-4)
+                .collect();
+            let problem = Problem::new(&effects, &plant, true, vec![log], Hold::Zero);
+            let whitening = Whitening::new(&problem, &model, problem.min_sigma_u);
+            let far: Vec<Start> = problem
+                .starts(&model)
+                .iter()
+                .map(|s| Start { position: s.position + 0.05, velocity: s.velocity - 2.0, ..*s })
+                .collect();
+            let mut starts = far.clone();
+            improve(&problem, &model, &mut starts, &whitening, true);
+            let drives = problem.drives(&model);
+            let ridge = start_ridge(&problem);
+            let bench =
+                Bench { problem: &problem, model: &model, drives: &drives, whitening: &whitening, ridge };
+            let cost = |from: &[Start]| {
+                from.iter().enumerate().map(|(w, s)| bench.try_start(w, *s).cost).sum::<f64>()
+            };
+            let (before, after) = (cost(&far), cost(&starts));
+            assert!(after < 2.0 * 800.0 && before > 1e3 * after, "{before} {after}");
+        }
+    }
+}

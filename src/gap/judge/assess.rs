@@ -1,0 +1,219 @@
+//! One joint from its logs to its report: diagnosis on the fitted runs, proof on the held-out ones.
+
+use rand_core::Rng;
+
+use crate::gap::{
+    fit::{
+        problem::Problem,
+        rollout::Start,
+        shooting::{Free, Pace, fit},
+    },
+    judge::{
+        proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
+        report::{JointReport, ReplayWindow},
+        verdict::{Diagnosis, MAX_LEFT, Verdict, diagnose},
+    },
+    model::{
+        expressed::expressed,
+        format::Format,
+        joint_model::{Catalogue, JointModel},
+        plant::Plant,
+    },
+    record::{
+        drive::Hold,
+        log::{JointLog, Span},
+    },
+};
+
+/// Logs of one joint, split.
+#[derive(Clone, Debug)]
+pub struct Runs {
+    /// Logs that are fitted.
+    pub fitted: Vec<JointLog>,
+    /// Logs that only the proof reads.
+    pub held_out: Vec<JointLog>,
+    /// The joint turns.
+    pub turns: bool,
+    /// How the effort runs between samples.
+    pub hold: Hold,
+    /// Effects to fit instead of searching, indices in the catalogue.
+    pub effects: Vec<usize>,
+}
+
+/// Diagnoses a joint and proves the result.
+#[must_use]
+pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
+    let turns = runs.turns;
+    let problem = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
+    let mut diagnosis = diagnose(&problem, &runs.effects, rng);
+    let mut report = JointReport {
+        joint: name.to_owned(),
+        turns,
+        diagnosis: diagnosis.clone(),
+        gap: None,
+        series: Vec::new(),
+        in_format: Vec::new(),
+        replay: Vec::new(),
+        nearest: None,
+        off_axis: None,
+    };
+    if diagnosis.verdict == Verdict::Insufficient || runs.held_out.is_empty() {
+        return report;
+    }
+    let held_out = Problem::held_out(&problem, runs.held_out);
+    let twin = JointModel::of(plant);
+    // A push belongs to the run that it happened in.
+    let mut updated = diagnosis.model.clone();
+    updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
+    let mut proof = prove(&held_out, &twin, &updated);
+    if !updated.terms.is_empty() && !is_proven(&proof.0) {
+        diagnosis.withdraw();
+        updated = twin.clone();
+        proof = prove(&held_out, &twin, &twin);
+    }
+    if let Some(nearest) = diagnosis.nearest.clone() {
+        let whole = prove(&held_out, &twin, &nearest.model).0;
+        let fewer = if runs.effects.is_empty() { fewer(&problem, &twin, &nearest.model) } else { None };
+        let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
+        match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
+            Some((proved, found)) => {
+                (updated, proof) = (found.model.clone(), proved);
+                diagnosis = Diagnosis { before: diagnosis.before, ..found };
+            }
+            None => report.nearest = Some(whole),
+        }
+    }
+    if !updated.terms.is_empty() {
+        report.in_format = in_formats(effects, &held_out, &twin, &updated, &proof.0);
+    }
+    report.replay = replay(name, &held_out, &updated, &proof.2);
+    (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
+    report
+}
+
+/// Residual of the model as each format holds it; formats that hold the same share it.
+fn in_formats(
+    effects: &Catalogue,
+    held_out: &Problem,
+    twin: &JointModel,
+    updated: &JointModel,
+    gap: &Gap,
+) -> Vec<(&'static str, f64)> {
+    let unchanged = JointModel { settle_s: updated.settle_s, ..twin.clone() };
+    let mut known: Vec<(JointModel, f64)> = vec![(updated.clone(), gap.after)];
+    if updated.settle_s == 0.0 || !unchanged.has_friction(effects) {
+        known.push((unchanged, gap.before));
+    }
+    let mut one = |format: Format| {
+        let held = JointModel { lag_s: updated.lag_s, ..expressed(format, updated, effects) };
+        let same = known
+            .iter()
+            .find(|(m, _)| m.terms == held.terms && m.settle_s == held.settle_s)
+            .map(|(_, rmse)| *rmse);
+        let rmse = same.unwrap_or_else(|| windowed_rmse(held_out, &held));
+        known.push((held, rmse));
+        (format.name(), rmse)
+    };
+    Format::ALL.map(&mut one).to_vec()
+}
+
+/// Share of the residual that effects may leave of runs that they were not fitted to.
+/// tuned: tests/python/gap/generate.py.
+const MOST_LEFT: f64 = 0.5;
+
+/// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
+/// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`
+/// where nothing can be.
+fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<Vec<usize>> {
+    if nearest.terms.len() < 2 {
+        return None;
+    }
+    let folds = problem.folds();
+    let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
+    let predicted = |model: &JointModel| {
+        let one = |[fitted, other]: &[Problem; 2]| {
+            let known = if model.terms.is_empty() {
+                model.clone()
+            } else {
+                fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model
+            };
+            windowed_rmse(other, &known).powi(2)
+        };
+        folds.iter().map(one).sum::<f64>().sqrt()
+    };
+    let whole = predicted(nearest);
+    let (mut model, mut rmse) = (nearest.clone(), whole);
+    while model.terms.len() > 1 {
+        let without = |i: usize| {
+            let mut fewer = model.clone();
+            fewer.terms.remove(i);
+            (predicted(&fewer), fewer)
+        };
+        let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if best.0 > SAME * rmse {
+            break;
+        }
+        (rmse, model) = best;
+    }
+    let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
+    let much = rmse < CLEARLY * whole && rmse < MOST_LEFT * predicted(twin);
+    (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+}
+
+/// Share of a residual that is clearly less: the effects taken away misled.
+/// tuned: tests/python/gap/generate.py.
+const CLEARLY: f64 = 0.8;
+/// Multiple of a residual that counts as the same on the way.
+/// tuned: tests/python/gap/generate.py.
+const SAME: f64 = 1.05;
+
+/// Effort noise that such a fit begins with, as a share of the recorded effort.
+/// derived: a start value, which the fit replaces.
+const FIRST_NOISE: f64 = 0.05;
+
+/// Multiple of the noise up to which a name may leave the gap open.
+/// tuned: tests/python/gap/generate.py.
+const MAX_FLOORS: f64 = 1.5;
+/// Multiple of the noise that no name may leave, whatever it closes.
+/// tuned: tests/python/gap/generate.py.
+const TOO_MANY_FLOORS: f64 = 50.0;
+/// Share of the windows that may miss: one that starts on an edge (of a stop, a catch, a balance) cannot be
+/// predicted.
+/// tuned: tests/python/gap/generate.py.
+const UNPREDICTED: f64 = 0.1;
+
+/// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
+fn is_proven(gap: &Gap) -> bool {
+    let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
+    windows.sort_by(|a, b| a.after.total_cmp(&b.after));
+    windows.truncate(windows.len() - (UNPREDICTED * windows.len() as f64) as usize);
+    let mean = |of: fn(&WindowGap) -> f64| {
+        (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt()
+    };
+    let floor = gap.noise_floor;
+    let closes = |before: f64, after: f64| {
+        let small = left_of(before, after, floor) <= MAX_LEFT && after <= TOO_MANY_FLOORS * floor;
+        after <= before && (small || after <= MAX_FLOORS * floor)
+    };
+    // An effect that acts in few windows shows in all of them alone.
+    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
+}
+
+/// The windows with their start states as the sensor sees them.
+fn replay(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
+    let sensor = model.sensor(held_out.catalogue);
+    let one = |(span, s): (&Span, &Start)| {
+        let log = &held_out.logs[span.log];
+        let position = sensor.scale * (s.position + s.play * sensor.half_gap) + sensor.bias;
+        let start_s = log.time_s[span.start];
+        ReplayWindow {
+            joint: name.to_owned(),
+            run: log.run.clone(),
+            start_s,
+            samples: span.len,
+            position,
+            velocity: s.velocity * sensor.scale,
+        }
+    };
+    held_out.windows.iter().zip(starts).map(one).collect()
+}

@@ -1,0 +1,14 @@
+//! Which effects are named: screening, search, verdict, proof on held-out runs, report.
+
+pub mod assess;
+pub mod locate;
+#[cfg(test)]
+mod new_effect_tests;
+#[cfg(test)]
+mod one_way_damping;
+pub mod proof;
+pub mod report;
+pub mod screen;
+pub mod search;
+pub mod simplify;
+pub mod verdict;

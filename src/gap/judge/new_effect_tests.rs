@@ -1,0 +1,94 @@
+//! The worked example of `docs/add_an_effect.md`: an effect that the catalogue does not have, found and named
+//! on a simulated log.
+
+use rand_core::{Rng, SeedableRng};
+
+use super::{
+    assess::{Runs, assess},
+    one_way_damping::OneWayDamping,
+    report::JointReport,
+    verdict::Verdict,
+};
+use crate::gap::{
+    fit::{
+        acting::Row,
+        rollout::{Start, roll_starts},
+    },
+    model::{
+        effects::catalogue,
+        joint_model::{Catalogue, JointModel},
+        plant::{Load, Plant},
+    },
+    record::{
+        drive::{Drive, Hold},
+        log::{JointLog, Span},
+    },
+};
+
+const SAMPLES: usize = 800;
+const INTERVAL_S: f64 = 0.01;
+
+/// A run of the joint as the model moves it, with white noise on the positions.
+fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {
+    let time_s: Vec<f64> = (0..SAMPLES).map(|k| INTERVAL_S * k as f64).collect();
+    let phase = 1.3 * run as f64;
+    let effort = time_s.iter().map(|t| 0.5 * (3.1 * t + phase).sin() + 0.3 * (7.7 * t).cos()).collect();
+    let mut log = JointLog {
+        run: format!("run_{run}"),
+        position: vec![0.0; SAMPLES],
+        effort,
+        time_s,
+        ..JointLog::default()
+    };
+    let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 20);
+    let whole = Span { log: 0, start: 0, len: SAMPLES };
+    let mut position = Vec::new();
+    let keep = |q: f64, _: &Row| position.push(q);
+    roll_starts(truth, effects, &log, &drive, whole, Start::default(), keep);
+    let mut noise = || 1e-4 * (f64::from(rng.next_u32()) / f64::from(u32::MAX) - 0.5);
+    log.position = position.iter().map(|q| q + noise()).collect();
+    log
+}
+
+/// Diagnoses three simulated runs, of which the last is held out.
+fn diagnosed(truth: &[(&str, &[f64])]) -> JointReport {
+    let mut effects = catalogue(0);
+    effects.push(Box::new(OneWayDamping));
+    let load = Load { sine: 0.6, ..Load::default() };
+    let plant = Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load };
+    let mut model = JointModel::of(&plant);
+    for (name, p) in truth {
+        model = model.with(effects.iter().position(|e| e.name() == *name).unwrap(), p);
+    }
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
+    let mut logs: Vec<JointLog> = (0..3).map(|run| simulated(&effects, &model, run, &mut rng)).collect();
+    let held_out = logs.split_off(2);
+    let runs = Runs { fitted: logs, held_out, turns: true, hold: Hold::Zero, effects: Vec::new() };
+    assess(&effects, &plant, "door", runs, &mut rng)
+}
+
+#[test]
+fn a_new_effect_is_found_and_named() {
+    let report = diagnosed(&[("one_way_damping", &[0.06])]);
+    let found = &report.diagnosis;
+    assert_eq!(found.verdict, Verdict::Named, "{found:?}");
+    assert_eq!(found.findings.len(), 1, "{found:?}");
+    assert_eq!(found.findings[0].effect, "one_way_damping");
+    let damping = &found.findings[0].parameters[0];
+    assert!((damping.value - 0.06).abs() < 0.003, "{damping:?}");
+    let gap = report.gap.unwrap();
+    assert!(gap.after < 0.05 * gap.before, "{gap:?}");
+}
+
+#[test]
+fn it_is_not_seen_where_it_is_not() {
+    assert_eq!(diagnosed(&[]).diagnosis.verdict, Verdict::None);
+    let report = diagnosed(&[("viscous_friction", &[0.03])]);
+    assert_eq!(report.diagnosis.findings[0].effect, "viscous_friction");
+}
+
+#[test]
+fn the_document_shows_this_code() {
+    let document = include_str!("../../../docs/add_an_effect.md");
+    assert!(document.contains(include_str!("one_way_damping.rs")), "docs/add_an_effect.md differs");
+}

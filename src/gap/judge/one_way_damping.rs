@@ -1,0 +1,51 @@
+//! Damping that acts in one direction only, as that of a door closer: `effort = -b v` where `v > 0`.
+
+use crate::gap::model::{
+    effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    format::{Expression, Format, JointNumbers, Nearest},
+    plant::Plant,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct OneWayDamping;
+
+const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, false)];
+
+const SPEC: Spec = Spec {
+    name: "one_way_damping",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move through the same range both ways at two steady speeds",
+};
+
+impl Effect for OneWayDamping {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        if at.v > 0.0 {
+            out.value = -p[0] * at.v;
+            out.v = -p[0];
+            out.p[0] = -at.v;
+        }
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn is_of_velocity(&self) -> bool {
+        true
+    }
+
+    fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        Expression::Approximated(vec![Nearest::effect("viscous_friction", vec![0.5 * p[0]])])
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.damping += 0.5 * p[0];
+    }
+}

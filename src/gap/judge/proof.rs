@@ -1,0 +1,169 @@
+//! Before and after on runs that no fit has seen. See docs/method.md 14.12.
+
+use crate::gap::{
+    fit::{
+        problem::Problem,
+        rollout::{Rollout, Start, roll},
+        shooting::{Free, Pace, fit},
+    },
+    model::joint_model::JointModel,
+    record::log::{Span, rms},
+};
+
+/// Root mean square residuals of one held-out run, rad or m.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunGap {
+    /// Name of the run.
+    pub run: String,
+    /// Windows of the twin, start states free.
+    pub before: f64,
+    /// Windows of the updated twin.
+    pub after: f64,
+    /// The twin from the start of each segment to its end, without correction.
+    pub full_before: f64,
+    /// The updated twin likewise.
+    pub full_after: f64,
+}
+
+/// Residuals over all held-out runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gap {
+    /// Windows of the twin.
+    pub before: f64,
+    /// Windows of the updated twin.
+    pub after: f64,
+    /// Noise of the measured positions.
+    pub noise_floor: f64,
+    /// Each run.
+    pub runs: Vec<RunGap>,
+    /// Each window.
+    pub windows: Vec<WindowGap>,
+}
+
+/// Root mean square residuals of one window, rad or m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowGap {
+    /// Of the twin.
+    pub before: f64,
+    /// Of the updated twin.
+    pub after: f64,
+}
+
+/// Share of the gap that is left. See docs/method.md (14.19).
+#[must_use]
+pub fn left_of(before: f64, after: f64, noise_floor: f64) -> f64 {
+    ((after - noise_floor) / (before - noise_floor).max(1e-300)).max(0.0)
+}
+
+/// Residual of each sample of a held-out log before and after, and the measured position; for plots.
+#[derive(Clone, Debug, Default)]
+pub struct ResidualSeries {
+    /// Seconds.
+    pub time_s: Vec<f64>,
+    /// Measured position.
+    pub position: Vec<f64>,
+    /// Residual of the twin.
+    pub before: Vec<f64>,
+    /// Residual of the updated twin.
+    pub after: Vec<f64>,
+}
+
+/// A model without the nuisance lag, and its start state of each window by plain least squares.
+#[must_use]
+pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
+    let model = JointModel { lag_s: 0.0, ..model.clone() };
+    let starts = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, Pace::thorough(1)).starts;
+    (model, starts)
+}
+
+/// Root mean square residual of a model on held-out runs, window by window, rad or m.
+#[must_use]
+pub fn windowed_rmse(held_out: &Problem, model: &JointModel) -> f64 {
+    let (model, starts) = started(held_out, model);
+    rms(&residuals(held_out, &model, &starts).into_iter().flat_map(|(_, r)| r).collect::<Vec<_>>())
+}
+
+/// Compares two models on held-out runs. Start states are estimated for each model by plain least squares;
+/// those of the second are given back.
+#[must_use]
+pub fn prove(
+    held_out: &Problem,
+    before: &JointModel,
+    after: &JointModel,
+) -> (Gap, Vec<ResidualSeries>, Vec<Start>) {
+    let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
+    let (one, other) =
+        (residuals(held_out, &before, &before_starts), residuals(held_out, &after, &after_starts));
+    let full_one = full_residuals(held_out, &before, &before_starts);
+    let full_other = full_residuals(held_out, &after, &after_starts);
+    let mut runs = Vec::new();
+    let mut series = Vec::new();
+    for (index, log) in held_out.logs.iter().enumerate() {
+        let of = |all: &[(Span, Vec<f64>)]| -> Vec<f64> {
+            all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect()
+        };
+        let spans = one.iter().filter(|(s, _)| s.log == index);
+        let samples: Vec<usize> = spans.flat_map(|(s, _)| s.start..s.start + s.len).collect();
+        runs.push(RunGap {
+            run: log.run.clone(),
+            before: rms(&of(&one)),
+            after: rms(&of(&other)),
+            full_before: rms(&of(&full_one)),
+            full_after: rms(&of(&full_other)),
+        });
+        series.push(ResidualSeries {
+            time_s: samples.iter().map(|k| log.time_s[*k]).collect(),
+            position: samples.iter().map(|k| log.position[*k]).collect(),
+            before: of(&one),
+            after: of(&other),
+        });
+    }
+    let windows =
+        one.iter().zip(&other).map(|((_, b), (_, a))| WindowGap { before: rms(b), after: rms(a) }).collect();
+    let all = |of: &[(Span, Vec<f64>)]| rms(&of.iter().flat_map(|(_, r)| r.clone()).collect::<Vec<_>>());
+    (
+        Gap { before: all(&one), after: all(&other), noise_floor: held_out.sigma_y, runs, windows },
+        series,
+        after_starts,
+    )
+}
+
+fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+    let drives = problem.drives(model);
+    let mut rollout = Rollout::default();
+    let windows = problem.windows.iter().enumerate();
+    windows
+        .map(|(w, span)| {
+            let log = &problem.logs[span.log];
+            roll(model, problem.catalogue, log, &drives[span.log], *span, starts[w], &mut rollout);
+            (
+                *span,
+                rollout.position.iter().enumerate().map(|(k, y)| log.position[span.start + k] - y).collect(),
+            )
+        })
+        .collect()
+}
+
+/// Residuals of whole segments; each starts in the state that its first window was given.
+fn full_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+    let drives = problem.drives(model);
+    let mut rollout = Rollout::default();
+    let mut all = Vec::new();
+    for (w, window) in problem.windows.iter().enumerate() {
+        let log = &problem.logs[window.log];
+        let segments = log.segments(window.log);
+        if let Some(segment) = segments.into_iter().find(|s| s.start == window.start) {
+            roll(model, problem.catalogue, log, &drives[segment.log], segment, starts[w], &mut rollout);
+            all.push((
+                segment,
+                rollout
+                    .position
+                    .iter()
+                    .enumerate()
+                    .map(|(k, y)| log.position[segment.start + k] - y)
+                    .collect(),
+            ));
+        }
+    }
+    all
+}

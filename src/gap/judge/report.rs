@@ -1,0 +1,464 @@
+//! The report of a diagnosis: JSON with fixed keys, a short text, one page of HTML.
+
+use serde::Serialize;
+
+use crate::gap::{
+    judge::{
+        proof::{Gap, ResidualSeries, left_of},
+        verdict::{Diagnosis, Verdict},
+    },
+    record::off_axis::{Across, OffAxis},
+};
+use crate::model::{escape_lines, escape_xml};
+
+/// A joint's diagnosis with its proof.
+#[derive(Debug)]
+pub struct JointReport {
+    /// Name of the joint.
+    pub joint: String,
+    /// The joint turns.
+    pub turns: bool,
+    /// Diagnosis.
+    pub diagnosis: Diagnosis,
+    /// Before and after on held-out runs, where there are any.
+    pub gap: Option<Gap>,
+    /// Residuals of the held-out runs.
+    pub series: Vec<ResidualSeries>,
+    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`, `sdf`, `usd`)
+    /// holds it.
+    pub in_format: Vec<(&'static str, f64)>,
+    /// Windows of the held-out runs and the states that the updated twin starts them in.
+    pub replay: Vec<ReplayWindow>,
+    /// Before and after on held-out runs with the effects that come nearest, where none is named.
+    pub nearest: Option<Gap>,
+    /// What poses of the part show that the joint cannot make, where poses were read.
+    pub off_axis: Option<OffAxis>,
+}
+
+/// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the
+/// `after` residual.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct ReplayWindow {
+    /// Joint.
+    pub joint: String,
+    /// Run.
+    pub run: String,
+    /// First sample, seconds from the first of the recording.
+    pub start_s: f64,
+    /// Number of samples.
+    pub samples: usize,
+    /// Recorded position at the start, as the updated twin's sensor sees it, rad or m.
+    pub position: f64,
+    /// Velocity, rad/s or m/s.
+    pub velocity: f64,
+}
+
+/// What became of an effect in a format.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct ExportNote {
+    /// `urdf`, `mjcf`, `sdf` or `usd`.
+    pub format: String,
+    /// File in the output folder.
+    pub file: String,
+    /// Joint.
+    pub joint: String,
+    /// Effect.
+    pub effect: String,
+    /// `native`, `approximated`, `not expressible`, or `not written` with the reason.
+    pub status: String,
+    /// Root mean square residual of the held-out runs with what the file holds of the joint's effects, rad or
+    /// m.
+    pub rmse: Option<f64>,
+}
+
+/// `report.json`.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    verdict: String,
+    findings: Vec<FindingJson>,
+    /// Under `unknown`: what comes nearest, and explains too little to be a finding.
+    nearest: Vec<NearestJson>,
+    r#where: Vec<WhereJson>,
+    gap: GapJson,
+    /// What is left beside named effects and is no noise.
+    remainder: Vec<RemainderJson>,
+    /// What poses of the parts show that the joints cannot make.
+    off_axis: Vec<OffAxisJson>,
+    exports: Vec<ExportNote>,
+}
+
+#[derive(Debug, Serialize)]
+struct RemainderJson {
+    joint: String,
+    share_of_gap: f64,
+    times_noise: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct OffAxisJson {
+    joint: String,
+    suspect: String,
+    text: String,
+    measured: AcrossJson,
+    noise: AcrossJson,
+    left: AcrossJson,
+    axis: AcrossJson,
+}
+
+#[derive(Debug, Serialize)]
+struct AcrossJson {
+    mm: f64,
+    deg: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct NearestJson {
+    joint: String,
+    effects: Vec<FindingJson>,
+    before: f64,
+    after: f64,
+    runs: Vec<RunJson>,
+}
+
+#[derive(Debug, Serialize)]
+struct FindingJson {
+    joint: String,
+    effect: String,
+    parameters: Vec<ParameterJson>,
+    weight: f64,
+    alternatives: Vec<AlternativeJson>,
+}
+
+#[derive(Debug, Serialize)]
+struct AlternativeJson {
+    effect: String,
+    weight: f64,
+    experiment: String,
+}
+
+#[derive(Debug, Serialize)]
+struct ParameterJson {
+    name: String,
+    value: f64,
+    unit: String,
+    interval: [f64; 2],
+}
+
+#[derive(Debug, Serialize)]
+struct WhereJson {
+    joint: String,
+    variable: String,
+    region: [f64; 2],
+    p: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct GapJson {
+    before: Option<f64>,
+    after: Option<f64>,
+    noise_floor: Option<f64>,
+    unit: Option<String>,
+    runs: Vec<RunJson>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunJson {
+    run: String,
+    joint: String,
+    unit: String,
+    before: f64,
+    after: f64,
+    full_length_before: Option<f64>,
+    full_length_after: Option<f64>,
+}
+
+/// The verdict over all joints: what was found anywhere counts before what was not.
+#[must_use]
+pub fn overall(joints: &[JointReport]) -> Verdict {
+    let order = [Verdict::Unknown, Verdict::Ambiguous, Verdict::Named, Verdict::Insufficient];
+    order.into_iter().find(|v| joints.iter().any(|j| j.diagnosis.verdict == *v)).unwrap_or(Verdict::None)
+}
+
+/// The joint that the headline gap is about: the one with the largest gap relative to its noise, findings
+/// first.
+#[must_use]
+pub fn main_joint(joints: &[JointReport]) -> Option<&JointReport> {
+    let size = |j: &&JointReport| {
+        let found = f64::from(u8::from(!j.diagnosis.findings.is_empty()));
+        j.gap.as_ref().map_or(-1.0, |g| found * 1e12 + g.before / g.noise_floor.max(1e-12))
+    };
+    joints.iter().filter(|j| j.gap.is_some()).max_by(|a, b| size(a).total_cmp(&size(b)))
+}
+
+/// The report.
+#[must_use]
+pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
+    let unit = |j: &JointReport| if j.turns { "rad" } else { "m" }.to_owned();
+    let main = main_joint(joints);
+    let gap = main.and_then(|j| j.gap.as_ref());
+    let runs = joints.iter().flat_map(|j| j.gap.iter().flat_map(|g| runs_of(j, g)).collect::<Vec<_>>());
+    Report {
+        verdict: overall(joints).name().to_owned(),
+        findings: joints.iter().flat_map(|j| findings(j, &j.diagnosis.findings)).collect(),
+        nearest: joints.iter().filter_map(nearest).collect(),
+        r#where: joints.iter().flat_map(places).collect(),
+        gap: GapJson {
+            before: gap.map(|g| g.before),
+            after: gap.map(|g| g.after),
+            noise_floor: gap.map(|g| g.noise_floor),
+            unit: main.map(unit),
+            runs: runs.collect(),
+        },
+        remainder: joints.iter().filter_map(remainder).collect(),
+        off_axis: joints.iter().filter_map(off_axis).collect(),
+        exports,
+    }
+}
+
+fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
+    let finite = |x: f64| x.is_finite().then_some(x);
+    let one = |r: &crate::gap::judge::proof::RunGap| RunJson {
+        run: r.run.clone(),
+        joint: joint.joint.clone(),
+        unit: if joint.turns { "rad" } else { "m" }.to_owned(),
+        before: r.before,
+        after: r.after,
+        full_length_before: finite(r.full_before),
+        full_length_after: finite(r.full_after),
+    };
+    gap.runs.iter().map(one).collect()
+}
+
+/// Share of the gap from which what names leave is reported.
+/// derived: the level of the intervals.
+const REPORTED_SHARE: f64 = 0.05;
+/// The same as a multiple of the noise.
+/// derived: three standard deviations.
+const REPORTED_NOISES: f64 = 3.0;
+
+fn remainder(joint: &JointReport) -> Option<RemainderJson> {
+    let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;
+    let (share_of_gap, times_noise) =
+        (left_of(gap.before, gap.after, gap.noise_floor), gap.after / gap.noise_floor.max(1e-300));
+    let is_reported = share_of_gap > REPORTED_SHARE && times_noise > REPORTED_NOISES;
+    is_reported.then(|| RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
+}
+
+fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
+    let e = joint.off_axis?;
+    let json = |a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() };
+    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis].map(json);
+    Some(OffAxisJson {
+        joint: joint.joint.clone(),
+        suspect: e.suspect.name().to_owned(),
+        text: e.words(),
+        measured,
+        noise,
+        left,
+        axis,
+    })
+}
+
+fn nearest(joint: &JointReport) -> Option<NearestJson> {
+    let (near, gap) = (joint.diagnosis.nearest.as_ref()?, joint.nearest.as_ref()?);
+    let effects = findings(joint, &near.findings);
+    Some(NearestJson {
+        joint: joint.joint.clone(),
+        effects,
+        before: gap.before,
+        after: gap.after,
+        runs: runs_of(joint, gap),
+    })
+}
+
+fn findings(joint: &JointReport, found: &[crate::gap::judge::verdict::Finding]) -> Vec<FindingJson> {
+    let one = |f: &crate::gap::judge::verdict::Finding| FindingJson {
+        joint: joint.joint.clone(),
+        effect: f.effect.clone(),
+        parameters: f
+            .parameters
+            .iter()
+            .map(|p| ParameterJson {
+                name: p.name.clone(),
+                value: p.value,
+                unit: p.unit.clone(),
+                interval: [p.interval.0, p.interval.1],
+            })
+            .collect(),
+        weight: f.weight,
+        alternatives: f
+            .alternatives
+            .iter()
+            .map(|(effect, weight)| AlternativeJson {
+                effect: effect.clone(),
+                weight: *weight,
+                experiment: f.experiment.clone(),
+            })
+            .collect(),
+    };
+    found.iter().map(one).collect()
+}
+
+/// Level at which a dependence is reported.
+/// derived: the share of false alarms that is accepted.
+const LEVEL: f64 = 0.05;
+
+fn places(joint: &JointReport) -> Vec<WhereJson> {
+    let d = &joint.diagnosis;
+    // What nothing explains is where the updated model fails; what was named is where the twin did.
+    d.before
+        .iter()
+        .filter(|w| w.q <= LEVEL && w.gain > 2.0 * w.bins.len() as f64 + 10.0)
+        .map(|w| WhereJson {
+            joint: joint.joint.clone(),
+            variable: w.variable.name().to_owned(),
+            region: [w.region.0, w.region.1],
+            p: w.p,
+        })
+        .collect()
+}
+
+/// The report in at most 15 lines.
+#[must_use]
+pub fn summary(joints: &[JointReport]) -> String {
+    let mut lines = vec![format!("verdict: {}", overall(joints).name())];
+    for j in joints {
+        let unit = if j.turns { "rad" } else { "m" };
+        let d = &j.diagnosis;
+        if d.findings.is_empty() {
+            let reason = d.lacks.first().map_or(String::new(), |l| format!(": {l}"));
+            lines.push(format!("{}: {}{reason}", j.joint, d.verdict.name()));
+        }
+        if d.verdict == Verdict::Unknown
+            && let Some(w) = d.before.first()
+        {
+            lines.push(format!(
+                "  residual depends on {}, {:.3} to {:.3} {}",
+                w.variable.name(),
+                w.region.0,
+                w.region.1,
+                w.variable.unit(j.turns)
+            ));
+        }
+        if let (Some(near), Some(gap)) = (&d.nearest, &j.nearest) {
+            let names: Vec<&str> = near.findings.iter().map(|f| f.effect.as_str()).collect();
+            lines.push(format!(
+                "  nearest, not enough: {}; held out {:.3e} -> {:.3e} {unit}",
+                names.join(" + "),
+                gap.before,
+                gap.after
+            ));
+        }
+        for f in &d.findings {
+            let parameters: Vec<String> = f
+                .parameters
+                .iter()
+                .map(|p| {
+                    format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
+                })
+                .collect();
+            lines.push(format!(
+                "{}: {} (weight {:.2}): {}",
+                j.joint,
+                f.effect,
+                f.weight,
+                parameters.join(", ")
+            ));
+            if !f.alternatives.is_empty() {
+                let names: Vec<String> = f.alternatives.iter().map(|(n, w)| format!("{n} {w:.2}")).collect();
+                lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
+            }
+        }
+        if let Some(e) = &j.off_axis {
+            lines.push(format!("  {}", e.words()));
+        }
+        if let Some(g) = &j.gap {
+            lines.push(format!(
+                "  held out: {:.3e} -> {:.3e} {unit}, noise {:.3e}  {}",
+                g.before,
+                g.after,
+                g.noise_floor,
+                bar(g)
+            ));
+            if let Some(r) = remainder(j) {
+                let (share, noises) = (100.0 * r.share_of_gap, r.times_noise);
+                lines.push(format!(
+                    "  beside it something unknown is left: {share:.0} % of the gap, \
+                 {noises:.0} times the noise"
+                ));
+            }
+        }
+    }
+    lines.truncate(15);
+    lines.join("\n") + "\n"
+}
+
+/// The gap as a bar of 30 characters: noise, what is left, what went away; logarithmic.
+fn bar(gap: &Gap) -> String {
+    let top = (gap.before / gap.noise_floor.max(1e-12)).max(1.0).ln().max(1e-9);
+    let left = ((gap.after / gap.noise_floor.max(1e-12)).max(1.0).ln() / top * 30.0).round().clamp(0.0, 30.0)
+        as usize;
+    format!("|{}{}|", "#".repeat(left), ".".repeat(30 - left))
+}
+
+/// One self-contained page.
+#[must_use]
+pub fn html(joints: &[JointReport]) -> String {
+    let mut page = String::from(
+        "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{font:14px \
+         sans-serif;max-width:60em;margin:2em auto}\
+         pre{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}\
+         svg{width:100%;height:auto;border:1px solid #ddd}</style><h1>Diagnosis</h1><pre>",
+    );
+    page.push_str(&escape_lines(&summary(joints)));
+    page.push_str("</pre>");
+    for j in joints {
+        page.push_str(&format!("<h2>{}</h2>", escape_xml(&j.joint)));
+        for (series, run) in j.series.iter().zip(j.gap.iter().flat_map(|g| &g.runs)) {
+            page.push_str(&format!(
+                "<h3>held-out run {}: residual over time, twin gray, updated twin blue</h3>",
+                escape_xml(&run.run)
+            ));
+            page.push_str(&scatter(&series.time_s, &[(&series.before, "#999"), (&series.after, "#06c")]));
+            page.push_str("<h3>over position</h3>");
+            page.push_str(&scatter(&series.position, &[(&series.before, "#999"), (&series.after, "#06c")]));
+        }
+        for d in j.diagnosis.before.iter().take(4) {
+            let name = format!("{} ({}), p {:.3}", d.variable.name(), d.variable.unit(j.turns), d.p);
+            page.push_str(&format!("<h3>residual effort of the twin over {}</h3>", escape_xml(&name)));
+            let x: Vec<f64> = d.bins.iter().map(|b| 0.5 * (b.edges.0 + b.edges.1)).collect();
+            let y: Vec<f64> = d.bins.iter().map(|b| b.effort).collect();
+            page.push_str(&scatter(&x, &[(&y, "#c30")]));
+        }
+    }
+    page
+}
+
+/// Points over x, each series in its color.
+fn scatter(x: &[f64], series: &[(&[f64], &str)]) -> String {
+    let bounds = |values: &mut dyn Iterator<Item = f64>| {
+        let (low, high) = values
+            .filter(|v| v.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
+    };
+    let (x0, x1) = bounds(&mut x.iter().copied());
+    let (y0, y1) = bounds(&mut series.iter().flat_map(|(y, _)| y.iter().copied()));
+    let step = (x.len() / 1500).max(1);
+    let mut svg = String::from("<svg viewBox=\"0 0 800 200\">");
+    for (y, color) in series {
+        for (x, y) in x.iter().zip(*y).step_by(step) {
+            let (px, py) = (60.0 + 730.0 * (x - x0) / (x1 - x0), 185.0 - 175.0 * (y - y0) / (y1 - y0));
+            if px.is_finite() && py.is_finite() {
+                svg.push_str(&format!("<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"1.2\" fill=\"{color}\"/>"));
+            }
+        }
+    }
+    svg.push_str(&format!(
+        "<text x=\"2\" y=\"12\" font-size=\"10\">{y1:.3e}</text><text x=\"2\" y=\"188\" \
+         font-size=\"10\">{y0:.3e}</text>\
+         <text x=\"60\" y=\"198\" font-size=\"10\">{x0:.3}</text><text x=\"750\" y=\"198\" \
+         font-size=\"10\">{x1:.3}</text></svg>"
+    ));
+    svg
+}

@@ -1,0 +1,482 @@
+//! Score test: how much every candidate would explain of what a fitted model leaves, to first order, at every
+//! shape. See docs/method.md (14.14).
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::gap::{
+    fit::{
+        acting::{Acting, MAX_COLUMNS, Row},
+        problem::Problem,
+        rollout::Rollout,
+        shooting::{Fit, MAX_FIT_FREE},
+        whiten::{respond, whiten},
+        whitening::{Whitening, predict},
+    },
+    model::{
+        effect::{At, Effect, Extent, Place, Response, run_time_s},
+        joint_model::{Catalogue, JointModel},
+    },
+    record::log::Span,
+};
+
+/// Most columns that one score tests together.
+const MAX_TESTED: usize = 32;
+
+/// A fitted model's whitened residuals with what its own unknowns could still take up.
+pub struct Screen<'p, 'c> {
+    problem: &'p Problem<'c>,
+    /// Of the fitted model.
+    pub whitening: Whitening,
+    /// Per window and sample: residual, two start columns, parameter columns; residual and parameters are
+    /// orthogonal to the start columns, and these to each other.
+    windows: Vec<Vec<Row>>,
+    /// Number of parameter columns.
+    parameters: usize,
+    /// Inverse of the parameters' normal matrix.
+    inverse: DMatrix<f64>,
+    /// Parameters' products with the residual; near zero at a minimum.
+    gradient: DVector<f64>,
+    /// Middle states of every log.
+    middle: Vec<Middle>,
+    /// Predicted positions of each window.
+    predicted: Vec<Vec<f64>>,
+    /// Positions and times of each window.
+    extents: Vec<Extent>,
+}
+
+/// States between samples.
+#[derive(Clone, Debug, Default)]
+pub struct Middle {
+    /// Position.
+    pub position: Vec<f64>,
+    /// Velocity.
+    pub velocity: Vec<f64>,
+    /// Effort.
+    pub effort: Vec<f64>,
+    /// Acceleration of the model.
+    pub acceleration: Vec<f64>,
+    /// Share of a friction's bound that acts against the motion, with its sign: 1 on the way up, about 0 at
+    /// rest.
+    pub grip: Vec<f64>,
+    /// Positions of the other joints.
+    pub others: Vec<[f64; 8]>,
+}
+
+/// Columns over one window that are scored together.
+pub struct Columns {
+    /// Efforts by column and sample.
+    pub effort: Vec<Vec<f64>>,
+    /// Changes of the measurement by column and sample; empty where there are none.
+    pub direct: Vec<Vec<f64>>,
+    /// Columns that are not zero.
+    pub active: Vec<bool>,
+}
+
+impl Columns {
+    fn new(count: usize) -> Self {
+        Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
+    }
+
+    /// Zero over a window of so many samples.
+    fn clear(&mut self, len: usize) {
+        for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
+            if *active || effort.len() != len {
+                effort.clear();
+                effort.resize(len, 0.0);
+            }
+            *active = false;
+        }
+    }
+}
+
+/// What a set of columns would explain.
+#[derive(Clone, Debug)]
+pub struct Score {
+    /// Twice the gain of log likelihood.
+    pub gain: f64,
+    /// Estimated amplitudes.
+    pub amplitude: Vec<f64>,
+    /// Squared normal scores of the single columns.
+    pub single: Vec<f64>,
+    /// Each window's products with the residual, for tests by sign flips.
+    pub products: Vec<Vec<f64>>,
+    /// Inverse of the columns' normal matrix.
+    pub inverse: DMatrix<f64>,
+}
+
+/// An effect at a shape, with its score.
+#[derive(Clone, Debug)]
+pub struct Hit {
+    /// Index in the catalogue.
+    pub effect: usize,
+    /// Start of a fit.
+    pub p: Vec<f64>,
+    /// Score.
+    pub gain: f64,
+}
+
+impl<'p, 'c> Screen<'p, 'c> {
+    /// Prepares the score test at a fit.
+    #[must_use]
+    pub fn new(problem: &'p Problem<'c>, fit: &Fit) -> Self {
+        let whitening = Whitening::new(problem, &fit.model, fit.sigma_u);
+        let drives = problem.drives(&fit.model);
+        let free = fit.model.free().min(MAX_FIT_FREE);
+        let mut windows = Vec::with_capacity(problem.windows.len());
+        let mut predicted = Vec::with_capacity(problem.windows.len());
+        let mut normal = DMatrix::zeros(free, free);
+        let mut gradient = DVector::zeros(free);
+        let mut rollout = Rollout::default();
+        for (w, span) in problem.windows.iter().enumerate() {
+            predict(problem, &fit.model, &drives, w, fit.starts[w], &mut rollout);
+            whiten::<MAX_COLUMNS>(
+                &mut rollout.rows,
+                &whitening.locals[span.log][span.start..],
+                &whitening.gains[w],
+            );
+            predicted.push(rollout.position.clone());
+            let rows = orthogonal(&rollout.rows, free);
+            for row in &rows {
+                for i in 0..free {
+                    gradient[i] += row[3 + i] * row[0];
+                    for j in 0..free {
+                        normal[(i, j)] += row[3 + i] * row[3 + j];
+                    }
+                }
+            }
+            windows.push(rows);
+        }
+        normal[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
+        for i in 0..free {
+            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-12;
+        }
+        let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
+        let middle = middles(problem, &fit.model);
+        let extents = extents(problem, &middle);
+        Self { problem, whitening, windows, parameters: free, inverse, gradient, middle, predicted, extents }
+    }
+
+    /// Middle states of every log.
+    #[must_use]
+    pub fn middle(&self) -> &[Middle] {
+        &self.middle
+    }
+
+    /// Scores `count` columns. `fill(window, span, columns)` writes what columns of amplitude one put on each
+    /// sample of a window, and marks those that are not zero there.
+    pub fn score(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
+        match (3 + self.parameters).next_multiple_of(4) {
+            4 => self.score_width::<4>(count, fill),
+            8 => self.score_width::<8>(count, fill),
+            12 => self.score_width::<12>(count, fill),
+            _ => self.score_width::<MAX_COLUMNS>(count, fill),
+        }
+    }
+
+    fn score_width<const W: usize>(
+        &self,
+        count: usize,
+        mut fill: impl FnMut(usize, Span, &mut Columns),
+    ) -> Option<Score> {
+        let count = count.min(MAX_TESTED);
+        let p = self.parameters;
+        let mut normal = DMatrix::zeros(count, count);
+        let mut with_parameters = DMatrix::zeros(count, p);
+        let mut products = Vec::with_capacity(self.windows.len());
+        let mut columns = Columns::new(count);
+        let mut seen: Vec<Vec<f64>> = vec![Vec::new(); count];
+        for (w, span) in self.problem.windows.iter().enumerate() {
+            let mut window = vec![0.0; count];
+            let mut starts = [[0.0; 2]; MAX_TESTED];
+            let locals = &self.whitening.locals[span.log][span.start..span.start + span.len];
+            columns.clear(span.len);
+            fill(w, *span, &mut columns);
+            for c in (0..count).filter(|&c| columns.active[c]) {
+                seen[c].resize(span.len, 0.0);
+                let direct = columns.direct.get(c).map(Vec::as_slice);
+                respond(&columns.effort[c], direct, locals, &self.whitening.gains[w], &mut seen[c]);
+                let mut sums = [0.0; W];
+                for (x, row) in seen[c].iter().zip(&self.windows[w]) {
+                    for i in 0..W {
+                        sums[i] += x * row[i];
+                    }
+                }
+                window[c] = sums[0];
+                starts[c] = [sums[1], sums[2]];
+                for i in 0..p {
+                    with_parameters[(c, i)] += sums[3 + i];
+                }
+            }
+            for i in (0..count).filter(|&i| columns.active[i]) {
+                for j in (0..=i).filter(|&j| columns.active[j]) {
+                    let dot: f64 = seen[i].iter().zip(&seen[j]).map(|(a, b)| a * b).sum();
+                    let dot = dot - starts[i][0] * starts[j][0] - starts[i][1] * starts[j][1];
+                    normal[(i, j)] += dot;
+                    if i != j {
+                        normal[(j, i)] += dot;
+                    }
+                }
+            }
+            products.push(window);
+        }
+        self.finish(normal, &with_parameters, products)
+    }
+
+    fn finish(
+        &self,
+        mut normal: DMatrix<f64>,
+        with_parameters: &DMatrix<f64>,
+        products: Vec<Vec<f64>>,
+    ) -> Option<Score> {
+        let count = normal.nrows();
+        let raw: Vec<f64> = (0..count).map(|i| normal[(i, i)]).collect();
+        normal -= with_parameters * &self.inverse * with_parameters.transpose();
+        let taken = with_parameters * &self.inverse * &self.gradient;
+        let gradient = DVector::from_fn(count, |i, _| products.iter().map(|w| w[i]).sum::<f64>() - taken[i]);
+        // A column that the model's own parameters already span shows nothing.
+        let mut single = vec![0.0; count];
+        for i in 0..count {
+            if normal[(i, i)] > 1e-6 * raw[i] && raw[i] > 0.0 {
+                single[i] = gradient[i] * gradient[i] / normal[(i, i)];
+                normal[(i, i)] *= 1.0 + 1e-7;
+            } else {
+                normal.row_mut(i).fill(0.0);
+                normal.column_mut(i).fill(0.0);
+                normal[(i, i)] = f64::INFINITY;
+            }
+        }
+        for i in 0..count {
+            if normal[(i, i)].is_infinite() {
+                normal[(i, i)] = 1e300;
+            }
+        }
+        let inverse = normal.try_inverse()?;
+        let amplitude = &inverse * &gradient;
+        let gain = gradient.dot(&amplitude);
+        gain.is_finite().then(|| Score {
+            gain,
+            amplitude: amplitude.iter().copied().collect(),
+            single,
+            products,
+            inverse,
+        })
+    }
+
+    /// The best shapes of an effect, best first, `keep` at most.
+    #[must_use]
+    pub fn hits(&self, index: usize, keep: usize) -> Vec<Hit> {
+        let effect = self.problem.catalogue[index].as_ref();
+        let states: Vec<Vec<At>> = (0..self.problem.logs.len()).map(|log| self.states(log)).collect();
+        let shapes = effect.shapes(&self.problem.coverage);
+        let mut hits: Vec<Hit> =
+            shapes.into_iter().filter_map(|shape| self.hit(index, effect, &shape, &states)).collect();
+        hits.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        hits.truncate(keep);
+        hits
+    }
+
+    /// The middle states of a log as effects see them.
+    fn states(&self, index: usize) -> Vec<At<'_>> {
+        let (log, m) = (&self.problem.logs[index], &self.middle[index]);
+        let at = |k: usize| At {
+            q: m.position[k],
+            v: m.velocity[k],
+            u: m.effort[k],
+            t: run_time_s(index, log, k),
+            direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
+            others: &m.others[k],
+            load: 0.0,
+            carried: log.carried.get(k),
+        };
+        (0..m.position.len()).map(at).collect()
+    }
+
+    fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
+        let problem = self.problem;
+        let place = effect.place();
+        let tested = effect.parameters().iter().filter(|p| p.neutral.is_some()).count();
+        let score = match place {
+            Place::Effort | Place::Contact | Place::Friction => {
+                self.score(tested, |window, span, columns| {
+                    let states = &states[span.log][span.start..span.start + span.len - 1];
+                    if effect.reaches(shape, &self.extents[window]) {
+                        self.fill_responses(effect, shape, span, states, columns);
+                    }
+                })
+            }
+            Place::Delay => {
+                let late = problem.drives_late(shape[0]);
+                self.score(tested, |_, span, columns| {
+                    let d = &late[span.log];
+                    columns.active[0] = true;
+                    for i in 0..span.len - 1 {
+                        let k = span.start + i;
+                        let mean =
+                            d.effort[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
+                        columns.effort[0][i] = mean - problem.traces[span.log].effort[k];
+                    }
+                })
+            }
+            // The predicted motion, not the measured one: what is measured has gone through the play already.
+            Place::Play => self.score(tested, |window, span, columns| {
+                let (half_gap, predicted) = (shape[0], &self.predicted[window]);
+                let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
+                let follow = |q: &f64| {
+                    gauge = gauge.clamp(q - half_gap, q + half_gap);
+                    gauge - q
+                };
+                columns.active[0] = true;
+                columns.direct = vec![predicted.iter().map(follow).collect()];
+            }),
+            Place::Inertia | Place::Gain | Place::Bias | Place::Scale => {
+                self.score(tested, |_, span, columns| {
+                    columns.active[0] = true;
+                    for i in 0..span.len - 1 {
+                        columns.effort[0][i] = self.scalar_effort(place, span.log, span.start + i);
+                    }
+                })
+            }
+        }?;
+        let mut p = shape.to_vec();
+        if !matches!(place, Place::Delay | Place::Play) {
+            for (i, a) in score.amplitude.iter().enumerate() {
+                let (low, high) = effect.bounds(i, &problem.coverage);
+                p[i] = (shape[i] + a).clamp(low, high);
+            }
+        }
+        Some(Hit { effect: index, p, gain: score.gain })
+    }
+
+    /// The efforts of all amplitudes of an effect over a window.
+    fn fill_responses(
+        &self,
+        effect: &dyn Effect,
+        shape: &[f64],
+        span: Span,
+        states: &[At],
+        columns: &mut Columns,
+    ) {
+        let is_friction = effect.place() == Place::Friction;
+        let grip = &self.middle[span.log].grip[span.start..];
+        for (i, at) in states.iter().enumerate() {
+            let mut r = Response::default();
+            effect.respond(at, shape, &mut r);
+            let factor = if is_friction { -grip[i] } else { 1.0 };
+            for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
+                effort[i] = factor * by;
+                *active |= effort[i] != 0.0;
+            }
+        }
+    }
+
+    /// The effort of amplitude one of an effect that is no effort of its own, at a sample.
+    fn scalar_effort(&self, place: Place, log: usize, k: usize) -> f64 {
+        let m = &self.middle[log];
+        let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
+        match place {
+            Place::Inertia => -m.acceleration[k],
+            Place::Gain => m.effort[k],
+            Place::Bias => load().1,
+            Place::Scale => {
+                let (load, slope) = load();
+                m.effort[k] - load + slope * m.position[k]
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// Positions and times that a window runs through.
+fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
+    let one = |span: &Span| {
+        let (log, position) =
+            (&problem.logs[span.log], &middle[span.log].position[span.start..span.start + span.len]);
+        let low = position.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let time = |k: usize| run_time_s(span.log, log, k);
+        Extent { position: (low, high), time_s: (time(span.start), time(span.start + span.len - 1)) }
+    };
+    problem.windows.iter().map(one).collect()
+}
+
+/// States between samples and the model's acceleration there.
+fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
+    let catalogue: &Catalogue = problem.catalogue;
+    let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+    let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let acting = Acting::of(model, catalogue);
+    let one = |(index, trace): (usize, &crate::gap::fit::smooth::Trace)| {
+        let log = &problem.logs[index];
+        let n = trace.position.len();
+        let mut now = [0.0; 8];
+        let mut m = Middle::default();
+        for k in 0..n {
+            let next = (k + 1).min(n - 1);
+            for (x, other) in now.iter_mut().zip(&log.others) {
+                *x = other[k];
+            }
+            let (q, v) = (
+                0.5 * (trace.position[k] + trace.position[next]),
+                0.5 * (trace.velocity[k] + trace.velocity[next]),
+            );
+            let u = gain * trace.effort[k];
+            let at = At {
+                q,
+                v,
+                u,
+                t: run_time_s(index, log, k),
+                direction: if v < 0.0 { -1.0 } else { 1.0 },
+                others: &now,
+                load: 0.0,
+                carried: log.carried.get(k),
+            };
+            let sum = acting.at(&at);
+            let free = u + sum.effort;
+            let slow = 0.01 * problem.coverage.speed.1;
+            let friction = if v.abs() > slow {
+                sum.friction * v.signum()
+            } else {
+                free.clamp(-sum.friction, sum.friction)
+            };
+            m.position.push(q);
+            m.velocity.push(v);
+            m.grip.push(v / (v * v + slow * slow).sqrt());
+            m.others.push(now);
+            m.effort.push(trace.effort[k]);
+            m.acceleration.push((free - friction) / (problem.plant.inertia_at(log.carried.get(k)).0 + added));
+        }
+        m
+    };
+    problem.traces.iter().enumerate().map(one).collect()
+}
+
+/// Residual, two orthonormal start columns, and parameter columns without what the start columns span.
+fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
+    let mut out: Vec<Row> = rows
+        .iter()
+        .map(|r| {
+            let mut o = [0.0; MAX_COLUMNS];
+            (o[0], o[1], o[2]) = (r[2 + free], r[0], r[1]);
+            o[3..3 + free].copy_from_slice(&r[2..2 + free]);
+            o
+        })
+        .collect();
+    for basis in [1, 2] {
+        let norm = out.iter().map(|r| r[basis] * r[basis]).sum::<f64>().sqrt();
+        let scale = if norm > 1e-12 { 1.0 / norm } else { 0.0 };
+        out.iter_mut().for_each(|r| r[basis] *= scale);
+        let mut sums: Row = [0.0; MAX_COLUMNS];
+        for r in &out {
+            for c in 0..3 + free {
+                sums[c] += r[c] * r[basis];
+            }
+        }
+        for r in &mut out {
+            let b = r[basis];
+            for c in (0..3 + free).filter(|&c| c != basis && !(basis == 2 && c == 1)) {
+                r[c] -= b * sums[c];
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,476 @@
+//! Which set of effects explains the logs best: singles, then pairs and triples grown from several of them.
+
+use rayon::prelude::*;
+
+use crate::gap::{
+    fit::{
+        problem::Problem,
+        rollout::Start,
+        shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
+        smooth::Trace,
+    },
+    judge::screen::{Hit, Screen},
+    model::{
+        effect::{At, Place, Response, Spec, run_time_s},
+        joint_model::{JointModel, SETTLE_S, Term},
+    },
+};
+
+/// Score that a fit which has begun does not make up for any more.
+/// tuned: tests/python/gap/generate.py.
+pub const HOPELESS: f64 = 300.0;
+
+/// A fitted set of effects.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// The fit.
+    pub fit: Fit,
+    /// Twice the log likelihood minus the price of its parameters and shapes.
+    pub score: f64,
+}
+
+impl Candidate {
+    /// Indices of its effects, sorted.
+    #[must_use]
+    pub fn effects(&self) -> Vec<usize> {
+        let mut effects: Vec<usize> = self.fit.model.terms.iter().map(|t| t.effect).collect();
+        effects.sort_unstable();
+        effects
+    }
+}
+
+/// How wide the search is.
+#[derive(Clone, Copy, Debug)]
+pub struct Breadth {
+    /// Effects that are fitted alone.
+    pub singles: usize,
+    /// Sets of each size that are grown.
+    pub grown: usize,
+    /// Effects tried beside each of them.
+    pub partners: usize,
+    /// Largest set.
+    pub largest: usize,
+}
+
+impl Default for Breadth {
+    fn default() -> Self {
+        Self { singles: 9, grown: 3, partners: 5, largest: 3 }
+    }
+}
+
+/// Sets by size: index 0 holds the twin itself, then singles, pairs, ...; each sorted, best first.
+#[derive(Debug)]
+pub struct Search {
+    /// Candidates by the number of effects.
+    pub by_size: Vec<Vec<Candidate>>,
+    /// Index of the disturbance in the catalogue.
+    pub disturbance: Option<usize>,
+}
+
+impl Search {
+    /// The smallest set that no larger one beats by what one more effect must bring.
+    #[must_use]
+    pub fn accepted(&self) -> &Candidate {
+        let nothing = self.by_size[0][0].score;
+        let mut best = &self.by_size[0][0];
+        for sets in self.by_size.iter().skip(1) {
+            let gained = best.score - nothing;
+            let is_push = |c: &Candidate| {
+                c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
+            };
+            let wanted =
+                |c: &Candidate| MIN_GAIN.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE });
+            let enough = |c: &&Candidate| c.score > best.score + wanted(c);
+            if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
+                best = first;
+            }
+        }
+        best
+    }
+}
+
+/// Gain of score that one more effect must bring. See docs/method.md (14.16).
+/// tuned: tests/python/gap/generate.py.
+pub const MIN_GAIN: f64 = 12.0;
+
+/// What a set of effects costs: each parameter, and each choice of shape. See docs/method.md (14.15).
+fn price(problem: &Problem, model: &JointModel) -> f64 {
+    let n = problem.samples().max(2) as f64;
+    let one = |t: &Term| {
+        let shapes = problem.catalogue[t.effect].shapes(&problem.coverage).len().max(1) as f64;
+        t.p.len() as f64 * n.ln() + 2.0 * shapes.ln()
+    };
+    model.terms.iter().map(one).sum()
+}
+
+/// A fit with its score.
+#[must_use]
+pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
+    let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
+    let whole = fit.model.terms.len() < 2
+        || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
+    Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
+}
+
+/// Effort, as a share of the recorded efforts' root mean square, that an effect beside others must reach
+/// somewhere. What is smaller mends the shape of the others.
+/// tuned: tests/python/gap/generate.py.
+const MIN_FELT: f64 = 0.02;
+
+/// Share of the fall of a friction with speed below which an effort of the speed alone mends the shape of
+/// that fall: of the laws in use none is known better.
+/// tuned: tests/python/gap/generate.py.
+const MAX_MEND: f64 = 0.15;
+
+/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are small beside
+/// that fall.
+fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
+    let of = |t: &Term| &problem.catalogue[t.effect];
+    let fall = model.terms.iter().map(|t| of(t).fall(&t.p)).fold(0.0, f64::max);
+    let mut by_velocity = model.terms.iter().filter(|t| of(t).is_of_velocity()).peekable();
+    if fall <= 0.0 || by_velocity.peek().is_none() {
+        return false;
+    }
+    let menders: Vec<&Term> = by_velocity.collect();
+    let effort = |v: f64| -> f64 {
+        let at = At { v, direction: 1.0, ..At::default() };
+        let one = |t: &&Term| {
+            let mut response = Response::default();
+            of(t).respond(&at, &t.p, &mut response);
+            response.value
+        };
+        menders.iter().map(one).sum()
+    };
+    let top = problem.coverage.speed.1;
+    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_MEND * fall)
+}
+
+/// Whether an effort or a friction is strong enough to stand beside other effects.
+fn is_felt(problem: &Problem, term: &Term) -> bool {
+    let effect = &problem.catalogue[term.effect];
+    if !matches!(effect.place(), Place::Effort | Place::Contact | Place::Friction) {
+        return true;
+    }
+    let least = MIN_FELT * problem.coverage.effort_rms;
+    let strong = |(index, trace): (usize, &Trace)| {
+        let log = &problem.logs[index];
+        let mut others = [0.0; 8];
+        (0..trace.position.len()).step_by(3).any(|k| {
+            for (x, other) in others.iter_mut().zip(&log.others) {
+                *x = other[k];
+            }
+            let direction = if trace.velocity[k] < 0.0 { -1.0 } else { 1.0 };
+            let t = run_time_s(index, log, k);
+            let at = At {
+                q: trace.position[k],
+                v: trace.velocity[k],
+                u: trace.effort[k],
+                t,
+                direction,
+                others: &others,
+                load: 0.0,
+                carried: log.carried.get(k),
+            };
+            let mut response = Response::default();
+            effect.respond(&at, &term.p, &mut response);
+            response.value.abs() >= least
+        })
+    };
+    problem.traces.iter().enumerate().any(strong)
+}
+
+/// The twin as it is, with its start states and noise fitted.
+#[must_use]
+pub fn baseline(problem: &Problem) -> Candidate {
+    let guess = 0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0);
+    candidate(
+        problem,
+        fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, Pace::thorough(3)),
+    )
+}
+
+/// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
+#[must_use]
+pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
+    let disturbance = problem.catalogue.iter().position(|e| e.is_of_one_run());
+    let base = baseline(problem);
+    let nothing = base.score;
+    let mut by_size = vec![vec![base]];
+    for size in 1..=breadth.largest {
+        let (grown, tried) = match size {
+            1 => (1, breadth.singles),
+            2 => (breadth.grown, breadth.partners),
+            // Only the best pair grows: what a third effect adds is small beside it.
+            _ => (1, breadth.partners - 1),
+        };
+        let best_before = by_size[size - 1][0].score;
+        // One more effect must bring a share of what the others brought: an inexact shape is no further
+        // effect.
+        let wanted = MIN_GAIN.max(LOOK_SHARE * (best_before - nothing));
+        let mut found: Vec<Candidate> = Vec::new();
+        for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
+            // A worse parent has to make up for what it lacks, of which the first order predicts a part.
+            let lacks = 0.5 * (best_before - parent.score);
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
+            let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
+            if rank == 0 && hope < MIN_GAIN {
+                return Search { by_size, disturbance };
+            }
+            let best = found.iter().map(|c| c.score).fold(f64::NEG_INFINITY, f64::max);
+            found.extend(grow(problem, parent, &hits, best));
+        }
+        let sets = best_of_each_set(found);
+        let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
+        let smaller: Vec<Candidate> = if size > 1 {
+            sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
+        } else {
+            Vec::new()
+        };
+        by_size.push(sets);
+        if !smaller.is_empty() {
+            let known = std::mem::take(&mut by_size[size - 1]);
+            by_size[size - 1] = best_of_each_set(known.into_iter().chain(smaller).collect());
+        }
+        if best < by_size[size - 1][0].score + wanted {
+            break;
+        }
+    }
+    Search { by_size, disturbance }
+}
+
+/// The best candidates, of those that differ by an effect and one that contains it the better one.
+fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
+    let mut chosen: Vec<&Candidate> = Vec::new();
+    for c in candidates {
+        if chosen.len() < count && !chosen.iter().any(|o| is_related(problem, o, c)) {
+            chosen.push(c);
+        }
+    }
+    chosen
+}
+
+/// Whether two sets differ by one effect and one that contains it.
+fn is_related(problem: &Problem, a: &Candidate, b: &Candidate) -> bool {
+    let only = |one: &Candidate, other: &Candidate| -> Vec<&'static Spec> {
+        let of =
+            |c: &Candidate| c.effects().into_iter().map(|e| problem.catalogue[e].spec()).collect::<Vec<_>>();
+        let known = of(other);
+        of(one).into_iter().filter(|s| !known.iter().any(|o| o.name == s.name)).collect()
+    };
+    match (only(a, b).as_slice(), only(b, a).as_slice()) {
+        ([x], [y]) => x.contains.contains(&y.name) || y.contains.contains(&x.name),
+        _ => false,
+    }
+}
+
+/// A set of effects that is given, fitted one after the other.
+#[must_use]
+pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
+    let mut by_size = vec![vec![baseline(problem)]];
+    let mut chosen = by_size[0][0].clone();
+    for effect in effects {
+        let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
+        let grown = best_of_each_set(grow(problem, &chosen, &[hits], f64::NEG_INFINITY));
+        // Alone, an effect may show nothing beside the others that are still to come.
+        let Some(next) = grown.into_iter().next() else { continue };
+        chosen = next;
+        by_size.push(Vec::new());
+    }
+    (Search { by_size, disturbance: None }, chosen)
+}
+
+/// The candidate with each of its effects taken away in turn, refitted; not what is known already.
+fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -> Vec<Candidate> {
+    let is_new = |i: &usize| {
+        let mut left: Vec<usize> = candidate_.fit.model.terms.iter().map(|t| t.effect).collect();
+        left.remove(*i);
+        left.sort_unstable();
+        !known.iter().any(|k| k.effects() == left)
+    };
+    let best = known.first().map_or(f64::NEG_INFINITY, |k| k.score);
+    let one = |i: usize| {
+        let mut model = candidate_.fit.model.clone();
+        model.terms.remove(i);
+        let begun =
+            fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::NEXT);
+        let begun = candidate(problem, begun);
+        if begun.score < best - HOPELESS {
+            return begun;
+        }
+        candidate(
+            problem,
+            fit(
+                problem,
+                &begun.fit.model,
+                Some(&begun.fit.starts),
+                begun.fit.sigma_u,
+                Free::All,
+                Pace::thorough(3),
+            ),
+        )
+    };
+    (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
+}
+
+/// Share of the gain so far that one more effect must add to be looked into.
+/// tuned: tests/python/gap/generate.py.
+const LOOK_SHARE: f64 = 0.03;
+/// The same to be accepted.
+/// tuned: tests/python/gap/generate.py.
+const MIN_SHARE: f64 = 0.04;
+/// The same for a push: one window that was misread looks like one.
+/// tuned: tests/python/gap/generate.py.
+const MIN_SHARE_OF_PUSH: f64 = 0.15;
+/// Candidates that are fitted to the end after a first pass over all.
+const FINALISTS: usize = 5;
+
+/// Share of the leader's gain that a candidate must have to be fitted to the end.
+/// tuned: tests/python/gap/generate.py.
+const CLOSE: f64 = 0.5;
+
+/// Fits in a row that a candidate with play may take.
+const PLAY_FITS: usize = 3;
+/// What each must gain for the next.
+/// tuned: tests/python/gap/generate.py.
+const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
+
+/// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
+fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) -> Vec<Candidate> {
+    let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
+    let first = |m: &JointModel| {
+        let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
+        // The same measured start, through the new sensor.
+        let start = |s: &Start| {
+            let measured = seen.scale * (s.position + s.play * seen.half_gap) + seen.bias;
+            let position = (measured - sees.bias) / sees.scale - s.play * sees.half_gap;
+            Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
+        };
+        let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::FIRST))
+    };
+    let next = |c: &Candidate| {
+        let on = candidate(
+            problem,
+            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::NEXT),
+        );
+        if on.score > c.score { on } else { c.clone() }
+    };
+    let begun = leading_starts(jobs.par_iter().map(first).collect());
+    let mut fits: Vec<Candidate> = best_of_each_set(begun.par_iter().map(next).collect());
+    let further = |c: &Candidate| {
+        let again =
+            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
+        let again = candidate(problem, again);
+        if again.score > c.score { again } else { c.clone() }
+    };
+    // Play is found window by window; under the smaller noise of a better fit more of them find their side of
+    // the gap.
+    let has_play = |c: &Candidate| c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
+    // Who gains little beside the leader will not catch up.
+    let leading = fits.first().map_or(found, |c| c.score.max(found)) - parent.score;
+    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading;
+    let end = |c: &Candidate| {
+        let alone = has_play(c) && parent.fit.model.terms.is_empty();
+        let mut now = if is_close(c) || alone { further(c) } else { return c.clone() };
+        for _ in 1..PLAY_FITS {
+            let next = if has_play(&now) && is_close(&now) { further(&now) } else { return now };
+            if next.score < now.score + MIN_GAIN_OF_PLAY_FIT {
+                return next;
+            }
+            now = next;
+        }
+        now
+    };
+    let ended: Vec<Candidate> = fits[..fits.len().min(FINALISTS)].par_iter().map(end).collect();
+    fits.splice(..ended.len(), ended);
+    fits
+}
+
+/// Starts of a fit that go on after a first round.
+const STARTS: usize = 2;
+
+/// The most likely fits of each set of effects, all of them under the same noise.
+fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
+    fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
+    let mut kept: Vec<Candidate> = Vec::new();
+    for c in fits {
+        if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
+            kept.push(c);
+        }
+    }
+    kept
+}
+
+/// Multiple of its first-order gain that a fit may bring, and what it may bring above that.
+/// tuned: tests/python/gap/generate.py.
+const HOPE: (f64, f64) = (3.0, 20.0);
+/// Share of the best first-order gain below which an effect is not fitted.
+/// tuned: tests/python/gap/generate.py.
+const MIN_SHARE_OF_BEST: f64 = 0.1;
+
+/// Best shapes, so many of each, of the effects that score best beside a candidate and may bring what is
+/// wanted.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wanted: f64) -> Vec<Vec<Hit>> {
+    if parent.fit.model.free() + 3 > MAX_FIT_FREE {
+        return Vec::new();
+    }
+    let screen = Screen::new(problem, &parent.fit);
+    let taken = parent.effects();
+    let names: Vec<&str> = taken.iter().map(|e| problem.catalogue[*e].name()).collect();
+    let free: Vec<usize> = (0..problem.catalogue.len())
+        .filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names))
+        .collect();
+    let mut hits: Vec<Vec<Hit>> =
+        free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
+    let n = problem.samples().max(2) as f64;
+    let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
+    hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
+    hits.truncate(count);
+    let best = hits.iter().map(|h| h[0].gain).fold(0.0, f64::max);
+    let may = |h: &[Hit]| HOPE.0 * h[0].gain + HOPE.1 >= wanted + n.ln() * h[0].p.len() as f64;
+    hits.retain(|h| may(h) && h[0].gain >= MIN_SHARE_OF_BEST * best);
+    hits
+}
+
+/// Whether an effect explains something that those already there do not explain by themselves.
+fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
+    let own = &problem.catalogue[effect];
+    let contains =
+        |e: &dyn crate::gap::model::effect::Effect, other: &str| e.spec().contains.contains(&other);
+    names.iter().all(|n| {
+        let there = problem.catalogue.iter().find(|e| e.name() == *n);
+        !contains(own.as_ref(), n) && there.is_none_or(|t| !contains(t.as_ref(), own.name()))
+    })
+}
+
+/// Models that a fit starts from: the parent with the effect at its shape and at its restarts.
+fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel> {
+    let effect = &problem.catalogue[hit.effect];
+    let with = |p: &Vec<f64>| {
+        let mut model = parent.fit.model.with(hit.effect, p);
+        // A delay takes the place of the lag.
+        if effect.place() == Place::Delay {
+            model.lag_s = 0.0;
+        }
+        model
+    };
+    let models: Vec<JointModel> = effect.restarts(&hit.p, &problem.coverage).iter().map(with).collect();
+    // The first friction brings its settle time along.
+    if effect.place() != Place::Friction || parent.fit.model.has_friction(problem.catalogue) {
+        return models;
+    }
+    let softly = |m: &JointModel| JointModel { settle_s: SETTLE_S[2], ..m.clone() };
+    models.iter().map(softly).chain(models.clone()).collect()
+}
+
+/// One candidate a set of effects, the best of each; best set first.
+fn best_of_each_set(mut found: Vec<Candidate>) -> Vec<Candidate> {
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut sets: Vec<Candidate> = Vec::new();
+    for c in found {
+        if !sets.iter().any(|s| s.effects() == c.effects()) {
+            sets.push(c);
+        }
+    }
+    sets
+}

@@ -1,0 +1,109 @@
+//! A found set of effects made no richer than the recording asks for: special cases in place of what contains
+//! them, and nothing whose strength may as well be zero.
+
+use crate::gap::{
+    fit::{
+        problem::Problem,
+        shooting::{Free, Pace, fit},
+    },
+    judge::search::{Candidate, HOPELESS, candidate},
+    model::joint_model::{JointModel, Term},
+};
+
+/// Score by which a special case may fall behind the effect that contains it.
+/// derived: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
+const SPECIAL_CASE: f64 = 10.0;
+/// Half width of a 95 % interval, in standard deviations.
+/// derived: quantile of the normal distribution.
+pub const HALF_WIDTH: f64 = 1.959_964;
+
+/// The set with special cases where they do about as well, without effects that are not sure to be there.
+#[must_use]
+pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
+    let mut chosen = found.clone();
+    while let Some(simpler) = special_cases(problem, &chosen) {
+        chosen = simpler;
+    }
+    let mut kept = 0;
+    while let Some(doubtful) =
+        doubtful_term(problem, &chosen, kept).filter(|_| chosen.fit.model.terms.len() > 1)
+    {
+        let mut model = chosen.fit.model.clone();
+        model.terms.remove(doubtful);
+        let without = refitted(problem, &chosen, &model);
+        if without.score < chosen.score - HOPELESS {
+            // One short contact does not distinguish its strengths: each is unsure, and yet something pushes.
+            kept = doubtful + 1;
+        } else {
+            chosen = without;
+        }
+    }
+    chosen
+}
+
+fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
+    candidate(
+        problem,
+        fit(problem, model, Some(&from.fit.starts), from.fit.sigma_u, Free::All, Pace::thorough(2)),
+    )
+}
+
+/// The best set with one effect replaced by a special case of it that does about as well, or that lacks only
+/// strengths which may as well be zero. Shared parameters come first in both.
+fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
+    let mut simpler = Vec::new();
+    let mut at = 1;
+    for (i, term) in chosen.fit.model.terms.iter().enumerate() {
+        let general = &problem.catalogue[term.effect];
+        for name in general.spec().contains {
+            let Some(effect) = problem.catalogue.iter().position(|e| e.name() == *name) else { continue };
+            let Some(mut p) = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next() else {
+                continue;
+            };
+            let own = problem.catalogue[effect].parameters();
+            for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
+                if own.dimension == other.dimension {
+                    p[k] = term.p[k];
+                }
+            }
+            let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
+            let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
+            let mut model = chosen.fit.model.clone();
+            model.terms[i] = Term { effect, p };
+            let begun =
+                fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.sigma_u, Free::All, Pace::NEXT);
+            let begun = candidate(problem, begun);
+            if lost_is_sure && begun.score < chosen.score - HOPELESS {
+                continue;
+            }
+            let fitted = refitted(problem, &begun, &begun.fit.model);
+            if fitted.score > chosen.score - SPECIAL_CASE || (!lost_is_sure && fitted.score.is_finite()) {
+                simpler.push(fitted);
+            }
+        }
+        at += term.p.len();
+    }
+    simpler.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
+}
+
+/// Whether parameter `k` of term `i`, whose columns start at `at`, is a strength that surely differs from its
+/// neutral value.
+fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize) -> bool {
+    let term = &chosen.fit.model.terms[i];
+    let deviation = chosen.fit.covariance[(at + k, at + k)].max(0.0).sqrt();
+    let neutral = problem.catalogue[term.effect].parameters()[k].neutral;
+    neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH * deviation)
+}
+
+/// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
+fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
+    let mut at = 1;
+    for (i, term) in chosen.fit.model.terms.iter().enumerate() {
+        let sure = (0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k));
+        if !sure && i >= first {
+            return Some(i);
+        }
+        at += term.p.len();
+    }
+    None
+}

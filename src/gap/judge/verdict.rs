@@ -1,0 +1,417 @@
+//! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion
+//! for any of these.
+
+use nalgebra::DMatrix;
+use rand_core::Rng;
+use rayon::prelude::*;
+
+use crate::gap::{
+    fit::{
+        problem::Problem,
+        shooting::{Fit, Free, Pace, fit},
+    },
+    judge::{
+        locate::{Dependence, locate},
+        screen::Screen,
+        search::{Breadth, Candidate, Search, given, search},
+        simplify::{HALF_WIDTH, simplified},
+    },
+    model::{
+        effect::{Coverage, Place},
+        joint_model::{JointModel, SETTLE_S},
+    },
+};
+
+/// What a diagnosis ends in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The twin agrees with the recording.
+    None,
+    /// Effects with their names.
+    Named,
+    /// A class of effects that this recording does not distinguish.
+    Ambiguous,
+    /// Something that no effect of the catalogue explains.
+    Unknown,
+    /// The recording lacks what a diagnosis needs.
+    Insufficient,
+}
+
+impl Verdict {
+    /// Name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Named => "named",
+            Self::Ambiguous => "ambiguous",
+            Self::Unknown => "unknown",
+            Self::Insufficient => "insufficient",
+        }
+    }
+}
+
+/// A parameter with its interval.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterEstimate {
+    /// Name.
+    pub name: String,
+    /// Estimate.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
+    /// Interval that holds the truth with 95 %.
+    pub interval: (f64, f64),
+}
+
+/// A named effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Index in the catalogue.
+    pub index: usize,
+    /// Name.
+    pub effect: String,
+    /// Parameters.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Weight of the set of effects among those of the same size.
+    pub weight: f64,
+    /// Other effects that explain the recording as well, with their weights.
+    pub alternatives: Vec<(String, f64)>,
+    /// Recording that would decide.
+    pub experiment: String,
+}
+
+/// The diagnosis of one joint.
+#[derive(Clone, Debug)]
+pub struct Diagnosis {
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Named effects.
+    pub findings: Vec<Finding>,
+    /// Where the twin and the recording disagree, strongest first.
+    pub before: Vec<Dependence>,
+    /// The updated model; the twin itself where nothing is named.
+    pub model: JointModel,
+    /// Share of what was to be explained that is left.
+    pub left: f64,
+    /// What the recording lacks.
+    pub lacks: Vec<String>,
+    /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
+    pub nearest: Option<Nearest>,
+}
+
+/// Effects that come nearest to an explanation.
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    /// The effects.
+    pub findings: Vec<Finding>,
+    /// The twin with them.
+    pub model: JointModel,
+}
+
+impl Diagnosis {
+    /// Takes the names back: they explain too little.
+    pub fn withdraw(&mut self) {
+        let twin = JointModel::of(&self.model.plant);
+        let model = std::mem::replace(&mut self.model, twin);
+        self.nearest = Some(Nearest { findings: std::mem::take(&mut self.findings), model });
+        self.verdict = Verdict::Unknown;
+    }
+}
+
+/// Weight that a set of effects needs to be named.
+/// derived: one less a level of 5 %, as that of the intervals.
+const NAME_WEIGHT: f64 = 0.95;
+/// Weight below which an alternative is not reported.
+/// tuned: tests/python/gap/generate.py.
+const ALTERNATIVE_WEIGHT: f64 = 0.02;
+/// Share of the explained that a table over one variable may still find before the names count as wrong; and
+/// of the gap of held-out runs, that a name may leave open.
+/// tuned: tests/python/gap/generate.py.
+pub const MAX_LEFT: f64 = 0.12;
+/// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
+/// tuned: tests/python/gap/generate.py.
+const MAX_NOISE_LEFT: f64 = 0.4;
+/// Effort noise that may be left, as a share of the recorded effort, unless it is a small share of the
+/// twin's.
+/// tuned: tests/python/gap/generate.py.
+const MAX_NOISE_SHARE: f64 = 0.1;
+/// Level of the test of a table.
+/// derived: the share of false alarms that is accepted.
+const LEVEL: f64 = 0.01;
+/// Gain over its size that a table must have before it means that something is missing.
+/// tuned: tests/python/gap/generate.py.
+const MIN_TABLE_GAIN: f64 = 40.0;
+
+/// What the motion lacks for any diagnosis, as sentences that name what to record.
+#[must_use]
+pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
+    let mut lacks = Vec::new();
+    let duration: f64 = coverage.durations_s.iter().sum();
+    if duration < 4.0 || windows < 4 {
+        lacks.push(format!(
+            "{duration:.1} s of motion are left to fit; record 10 s or more, in two runs or more"
+        ));
+    }
+    let range = coverage.travel;
+    if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
+        lacks.push(format!(
+            "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
+             most of its range",
+            coverage.position_noise
+        ));
+    }
+    lacks
+}
+
+/// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are
+/// fitted and no others are looked for.
+#[must_use]
+pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Diagnosis {
+    let twin = JointModel::of(&problem.plant);
+    let lacks = lacks(&problem.coverage, problem.windows.len());
+    if !lacks.is_empty() {
+        return Diagnosis {
+            verdict: Verdict::Insufficient,
+            findings: Vec::new(),
+            before: Vec::new(),
+            model: twin,
+            left: 0.0,
+            lacks,
+            nearest: None,
+        };
+    }
+    let (found, chosen) = if effects.is_empty() {
+        let found = search(problem, &Breadth::default());
+        let chosen = simplified(problem, found.accepted());
+        (found, chosen)
+    } else {
+        given(problem, effects)
+    };
+    let chosen = &chosen;
+    let base = &found.by_size[0][0];
+    // The twin under the noise of the chosen model: what there is to explain.
+    let at_noise =
+        fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, Pace::thorough(1));
+    let saved = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
+    // A joint that sticks is explained by what can no longer move it, not by smaller residuals.
+    let to_explain = saved.max(2.0 * (chosen.fit.log_likelihood - base.fit.log_likelihood));
+    let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
+    let before = if chosen.fit.model.terms.is_empty() {
+        after.clone()
+    } else {
+        locate(problem, &Screen::new(problem, &base.fit), rng)
+    };
+    let excess = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
+    let open =
+        after.iter().filter(|d| d.q <= LEVEL && excess(d) > MIN_TABLE_GAIN).map(excess).fold(0.0, f64::max);
+    let mut diagnosis = Diagnosis {
+        verdict: Verdict::None,
+        findings: Vec::new(),
+        before,
+        model: twin,
+        left: 0.0,
+        lacks,
+        nearest: None,
+    };
+    if chosen.fit.model.terms.is_empty() {
+        if open > 0.0 {
+            (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
+        }
+        return diagnosis;
+    }
+    diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
+    let rivals = rivals(problem, &found, chosen);
+    let total: f64 = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
+    diagnosis.verdict = if 1.0 / total >= NAME_WEIGHT { Verdict::Named } else { Verdict::Ambiguous };
+    let (model, spread) = refined(problem, &chosen.fit);
+    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
+    diagnosis.model = model;
+    // What was given stands or falls with the held-out runs alone.
+    if effects.is_empty()
+        && (diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen))
+    {
+        diagnosis.withdraw();
+    }
+    diagnosis
+}
+
+/// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no
+/// noise.
+fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
+    let left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
+    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
+    left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
+}
+
+/// Candidates of the same size that explain about as much, with their weights relative to the chosen one.
+/// Effects that contain a chosen one do not count, nor do other shapes of the same effect.
+fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
+    let own = chosen.effects();
+    let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
+    let own_names = names(&own);
+    let generalizes = |effects: &[usize]| {
+        effects.iter().any(|e| {
+            !own.contains(e) && problem.catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n))
+        })
+    };
+    let mut same = own.iter().filter_map(|e| {
+        let effect = &problem.catalogue[*e];
+        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
+    });
+    let twin = same.next().map(|(a, b)| {
+        let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
+        let mut effects: Vec<usize> =
+            own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
+        effects.sort_unstable();
+        effects
+    });
+    let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
+    let same_size = found.by_size[own.len()].iter().filter(|c| c.effects() != own);
+    same_size
+        .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names && !is_twin(&c.effects()))
+        .map(|c| (c.effects(), (0.5 * (c.score - chosen.score)).exp()))
+        .filter(|(_, w)| *w > ALTERNATIVE_WEIGHT)
+        .chain(twin.clone().map(|effects| (effects, 1.0)))
+        .collect()
+}
+
+/// Whether every effect is of a size that a model of the joint, not its discretization, would show.
+fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
+    chosen.fit.model.terms.iter().all(|t| match problem.catalogue[t.effect].place() {
+        Place::Delay => t.p[0].abs() > 0.25 * problem.coverage.interval_s,
+        Place::Gain | Place::Scale => (t.p[0] - 1.0).abs() > 0.004,
+        Place::Inertia => t.p[0].abs() > 0.004 * problem.plant.inertia,
+        _ => true,
+    })
+}
+
+/// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
+/// covariance with what the parameters moved by the small steps and with the settle time: neither is known
+/// better. A delay is not known better than the stamps.
+fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
+    let problem = &problem.refined();
+    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
+    let at = |settle_s: f64, from: &Fit, steps: usize| {
+        let model = JointModel { settle_s, ..from.model.clone() };
+        fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, Pace { steps, ..pace })
+    };
+    let fine = at(coarse.model.settle_s, coarse, pace.steps);
+    let mut fits = vec![fine.clone()];
+    if fine.model.has_friction(problem.catalogue) {
+        let own = fine.model.settle_s;
+        let between = SETTLE_S.iter().copied().filter(|s| *s != own);
+        let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
+        let more: Vec<Fit> = between
+            .chain(near)
+            .collect::<Vec<_>>()
+            .par_iter()
+            .map(|s| at(*s, &fine, pace.steps / 2))
+            .collect();
+        fits.extend(more);
+    }
+    let best = fits.iter().map(|f| f.log_likelihood).fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = fits.iter().map(|f| (f.log_likelihood - best).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let mean =
+        |of: &dyn Fn(&Fit) -> f64| fits.iter().zip(&weights).map(|(f, w)| w * of(f)).sum::<f64>() / total;
+    let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.parameters()).collect();
+    let parameters: Vec<f64> = (0..own[0].len())
+        .map(|i| own.iter().zip(&weights).map(|(p, w)| w * p[i]).sum::<f64>() / total)
+        .collect();
+    let mut covariance = fits
+        .iter()
+        .zip(&weights)
+        .fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
+    for (i, before) in coarse.model.parameters().into_iter().enumerate() {
+        let spread: f64 =
+            own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
+        covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
+    }
+    let model =
+        JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
+    if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
+        covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
+    }
+    (model, Spread { covariance, witnesses: fine.witnesses })
+}
+
+/// How well parameters are known.
+struct Spread {
+    /// Covariance of all free parameters.
+    covariance: DMatrix<f64>,
+    /// Number of windows that each rests on.
+    witnesses: Vec<f64>,
+}
+
+/// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
+/// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
+fn half_width(freedom: f64) -> f64 {
+    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
+    let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
+    z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
+        + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
+        + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
+}
+
+/// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is
+/// left: the error of a step is of first order at worst, and the last one is a quarter.
+/// derived: `((1 - 1/4) / (1/4))^2`.
+const STEP_RATIO: f64 = 9.0;
+
+fn findings(
+    problem: &Problem,
+    model: &JointModel,
+    spread: &Spread,
+    rivals: &[(Vec<usize>, f64)],
+    total: f64,
+) -> Vec<Finding> {
+    let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
+    own.sort_unstable();
+    let mut at = 1;
+    let mut findings = Vec::new();
+    for term in &model.terms {
+        let effect = &problem.catalogue[term.effect];
+        let n = term.p.len();
+        let (covariance, witnesses) =
+            (spread.covariance.view((at, at), (n, n)), &spread.witnesses[at..at + n]);
+        let estimate = |r: crate::gap::model::effect::Reported| {
+            let variance: f64 = (0..n)
+                .flat_map(|i| (0..n).map(move |j| (i, j)))
+                .map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j])
+                .sum();
+            let fewest =
+                (0..n).filter(|i| r.gradient[*i] != 0.0).map(|i| witnesses[i]).fold(f64::INFINITY, f64::min);
+            let half = half_width(fewest - 1.0) * variance.max(0.0).sqrt();
+            let value =
+                if r.name == "time" { r.value % crate::gap::model::effect::RUN_SPACING_S } else { r.value };
+            // What is never negative is not reported to be.
+            let positive = (0..n).any(|i| {
+                r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
+            });
+            let low = if positive { (value - half).max(0.0) } else { value - half };
+            ParameterEstimate {
+                name: r.name.to_owned(),
+                value,
+                unit: r.dimension.unit(problem.turns).to_owned(),
+                interval: (low, value + half),
+            }
+        };
+        let mut alternatives: Vec<(String, f64)> = Vec::new();
+        for (effects, weight) in rivals.iter().filter(|(effects, _)| !effects.contains(&term.effect)) {
+            for other in effects.iter().filter(|e| !own.contains(e)) {
+                alternatives.push((problem.catalogue[*other].name().to_owned(), weight / total));
+            }
+        }
+        findings.push(Finding {
+            index: term.effect,
+            effect: effect.name().to_owned(),
+            parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
+            weight: 1.0 / total,
+            alternatives,
+            experiment: effect.spec().experiment.to_owned(),
+        });
+        at += n;
+    }
+    findings
+}

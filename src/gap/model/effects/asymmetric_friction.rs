@@ -1,0 +1,59 @@
+//! Coulomb friction with another bound each way.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct AsymmetricFriction;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction_positive", Dimension::Effort, false),
+    amplitude("friction_negative", Dimension::Effort, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "asymmetric_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &["coulomb_friction"],
+    experiment: "hold the joint still without effort on either side of where it creeps, then slide slowly \
+     both ways",
+};
+
+impl Effect for AsymmetricFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let side = usize::from(at.direction < 0.0);
+        out.value = p[side];
+        out.p[side] = 1.0;
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0, 0.0]]
+    }
+
+    fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        // One bound both ways, and where a constant effort can be had, one that makes up the difference.
+        let mean = Nearest::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
+        match format {
+            Format::Mjcf => Expression::Approximated(vec![
+                mean,
+                Nearest::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
+            ]),
+            Format::Sdf | Format::Usd => Expression::Approximated(vec![mean]),
+            Format::Urdf => Expression::NotExpressible,
+        }
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.friction += 0.5 * (p[0] + p[1]);
+        joint.bias += 0.5 * (p[1] - p[0]);
+    }
+}

@@ -1,0 +1,52 @@
+//! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
+//! cos(q)`.
+
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+use crate::gap::{
+    model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    trig::sin_cos,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct AxisTilt;
+
+const PARAMETERS: &[Parameter] =
+    &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];
+
+const SPEC: Spec = Spec {
+    name: "axis_tilt",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "turn through 90 degrees or more, at rest in several positions",
+};
+
+impl Effect for AxisTilt {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let (s, c) = sin_cos(at.q);
+        out.value = p[0] * s + p[1] * c;
+        out.q = p[0] * c - p[1] * s;
+        out.p[0] = s;
+        out.p[1] = c;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        // A sliding joint sees gravity as a constant; along a chain no single joint is tilted.
+        if coverage.turns && !coverage.in_chain { vec![vec![0.0, 0.0]] } else { Vec::new() }
+    }
+
+    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        // A URDF would have to move every frame below the joint.
+        Expression::native_if(format != Format::Urdf)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.tilt = Some([p[0], p[1]]);
+    }
+}

@@ -1,0 +1,52 @@
+//! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
+
+use crate::gap::{
+    model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape},
+    trig::sin_cos,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Cogging;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("sine", Dimension::Effort, true),
+    amplitude("cosine", Dimension::Effort, true),
+    shape("wave_number", Dimension::WaveNumber, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "cogging",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "sweep slowly over three periods or more",
+};
+
+impl Effect for Cogging {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let (s, c) = sin_cos(p[2] * at.q);
+        let slope = p[0] * c - p[1] * s;
+        out.value = p[0] * s + p[1] * c;
+        out.q = p[2] * slope;
+        out.p[0] = s;
+        out.p[1] = c;
+        out.p[2] = at.q * slope;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        let range = coverage.position.1 - coverage.position.0;
+        // From two periods to a hundred over the range, which a run away widens, a third of a period apart at
+        // its ends.
+        (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        let turn = std::f64::consts::TAU / (coverage.position.1 - coverage.position.0);
+        if index == 2 { (1.5 * turn, 110.0 * turn) } else { (-1e9, 1e9) }
+    }
+}

@@ -1,0 +1,44 @@
+//! A constant effort: `effort = e`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct ConstantBias;
+
+const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true)];
+
+const SPEC: Spec = Spec {
+    name: "constant_bias",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "hold the joint still at several positions",
+};
+
+impl Effect for ConstantBias {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
+        out.value = p[0];
+        out.p[0] = 1.0;
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        Expression::native_if(format == Format::Mjcf)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.bias += p[0];
+    }
+}

@@ -1,0 +1,44 @@
+//! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct CoulombFriction;
+
+const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false)];
+
+const SPEC: Spec = Spec {
+    name: "coulomb_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "reverse slowly six times or more, at two speeds",
+};
+
+impl Effect for CoulombFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
+        out.value = p[0];
+        out.p[0] = 1.0;
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        Expression::Native
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.friction += p[0];
+    }
+}

@@ -1,0 +1,45 @@
+//! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Coupling {
+    /// Index of the other joint, among those that the log holds beside this one.
+    pub other: usize,
+}
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, true),
+    amplitude("other_stiffness", Dimension::Effort, true),
+    amplitude("offset", Dimension::Effort, true),
+];
+
+const SPEC: Spec = Spec {
+    name: "coupling",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &["spring_return", "constant_bias"],
+    experiment: "move the other joint while this one is free",
+};
+
+impl Effect for Coupling {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let other = at.others.get(self.other).copied().unwrap_or(0.0);
+        out.value = p[2] - p[0] * at.q + p[1] * other;
+        out.q = -p[0];
+        out.p[0] = -at.q;
+        out.p[1] = other;
+        out.p[2] = 1.0;
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        if self.other < coverage.others { vec![vec![0.0; 3]] } else { Vec::new() }
+    }
+}

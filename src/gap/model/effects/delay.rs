@@ -1,0 +1,44 @@
+//! The effort acts, or the position is recorded, later than stamped.
+
+use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct Delay;
+
+const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
+
+const SPEC: Spec = Spec {
+    name: "delay",
+    place: Place::Delay,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "step the effort sharply, and tap the part beside a second synchronized sensor",
+};
+
+impl Effect for Delay {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0]
+            .iter()
+            .map(|n| vec![n * coverage.interval_s])
+            .collect()
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        (-2.0 * coverage.interval_s, 60.0 * coverage.interval_s)
+    }
+
+    fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        Expression::native_if(format == Format::Mjcf && p[0] >= 0.0)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.delay_s += p[0];
+    }
+}

@@ -1,0 +1,60 @@
+//! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width
+//! from it.
+
+use crate::gap::model::{
+    bump::{bump_bounds, bumps},
+    effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, Response, Spec, amplitude, shape},
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Detent;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("effort", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "detent",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "cross the place slowly, both ways, three times",
+};
+
+/// Widths from the middle beyond which nothing is left.
+/// derived: 1.5e-7 of the effort.
+const REACH: f64 = 6.0;
+
+impl Effect for Detent {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = (at.q - p[1]) / p[2];
+        if x.abs() > REACH {
+            return;
+        }
+        let bump = (0.5 * (1.0 - x * x)).exp();
+        out.value = -p[0] * x * bump;
+        out.q = -p[0] * (1.0 - x * x) * bump / p[2];
+        out.p[0] = -x * bump;
+        out.p[1] = -out.q;
+        out.p[2] = p[0] * x * (1.0 - x * x) * bump / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.position, shape[1], REACH * shape[2])
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        bump_bounds(index, coverage)
+    }
+}

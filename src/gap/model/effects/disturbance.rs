@@ -1,0 +1,73 @@
+//! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never
+//! exported.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude,
+    shape,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Disturbance;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("effort", Dimension::Effort, true),
+    shape("time", Dimension::Time, true),
+    shape("duration", Dimension::Time, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "disturbance",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "record the same motion again: it does not come back",
+};
+
+/// Widths from the middle beyond which nothing is left.
+/// derived: 3.7e-6 of the effort.
+const REACH: f64 = 5.0;
+
+impl Effect for Disturbance {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = (at.t - p[1]) / p[2];
+        if x.abs() > REACH {
+            return;
+        }
+        let bump = (-0.5 * x * x).exp();
+        out.value = p[0] * bump;
+        out.p[0] = bump;
+        out.p[1] = p[0] * bump * x / p[2];
+        out.p[2] = p[0] * bump * x * x / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        let mut shapes = Vec::new();
+        for (run, duration_s) in coverage.durations_s.iter().enumerate() {
+            for (width_s, step_s) in [(0.06, 0.1), (0.2, 0.25)] {
+                let count = (duration_s / step_s) as usize;
+                shapes.extend(
+                    (0..count)
+                        .map(|i| vec![0.0, RUN_SPACING_S * run as f64 + (i as f64 + 0.5) * step_s, width_s]),
+                );
+            }
+        }
+        shapes
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.time_s, shape[1], REACH * shape[2])
+    }
+
+    fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
+        if index == 2 { (0.01, 1.0) } else { (-1e9, 1e9) }
+    }
+
+    fn is_of_one_run(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,47 @@
+//! The recorded position is the true one plus an offset. Only loads that depend on the position show it.
+
+use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct EncoderBias;
+
+const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
+
+const SPEC: Spec = Spec {
+    name: "encoder_bias",
+    place: Place::Bias,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "touch a stop whose position is known",
+};
+
+impl Effect for EncoderBias {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        if coverage.has_load_slope { vec![vec![0.0]] } else { Vec::new() }
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        let range = coverage.position.1 - coverage.position.0;
+        (-range, range)
+    }
+
+    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+        // An offset of the angle turns the load as a tilt about the axis does.
+        coverage.turns.then_some("axis_tilt")
+    }
+
+    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        Expression::native_if(format == Format::Mjcf)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.position_offset += p[0];
+    }
+}

@@ -1,0 +1,37 @@
+//! The recorded position is `s` times the true one.
+
+use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
+
+/// See the module.
+#[derive(Debug)]
+pub struct EncoderScale;
+
+const PARAMETERS: &[Parameter] =
+    &[Parameter { name: "scale", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
+
+const SPEC: Spec = Spec {
+    name: "encoder_scale",
+    place: Place::Scale,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move between two measured positions, or hang a known weight on it",
+};
+
+impl Effect for EncoderScale {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![1.0]]
+    }
+
+    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+        (0.05, 20.0)
+    }
+
+    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+        // Without a load that depends on the position, a gain of the effort is the same.
+        (!coverage.has_load_slope).then_some("torque_gain")
+    }
+}

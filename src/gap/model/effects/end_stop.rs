@@ -1,0 +1,124 @@
+//! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it, `c` times the speed and a
+//! share of what else drives it into the stop, never pulled. The share is that of a rigid stop behind a soft
+//! one: under a steady effort the joint sinks in less than `k` alone would let it.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct EndStop {
+    /// At the high end of the range.
+    pub upper: bool,
+}
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("stiffness", Dimension::Stiffness, false),
+    amplitude("contact_damping", Dimension::Damping, false),
+    shape("position", Dimension::Position, true),
+    shape("impedance", Dimension::Ratio, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "end_stop",
+    place: Place::Contact,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "touch the stop twice or more, slowly and fast",
+};
+
+/// Rate of a stop that counts as rigid, 1/s: the fastest that the steps of a rollout resolve.
+/// derived: one over a step of 5 ms.
+const STIFF_RATE: f64 = 200.0;
+/// Largest share of the other efforts that a stop takes off.
+/// tuned: tests/python/gap/generate.py.
+const MAX_IMPEDANCE: f64 = 0.98;
+
+impl Effect for EndStop {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let side = if self.upper { 1.0 } else { -1.0 };
+        let depth = side * (at.q - p[2]);
+        if depth <= 0.0 {
+            return;
+        }
+        let push = p[0] * depth + p[1] * side * at.v + p[3] * side * at.load;
+        if push < 0.0 {
+            return;
+        }
+        out.value = -side * push;
+        out.q = -p[0];
+        out.v = -p[1];
+        out.p[0] = -side * depth;
+        out.p[1] = -at.v;
+        out.p[2] = p[0];
+        out.p[3] = -at.load;
+        out.load = -p[3];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        let (low, high) = coverage.position;
+        let range = high - low;
+        let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
+        [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23]
+            .iter()
+            .map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0])
+            .collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        // The stiffest stop that the step of the rollout resolves, critically damped.
+        match index {
+            0 => (0.0, coverage.inertia * STIFF_RATE * STIFF_RATE),
+            1 => (0.0, coverage.inertia * 2.0 * STIFF_RATE),
+            3 => (0.0, MAX_IMPEDANCE),
+            _ => (coverage.position.0, coverage.position.1),
+        }
+    }
+
+    fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
+        let at_rate = |(rate, impedance): (f64, f64)| {
+            vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2], impedance]
+        };
+        [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)].into_iter().map(at_rate).collect()
+    }
+
+    fn is_upper(&self) -> bool {
+        self.upper
+    }
+
+    fn begins(&self) -> Option<usize> {
+        Some(2)
+    }
+
+    fn in_format(&self, format: Format, p: &[f64], plant: &Plant) -> Expression {
+        match format {
+            Format::Mjcf => Expression::Native,
+            // Without the share of a rigid stop behind the soft one.
+            Format::Sdf => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], p[2], 0.0])]),
+            // A limit, which is as stiff as the rollout resolves.
+            Format::Usd => {
+                let (stiffness, damping) =
+                    (plant.inertia * STIFF_RATE * STIFF_RATE, plant.inertia * STIFF_RATE);
+                Expression::Approximated(vec![Nearest::own(vec![stiffness, damping, p[2], 0.0])])
+            }
+            Format::Urdf => Expression::NotExpressible,
+        }
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.stops.push(Stop {
+            is_upper: self.upper,
+            position: p[2],
+            stiffness: p[0],
+            damping: p[1],
+            impedance: p[3],
+        });
+    }
+}

@@ -1,0 +1,45 @@
+//! More inertia than the twin has.
+
+use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct Inertia;
+
+const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
+
+const SPEC: Spec = Spec {
+    name: "inertia",
+    place: Place::Inertia,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "shake it fast with a known effort",
+};
+
+impl Effect for Inertia {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        (-0.9 * coverage.inertia, 1e9)
+    }
+
+    fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        match format {
+            Format::Mjcf => Expression::native_if(p[0] >= 0.0),
+            Format::Usd => Expression::native_if(p[0] > 0.0),
+            Format::Urdf | Format::Sdf => Expression::NotExpressible,
+        }
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.armature += p[0];
+    }
+}

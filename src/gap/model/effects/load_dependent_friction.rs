@@ -1,0 +1,39 @@
+//! Friction in proportion to the effort that the joint carries: `|friction| <= mu |u|`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct LoadDependentFriction;
+
+const PARAMETERS: &[Parameter] = &[amplitude("coefficient", Dimension::Ratio, false)];
+
+const SPEC: Spec = Spec {
+    name: "load_dependent_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "repeat one motion with two loads",
+};
+
+impl Effect for LoadDependentFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        out.value = p[0] * at.u.abs();
+        out.u = p[0] * at.u.signum();
+        out.p[0] = at.u.abs();
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+        (0.0, 0.95)
+    }
+}

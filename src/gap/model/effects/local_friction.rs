@@ -1,0 +1,59 @@
+//! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
+
+use crate::gap::model::{
+    bump::{bump_bounds, bumps},
+    effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, Response, Spec, amplitude, shape},
+};
+
+/// See the module.
+#[derive(Debug)]
+pub struct LocalFriction;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    shape("position", Dimension::Position, true),
+    shape("width", Dimension::Position, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "local_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "cross the place slowly, both ways, three times",
+};
+
+/// Widths from the middle beyond which nothing is left.
+/// derived: 1.6e-9 of the friction.
+const REACH: f64 = 4.5;
+
+impl Effect for LocalFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = (at.q - p[1]) / p[2];
+        if x.abs() > REACH {
+            return;
+        }
+        let bump = (-x * x).exp();
+        out.value = p[0] * bump;
+        out.q = -2.0 * p[0] * bump * x / p[2];
+        out.p[0] = bump;
+        out.p[1] = -out.q;
+        out.p[2] = 2.0 * p[0] * bump * x * x / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+    }
+
+    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets(extent.position, shape[1], REACH * shape[2])
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        bump_bounds(index, coverage)
+    }
+}

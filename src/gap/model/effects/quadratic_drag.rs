@@ -1,0 +1,49 @@
+//! Drag that grows with the square of the speed: `effort = -c v |v|`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct QuadraticDrag;
+
+const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
+
+const SPEC: Spec = Spec {
+    name: "quadratic_drag",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move at a top speed at least three times the usual one",
+};
+
+impl Effect for QuadraticDrag {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        out.value = -p[0] * at.v * at.v.abs();
+        out.v = -2.0 * p[0] * at.v.abs();
+        out.p[0] = -at.v * at.v.abs();
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn is_of_velocity(&self) -> bool {
+        true
+    }
+
+    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        Expression::native_if(format == Format::Mjcf)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.drag += p[0];
+    }
+}

@@ -1,0 +1,66 @@
+//! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct StribeckFriction;
+
+const PARAMETERS: &[Parameter] = &[
+    amplitude("friction", Dimension::Effort, false),
+    amplitude("breakaway_excess", Dimension::Effort, false),
+    shape("stribeck_velocity", Dimension::Velocity, false),
+];
+
+const SPEC: Spec = Spec {
+    name: "stribeck_friction",
+    place: Place::Friction,
+    parameters: PARAMETERS,
+    contains: &["coulomb_friction"],
+    experiment: "pull slowly until it breaks loose, several times, then slide at two speeds",
+};
+
+impl Effect for StribeckFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        let x = at.v / p[2];
+        let bump = (-x * x).exp();
+        out.value = p[0] + p[1] * bump;
+        out.v = -2.0 * p[1] * bump * x / p[2];
+        out.p[0] = 1.0;
+        out.p[1] = bump;
+        out.p[2] = 2.0 * p[1] * bump * x * x / p[2];
+    }
+
+    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        [0.01, 0.03, 0.08, 0.2].iter().map(|f| vec![0.0, 0.0, f * coverage.speed.1]).collect()
+    }
+
+    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+        if index == 2 { (0.002 * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
+    }
+
+    fn fall(&self, p: &[f64]) -> f64 {
+        p[1]
+    }
+
+    fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        // PhysX has the breakaway too, without the speed at which it falls.
+        match format {
+            Format::Urdf => Expression::NotExpressible,
+            _ => Expression::Approximated(vec![Nearest::effect("coulomb_friction", vec![p[0]])]),
+        }
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.friction += p[0];
+        joint.breakaway_excess += p[1];
+    }
+}

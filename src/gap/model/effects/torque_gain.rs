@@ -1,0 +1,47 @@
+//! The effort that acts is `g` times the recorded one.
+
+use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct TorqueGain;
+
+const PARAMETERS: &[Parameter] =
+    &[Parameter { name: "gain", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
+
+const SPEC: Spec = Spec {
+    name: "torque_gain",
+    place: Place::Gain,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "hang a known weight on it, or move between two measured positions",
+};
+
+impl Effect for TorqueGain {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![1.0]]
+    }
+
+    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+        (0.05, 20.0)
+    }
+
+    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+        // Without a load that depends on the position, a scale of the position is the same.
+        (!coverage.has_load_slope).then_some("encoder_scale")
+    }
+
+    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
+        Expression::native_if(format == Format::Mjcf)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.gear *= p[0];
+    }
+}

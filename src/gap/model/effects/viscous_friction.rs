@@ -1,0 +1,54 @@
+//! Viscous friction: `effort = -b v`.
+
+use crate::gap::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
+};
+use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::plant::Plant;
+
+/// See the module.
+#[derive(Debug)]
+pub struct ViscousFriction;
+
+const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, true)];
+
+const SPEC: Spec = Spec {
+    name: "viscous_friction",
+    place: Place::Effort,
+    parameters: PARAMETERS,
+    contains: &[],
+    experiment: "move at two steady speeds that differ five times",
+};
+
+impl Effect for ViscousFriction {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        out.value = -p[0] * at.v;
+        out.v = -p[0];
+        out.p[0] = -at.v;
+    }
+
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+
+    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        // A joint damps; it does not drive itself.
+        (-coverage.damping, 1e9)
+    }
+
+    fn is_of_velocity(&self) -> bool {
+        true
+    }
+
+    fn in_format(&self, _format: Format, p: &[f64], plant: &Plant) -> Expression {
+        Expression::native_if(plant.damping + p[0] >= 0.0)
+    }
+
+    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+        joint.damping = (joint.damping + p[0]).max(0.0);
+    }
+}

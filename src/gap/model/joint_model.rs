@@ -1,0 +1,149 @@
+//! A joint with effects: the twin's plant and the terms added to it.
+
+use crate::gap::model::{
+    effect::{Effect, Place},
+    plant::Plant,
+};
+
+/// Effects by index.
+pub type Catalogue = [Box<dyn Effect>];
+
+/// An effect with its parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Term {
+    /// Index in the catalogue.
+    pub effect: usize,
+    /// Parameters.
+    pub p: Vec<f64>,
+}
+
+/// A plant and what was added to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointModel {
+    /// The twin's joint.
+    pub plant: Plant,
+    /// Added effects.
+    pub terms: Vec<Term>,
+    /// Time by which stamps of effort and position disagree, seconds: a nuisance with a tight prior, never
+    /// reported.
+    pub lag_s: f64,
+    /// Time in which friction brings the joint to rest, seconds; 0 is exact stick. A nuisance, see
+    /// [`SETTLE_S`].
+    pub settle_s: f64,
+}
+
+/// Settle times of friction that are tried. Exact stick is the ideal; friction of compliant contacts and of
+/// simulators that soften it acts against the velocity that the joint will have a few milliseconds later.
+/// tuned: tests/python/gap/generate.py.
+pub const SETTLE_S: [f64; 4] = [0.0, 0.005, 0.01, 0.02];
+
+/// Share of the load under which friction that settles creeps on, as of a soft constraint of impedance 0.9.
+/// derived: one less the impedance, MuJoCo's default.
+pub const CREEP: f64 = 0.1;
+
+/// Friction that has the strength to hold a joint takes it over a step to `keep * v + creep * kick`, where
+/// `kick` is what the other efforts would add to the velocity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settling {
+    /// Share of the velocity that is left.
+    pub keep: f64,
+    /// Share of the other efforts that still acts.
+    pub creep: f64,
+}
+
+impl Settling {
+    /// Of a settle time over a step, seconds.
+    #[must_use]
+    pub fn over(settle_s: f64, step_s: f64) -> Self {
+        if !(settle_s > 0.0 && step_s > 0.0) {
+            return Self::default();
+        }
+        let keep = (-step_s / settle_s).exp();
+        Self { keep, creep: CREEP * settle_s * (1.0 - keep) / step_s }
+    }
+}
+
+impl JointModel {
+    /// The twin as it is.
+    #[must_use]
+    pub fn of(plant: &Plant) -> Self {
+        Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
+    }
+
+    /// Whether friction acts on the joint.
+    #[must_use]
+    pub fn has_friction(&self, catalogue: &Catalogue) -> bool {
+        self.plant.friction > 0.0 || self.terms.iter().any(|t| catalogue[t.effect].place() == Place::Friction)
+    }
+
+    /// Number of free parameters, the lag included.
+    #[must_use]
+    pub fn free(&self) -> usize {
+        1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>()
+    }
+
+    /// All free parameters: the lag, then the terms'.
+    #[must_use]
+    pub fn parameters(&self) -> Vec<f64> {
+        std::iter::once(self.lag_s).chain(self.terms.iter().flat_map(|t| t.p.iter().copied())).collect()
+    }
+
+    /// The model with other parameters.
+    #[must_use]
+    pub fn with_parameters(&self, parameters: &[f64]) -> Self {
+        let mut model = self.clone();
+        model.lag_s = parameters[0];
+        let mut at = 1;
+        for term in &mut model.terms {
+            let n = term.p.len();
+            term.p.copy_from_slice(&parameters[at..at + n]);
+            at += n;
+        }
+        model
+    }
+
+    /// The model with one more effect.
+    #[must_use]
+    pub fn with(&self, effect: usize, p: &[f64]) -> Self {
+        let mut model = self.clone();
+        model.terms.push(Term { effect, p: p.to_vec() });
+        model
+    }
+
+    /// The first parameter of the term with a place, and its index among the free parameters.
+    #[must_use]
+    pub fn scalar(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
+        let mut at = 1;
+        for term in &self.terms {
+            if catalogue[term.effect].place() == place {
+                return Some((term.p[0], at));
+            }
+            at += term.p.len();
+        }
+        None
+    }
+
+    /// Time by which the effort acts late: the nuisance and, where it is in the model, the delay.
+    #[must_use]
+    pub fn delay_s(&self, catalogue: &Catalogue) -> f64 {
+        self.lag_s + self.scalar(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
+    }
+
+    /// Whether the measured position is more than the position of the joint.
+    #[must_use]
+    pub fn sensor(&self, catalogue: &Catalogue) -> Sensor {
+        let of = |place, neutral| self.scalar(catalogue, place).map_or(neutral, |(x, _)| x);
+        Sensor { bias: of(Place::Bias, 0.0), scale: of(Place::Scale, 1.0), half_gap: of(Place::Play, 0.0) }
+    }
+}
+
+/// How a position is measured: `scale * play(q) + bias`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// Offset of the measured position.
+    pub bias: f64,
+    /// Factor of it.
+    pub scale: f64,
+    /// Half of the play.
+    pub half_gap: f64,
+}

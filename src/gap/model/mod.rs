@@ -1,0 +1,9 @@
+//! What a joint is taken to be: the twin's joint, effects beside it, and what file formats hold of them.
+
+pub mod bump;
+pub mod effect;
+pub mod effects;
+pub mod expressed;
+pub mod format;
+pub mod joint_model;
+pub mod plant;

@@ -1,0 +1,123 @@
+//! One joint of the twin as a single degree of freedom: what stands in front of its acceleration, and what
+//! resists it.
+
+use crate::gap::{
+    record::carried::Carried,
+    trig::sin_cos,
+    twin_tree::{Motion, TwinTree},
+};
+
+/// `inertia * acceleration = effort - damping * velocity - friction * Sgn(velocity) - load(position)`.
+/// See docs/method.md (14.3).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plant {
+    /// kg m^2 or kg.
+    pub inertia: f64,
+    /// N m s/rad or N s/m.
+    pub damping: f64,
+    /// Coulomb friction, N m or N.
+    pub friction: f64,
+    /// Gravity load `constant + sine * sin(q) + cosine * cos(q)`, N m or N.
+    pub load: Load,
+}
+
+/// A load that a position puts on a joint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Load {
+    /// Same everywhere.
+    pub constant: f64,
+    /// Factor of sin(q).
+    pub sine: f64,
+    /// Factor of cos(q).
+    pub cosine: f64,
+}
+
+impl Load {
+    /// Load and its slope at a position.
+    #[must_use]
+    pub fn at(&self, position: f64) -> (f64, f64) {
+        if self.sine == 0.0 && self.cosine == 0.0 {
+            return (self.constant, 0.0);
+        }
+        let (s, c) = sin_cos(position);
+        (self.constant + self.sine * s + self.cosine * c, self.sine * c - self.cosine * s)
+    }
+
+    /// Largest load of any position.
+    #[must_use]
+    pub fn amplitude(&self) -> f64 {
+        self.constant.abs() + self.sine.hypot(self.cosine)
+    }
+}
+
+/// Why a joint has no such form.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlantError {
+    /// No mass moves with the joint.
+    #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
+    NoMass(String),
+    /// Its inertia or load depends on a joint of which nothing is recorded.
+    #[error(
+        "joint '{0}' shares a chain with a joint that follows another one (<mimic>); such chains are not \
+         diagnosed: hold the others still and give a twin in which they are fixed"
+    )]
+    Coupled(String),
+    /// A number of the twin is not usable.
+    #[error("joint '{0}': damping and friction must be finite and not negative")]
+    BadDynamics(String),
+}
+
+impl Plant {
+    /// Load and its slope at a position, in a chain under the motion of the others.
+    #[must_use]
+    pub fn load_at(&self, carried: Option<&Carried>, position: f64) -> (f64, f64) {
+        carried.map_or_else(|| self.load.at(position), |c| c.at(position))
+    }
+
+    /// Inertia, and its rate.
+    #[must_use]
+    pub fn inertia_at(&self, carried: Option<&Carried>) -> (f64, f64) {
+        carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
+    }
+
+    /// The plant of a joint, its index in `tree.joints`; in a chain, with the others at 0.
+    ///
+    /// # Errors
+    /// [`PlantError`] where the joint moves no mass, shares a chain with a joint that follows another one, or
+    /// its dynamics are no numbers.
+    pub fn of(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
+        let spec = &tree.joints[joint];
+        let name = || spec.name.clone();
+        if tree.chain(joint).iter().any(|&j| tree.joints[j].is_mimic) {
+            return Err(PlantError::Coupled(name()));
+        }
+        let sane = |x: f64| x.is_finite() && x >= 0.0;
+        if !sane(spec.damping) || !sane(spec.friction) {
+            return Err(PlantError::BadDynamics(name()));
+        }
+        let mut position = vec![0.0; tree.joints.len()];
+        let inertia = tree.mass_matrix(&position)[(joint, joint)];
+        if !(inertia > 1e-12) {
+            return Err(PlantError::NoMass(name()));
+        }
+        let mut load_at = |q: f64| {
+            position[joint] = q;
+            tree.gravity_effort(&position)[joint]
+        };
+        let load = match spec.motion {
+            Motion::Turn => {
+                let quarter = std::f64::consts::FRAC_PI_2;
+                let (a, b, c) = (load_at(0.0), load_at(quarter), load_at(2.0 * quarter));
+                let constant = 0.5 * (a + c);
+                Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
+            }
+            Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
+        };
+        Ok(Self { inertia, damping: spec.damping, friction: spec.friction, load })
+    }
+}
+
+/// Rounding of a rotation is no load.
+fn clean(x: f64) -> f64 {
+    if x.abs() < 1e-9 { 0.0 } else { x }
+}

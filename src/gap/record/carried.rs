@@ -1,0 +1,29 @@
+//! What the motion of the other joints of a chain makes of one joint.
+
+use crate::gap::trig::sin_cos;
+
+/// A joint between a sample and the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// kg m^2 or kg.
+    pub inertia: f64,
+    /// Its rate, per second.
+    pub inertia_rate: f64,
+    /// Load: factors of 1, q, sin q, cos q, sin 2q, cos 2q.
+    pub load: [f64; 6],
+}
+
+impl Carried {
+    /// Load and its slope at a position.
+    #[must_use]
+    pub fn at(&self, position: f64) -> (f64, f64) {
+        let [constant, slope, s1, c1, s2, c2] = self.load;
+        let linear = constant + slope * position;
+        if [s1, c1, s2, c2] == [0.0; 4] {
+            return (linear, slope);
+        }
+        let (s, c) = sin_cos(position);
+        let (ss, cc) = (2.0 * s * c, c * c - s * s);
+        (linear + s1 * s + c1 * c + s2 * ss + c2 * cc, slope + s1 * c - c1 * s + 2.0 * (s2 * cc - c2 * ss))
+    }
+}

@@ -1,0 +1,144 @@
+//! One joint of a chain, the others moving as they were recorded: what their motion makes of its inertia and
+//! its load.
+//!
+//! From `M(q) a + h(q, v) = u`, the row of joint `j` reads `I a_j + dI/dt v_j + load(q_j) = u_j - friction`,
+//! where `I` is the diagonal of the mass matrix and does not depend on `q_j`; the load holds gravity and the
+//! other joints' accelerations, Coriolis and centrifugal efforts, and is a trigonometric polynomial of second
+//! order in the angle of a joint that turns, linear in the position of one that slides.
+
+use nalgebra::DVector;
+
+use crate::gap::{
+    record::{
+        carried::Carried,
+        drive::Hold,
+        log::{JointLog, position_noise},
+        motion::SmoothMotion,
+        recording::{Recording, RecordingError},
+    },
+    twin_tree::{Motion, TwinTree},
+};
+
+/// Time over which the rate of an inertia is taken, seconds.
+/// derived: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
+const RATE_STEP_S: f64 = 1e-4;
+
+/// What the joints in `others` make of a joint from each stamp to the next.
+#[must_use]
+pub fn carried(
+    tree: &TwinTree,
+    joint: usize,
+    others: &[(usize, SmoothMotion)],
+    stamps: &[f64],
+) -> Vec<Carried> {
+    let n = tree.joints.len();
+    let zero = vec![0.0; n];
+    let mut unit = zero.clone();
+    unit[joint] = 1.0;
+    let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
+    let one = |t: &f64| {
+        let (mut q, mut v, mut a) = (zero.clone(), zero.clone(), zero.clone());
+        for (o, motion) in others {
+            let state = motion.at(*t);
+            (q[*o], v[*o], a[*o]) = (state[0], state[1], state[2]);
+        }
+        let moved = |by: f64| -> Vec<f64> { q.iter().zip(&v).map(|(q, v)| q + by * v).collect() };
+        let inertia_rate =
+            (inertia(&moved(RATE_STEP_S)) - inertia(&moved(-RATE_STEP_S))) / (2.0 * RATE_STEP_S);
+        let now = inertia(&q);
+        let mut load_at = |own: f64| {
+            q[joint] = own;
+            tree.inverse_dynamics(&q, &v, &a, true)[joint]
+        };
+        let load = match tree.joints[joint].motion {
+            Motion::Turn => harmonics(&mut load_at),
+            Motion::Slide | Motion::Fixed => {
+                let (a, b) = (load_at(0.0), load_at(1.0));
+                [a, b - a, 0.0, 0.0, 0.0, 0.0]
+            }
+        };
+        Carried { inertia: now, inertia_rate, load }
+    };
+    let next = stamps.iter().skip(1).chain(stamps.last());
+    stamps.iter().zip(next).map(|(a, b)| one(&(0.5 * (a + b)))).collect()
+}
+
+/// The trigonometric polynomial of second order through five angles.
+fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
+    let mut load = [0.0; 6];
+    for i in 0..5 {
+        let angle = std::f64::consts::TAU * f64::from(i) / 5.0;
+        let value = load_at(angle);
+        let (s, c) = angle.sin_cos();
+        let (ss, cc) = (2.0 * angle).sin_cos();
+        load[0] += value / 5.0;
+        for (place, factor) in [(2, s), (3, c), (4, ss), (5, cc)] {
+            load[place] += 0.4 * value * factor;
+        }
+    }
+    load
+}
+
+/// Motion of every joint in `joints` over a run. Where all of them have efforts at the same stamps, the
+/// accelerations are those of the twin under these efforts, which change with them at once, and a smooth
+/// remainder.
+///
+/// # Errors
+/// [`RecordingError`] where the run has no position of one of them.
+pub fn motions(
+    tree: &TwinTree,
+    joints: &[usize],
+    run: &Recording,
+    hold: Hold,
+) -> Result<Vec<(usize, SmoothMotion)>, RecordingError> {
+    let name = |j: &usize| tree.joints[*j].name.as_str();
+    let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
+    let logs: Option<Vec<JointLog>> =
+        joints.iter().map(|j| run.joint(name(j), &[], &mut Vec::new()).ok()).collect();
+    let Some(logs) = logs.filter(|l| l.iter().all(|x| x.time_s == l[0].time_s)) else { return Ok(free) };
+    let expected = expected(tree, &free, &logs, hold);
+    let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
+        let sigma = position_noise(std::slice::from_ref(log)).max(1e-9);
+        (*j, SmoothMotion::of(&log.time_s, &log.position, sigma, expected))
+    };
+    Ok(joints.iter().zip(&logs).zip(&expected).map(smoothed).collect())
+}
+
+/// Accelerations of the twin from each stamp to the next, by joint.
+fn expected(
+    tree: &TwinTree,
+    motions: &[(usize, SmoothMotion)],
+    logs: &[JointLog],
+    hold: Hold,
+) -> Vec<Vec<f64>> {
+    let n = tree.joints.len();
+    let (time_s, zero) = (&logs[0].time_s, vec![0.0; n]);
+    let mut expected = vec![Vec::with_capacity(time_s.len()); motions.len()];
+    for k in 0..time_s.len() {
+        let next = (k + 1).min(time_s.len() - 1);
+        let (mut q, mut v) = (zero.clone(), zero.clone());
+        for (j, motion) in motions {
+            let state = motion.at(0.5 * (time_s[k] + time_s[next]));
+            (q[*j], v[*j]) = (state[0], state[1]);
+        }
+        let bias = tree.inverse_dynamics(&q, &v, &zero, true);
+        let whole = tree.mass_matrix(&q);
+        let mass = nalgebra::DMatrix::from_fn(motions.len(), motions.len(), |a, b| {
+            whole[(motions[a].0, motions[b].0)]
+        });
+        let push = DVector::from_fn(motions.len(), |a, _| {
+            let (j, log) = (motions[a].0, &logs[a]);
+            let effort = match hold {
+                Hold::Zero => log.effort[k],
+                Hold::Linear => 0.5 * (log.effort[k] + log.effort[next]),
+            };
+            let joint = &tree.joints[j];
+            effort - bias[j] - joint.damping * v[j] - joint.friction * v[j].signum()
+        });
+        let acceleration = mass.cholesky().map_or_else(|| DVector::zeros(motions.len()), |m| m.solve(&push));
+        for (own, a) in expected.iter_mut().zip(acceleration.iter()) {
+            own.push(*a);
+        }
+    }
+    expected
+}

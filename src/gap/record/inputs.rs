@@ -1,0 +1,93 @@
+//! Poses and wrenches of a run turned into positions and efforts of joints, beside those of its joint states.
+
+use std::collections::BTreeMap;
+
+use crate::gap::{
+    record::{
+        drive::Hold,
+        off_axis::{OffAxis, posed},
+        recording::{JointSamples, Recording},
+        tracks::{PoseTrack, TrackError, joint_efforts, resampled},
+    },
+    twin_tree::{Motion, TwinTree},
+};
+
+/// Gives the joints of a run their positions from poses, where these were asked for or nothing else reports
+/// them, and adds the efforts of wrenches to those of the joint states. Gives back what the poses show beside
+/// the positions, by joint.
+///
+/// # Errors
+/// [`TrackError`] for links and frames that the twin does not have.
+pub fn complete(
+    run: &mut Recording,
+    tree: &TwinTree,
+    hold: Hold,
+) -> Result<BTreeMap<usize, OffAxis>, TrackError> {
+    let mut evidence = BTreeMap::new();
+    let moving: Vec<usize> =
+        (0..tree.joints.len()).filter(|&j| tree.joints[j].motion != Motion::Fixed).collect();
+    let asked: Vec<&PoseTrack> = run.poses.iter().filter(|p| p.asked).collect();
+    let mut from_poses = BTreeMap::new();
+    for &j in &moving {
+        let known =
+            run.samples(&tree.joints[j].name).is_some_and(|s| s.position.iter().any(|q| q.is_finite()));
+        let tracks: Vec<&PoseTrack> = if known { asked.clone() } else { run.poses.iter().collect() };
+        if let Some(found) = posed(tree, j, &tracks)? {
+            evidence.insert(j, found.evidence);
+            from_poses.insert(j, found);
+        }
+    }
+    for (j, found) in from_poses {
+        let name = &tree.joints[j].name;
+        let old = run.samples(name);
+        let effort = old.map(|s| {
+            let usable: Vec<usize> = (0..s.time_s.len()).filter(|&k| s.effort[k].is_finite()).collect();
+            let of = |values: &[f64]| usable.iter().map(|&k| values[k]).collect::<Vec<f64>>();
+            resampled(&of(&s.time_s), &of(&s.effort), &found.time_s, hold)
+        });
+        let effort = effort.unwrap_or_else(|| vec![f64::NAN; found.time_s.len()]);
+        let samples =
+            JointSamples { name: name.clone(), time_s: found.time_s, position: found.position, effort };
+        run.joints.retain(|s| s.name != samples.name);
+        run.joints.push(samples);
+    }
+    run.joints.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut added: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    let position = |j: usize, t: f64| run.samples(&tree.joints[j].name).map_or(0.0, |s| position_at(s, t));
+    for track in &run.wrenches {
+        for (j, efforts) in joint_efforts(tree, track, &position)?.into_iter().enumerate() {
+            let (Some(efforts), Some(samples)) = (efforts, run.samples(&tree.joints[j].name)) else {
+                continue;
+            };
+            let own = resampled(&track.time_s, &efforts, &samples.time_s, hold);
+            let sum = added.entry(j).or_insert_with(|| vec![0.0; own.len()]);
+            sum.iter_mut().zip(&own).for_each(|(sum, own)| *sum += own);
+        }
+    }
+    for (j, added) in added {
+        let name = &tree.joints[j].name;
+        let Some(samples) = run.joints.iter_mut().find(|s| s.name == *name) else { continue };
+        // An effort that is recorded as well acts beside the wrench.
+        let drives = samples.effort.iter().any(|u| u.is_finite());
+        for (effort, added) in samples.effort.iter_mut().zip(&added) {
+            *effort = if drives { *effort + added } else { *added };
+        }
+    }
+    Ok(evidence)
+}
+
+/// Position of a joint at a time, straight between samples; the first or last one beyond them.
+fn position_at(samples: &JointSamples, t: f64) -> f64 {
+    let known = |k: &usize| samples.position[*k].is_finite();
+    let next = samples.time_s.partition_point(|x| *x < t);
+    let after = (next..samples.time_s.len()).find(known);
+    let before = (0..next.min(samples.time_s.len())).rev().find(known);
+    match (before, after) {
+        (Some(a), Some(b)) => {
+            let share = (t - samples.time_s[a]) / (samples.time_s[b] - samples.time_s[a]).max(1e-12);
+            samples.position[a] * (1.0 - share) + samples.position[b] * share
+        }
+        (Some(k), None) | (None, Some(k)) => samples.position[k],
+        (None, None) => 0.0,
+    }
+}

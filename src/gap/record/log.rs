@@ -1,0 +1,170 @@
+//! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
+
+use crate::{gap::record::carried::Carried, statistics::median};
+
+/// One recorded run of one joint, stamps strictly increasing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointLog {
+    /// Name of the run.
+    pub run: String,
+    /// Seconds from the start of the run.
+    pub time_s: Vec<f64>,
+    /// Measured position, rad or m.
+    pub position: Vec<f64>,
+    /// Effort at the joint from this sample on, N m or N.
+    pub effort: Vec<f64>,
+    /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
+    pub others: Vec<Vec<f64>>,
+    /// What the other joints of its chain make of the joint, from each sample to the next; empty where it has
+    /// none.
+    pub carried: Vec<Carried>,
+}
+
+/// Consecutive samples without a gap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Index of the log.
+    pub log: usize,
+    /// First sample.
+    pub start: usize,
+    /// Number of samples.
+    pub len: usize,
+}
+
+/// An interval longer than this many usual ones is a gap.
+/// tuned: tests/python/gap/generate.py.
+pub const GAP_INTERVALS: f64 = 3.5;
+
+impl JointLog {
+    /// Usual sample interval, seconds; `None` below two samples.
+    #[must_use]
+    pub fn interval_s(&self) -> Option<f64> {
+        median(self.time_s.windows(2).map(|w| w[1] - w[0]).collect())
+    }
+
+    /// Runs of samples without a gap.
+    #[must_use]
+    pub fn segments(&self, log: usize) -> Vec<Span> {
+        let Some(usual) = self.interval_s() else { return Vec::new() };
+        let mut spans = Vec::new();
+        let mut start = 0;
+        for k in 1..=self.time_s.len() {
+            if k == self.time_s.len() || self.time_s[k] - self.time_s[k - 1] > GAP_INTERVALS * usual {
+                spans.push(Span { log, start, len: k - start });
+                start = k;
+            }
+        }
+        spans
+    }
+
+    /// Positions of the other joints between a sample and the next, the first eight.
+    #[must_use]
+    pub fn others_after(&self, k: usize) -> [f64; 8] {
+        let mut now = [0.0; 8];
+        for (now, other) in now.iter_mut().zip(&self.others) {
+            *now = 0.5 * (other[k] + other[k + 1]);
+        }
+        now
+    }
+
+    /// A part of it.
+    #[must_use]
+    pub fn part(&self, from: usize, to: usize) -> Self {
+        Self {
+            run: self.run.clone(),
+            time_s: self.time_s[from..to].to_vec(),
+            position: self.position[from..to].to_vec(),
+            effort: self.effort[from..to].to_vec(),
+            others: self.others.iter().map(|o| o[from..to].to_vec()).collect(),
+            carried: self.carried.get(from..to).map(<[Carried]>::to_vec).unwrap_or_default(),
+        }
+    }
+
+    /// Length, seconds.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match (self.time_s.first(), self.time_s.last()) {
+            (Some(a), Some(b)) => b - a,
+            _ => 0.0,
+        }
+    }
+}
+
+/// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are
+/// left out.
+#[must_use]
+pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
+    let mut windows = Vec::new();
+    for (index, log) in logs.iter().enumerate() {
+        let Some(interval) = log.interval_s() else { continue };
+        let wanted = (length_s / interval).round().max(8.0) as usize;
+        for segment in log.segments(index) {
+            if segment.len * 3 < wanted || segment.len < 8 {
+                continue;
+            }
+            let count = (segment.len as f64 / wanted as f64).round().max(1.0) as usize;
+            for w in 0..count {
+                let (a, b) = (segment.len * w / count, segment.len * (w + 1) / count);
+                windows.push(Span { log: index, start: segment.start + a, len: b - a });
+            }
+        }
+    }
+    windows
+}
+
+/// Root mean square.
+#[must_use]
+pub fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|r| r * r).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// White noise of the positions, rad or m: the median absolute fourth difference, which motion of a mass
+/// hardly enters. See docs/method.md (14.1).
+#[must_use]
+pub fn position_noise(logs: &[JointLog]) -> f64 {
+    let mut differences = Vec::new();
+    let mut steps = Vec::new();
+    for (index, log) in logs.iter().enumerate() {
+        for s in log.segments(index) {
+            let q = &log.position[s.start..s.start + s.len];
+            differences
+                .extend(q.windows(5).map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs()));
+            steps.extend(q.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0));
+        }
+    }
+    let Some(difference) = median(differences) else { return 0.0 };
+    // Standard deviation of the fourth difference of unit white noise is sqrt(70).
+    let sigma = difference / 0.674_49 / 70f64.sqrt();
+    // A quantized encoder that stands still still has its rounding noise.
+    steps.sort_by(f64::total_cmp);
+    let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
+    let quantized =
+        steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > 0.49).count() * 10 > steps.len() * 9;
+    let step = if quantized { Some(smallest) } else { lattice(logs) };
+    step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
+}
+
+/// Samples over which a position must not change at all to count as held.
+const HELD_SAMPLES: usize = 4;
+/// Fewest different held positions that show a lattice.
+const MIN_HELD: usize = 8;
+
+/// Step of the encoder, rad or m, where the positions that the joint holds are multiples of one: also
+/// positions that were interpolated between readings of the encoder show it at rest.
+fn lattice(logs: &[JointLog]) -> Option<f64> {
+    let still = |w: &[f64]| w.iter().all(|q| *q == w[0]).then_some(w[0]);
+    let mut held: Vec<f64> =
+        logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES).filter_map(still)).collect();
+    held.sort_by(f64::total_cmp);
+    held.dedup();
+    if held.len() < MIN_HELD {
+        return None;
+    }
+    let mut gaps: Vec<f64> = held.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    // Rounding in the recording may split one step of the encoder into neighbors.
+    let trial =
+        gaps.iter().copied().find(|g| *g > 1e-3 * (held[held.len() - 1] - held[0]) / held.len() as f64)?;
+    let on = gaps.iter().filter(|g| ((*g / trial).round() - *g / trial).abs() < 0.1).count();
+    (on * 10 >= gaps.len() * 9).then_some(trial)
+}

@@ -1,0 +1,13 @@
+//! What was recorded: runs turned into positions and efforts of one joint.
+
+pub mod carried;
+pub mod chain;
+#[cfg(test)]
+mod chain_tests;
+pub mod drive;
+pub mod inputs;
+pub mod log;
+pub mod motion;
+pub mod off_axis;
+pub mod recording;
+pub mod tracks;

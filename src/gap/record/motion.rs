@@ -1,0 +1,123 @@
+//! Motion of a joint from its positions: a Kalman smoother in which the acceleration is an expected one and a
+//! remainder that white jerk drives, whose level the positions choose. See docs/method.md (14.5).
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Motion at and between the stamps of the positions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SmoothMotion {
+    /// Seconds.
+    pub time_s: Vec<f64>,
+    /// (position, velocity, remainder of the acceleration) at each stamp.
+    pub state: Vec<Vector3<f64>>,
+    /// Expected acceleration from each stamp to the next; empty for none.
+    pub expected: Vec<f64>,
+}
+
+/// Levels of the jerk that are tried, each times the next lower one.
+const LEVELS: i32 = 18;
+/// derived: half a decade; the likelihood is flat about its top.
+const RATIO: f64 = 3.0;
+
+impl SmoothMotion {
+    /// Smooths positions, rad or m, whose noise has the standard deviation `sigma`; `expected` holds an
+    /// acceleration from each stamp to the next, or nothing.
+    #[must_use]
+    pub fn of(time_s: &[f64], position: &[f64], sigma: f64, expected: &[f64]) -> Self {
+        let low = position.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let range = (high - low).max(10.0 * sigma).max(1e-12);
+        let level = |i: i32| 1e-4 * range * RATIO.powi(i);
+        let best = (0..LEVELS)
+            .map(|i| (filter(time_s, position, sigma, level(i), expected).1, i))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let (passed, _) = filter(time_s, position, sigma, level(best.map_or(0, |b| b.1)), expected);
+        let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
+        for k in (0..state.len().saturating_sub(1)).rev() {
+            let (here, next) = (&passed[k], &passed[k + 1]);
+            let Some(inverse) = next.predicted.1.try_inverse() else { continue };
+            let gain = here.updated.1 * next.transition.transpose() * inverse;
+            state[k] = here.updated.0 + gain * (state[k + 1] - next.predicted.0);
+        }
+        Self { time_s: time_s.to_vec(), state, expected: expected.to_vec() }
+    }
+
+    /// Position, velocity and acceleration at a time; before and after the recording it stands where that
+    /// began or ended.
+    #[must_use]
+    pub fn at(&self, t: f64) -> Vector3<f64> {
+        let Some(last) = self.state.len().checked_sub(1) else { return Vector3::zeros() };
+        let k = self.time_s.partition_point(|x| *x <= t).clamp(1, last.max(1)) - 1;
+        let (here, next) = (self.state[k], self.state[(k + 1).min(last)]);
+        let x = (t - self.time_s[k]).clamp(0.0, self.time_s[(k + 1).min(last)] - self.time_s[k]);
+        let acceleration = self.expected.get(k).copied().unwrap_or(0.0) + 0.5 * (here[2] + next[2]);
+        Vector3::new(
+            here[0] + x * (here[1] + 0.5 * x * acceleration),
+            here[1] + x * acceleration,
+            acceleration,
+        )
+    }
+}
+
+type Belief = (Vector3<f64>, Matrix3<f64>);
+
+struct Passed {
+    predicted: Belief,
+    updated: Belief,
+    transition: Matrix3<f64>,
+}
+
+/// Filters; gives every sample's beliefs and the log likelihood.
+fn filter(time_s: &[f64], position: &[f64], sigma: f64, jerk: f64, expected: &[f64]) -> (Vec<Passed>, f64) {
+    let variance = sigma * sigma;
+    let wide = Matrix3::from_diagonal(&Vector3::new(100.0 * variance, 1e4, 1e6));
+    let mut belief = (Vector3::new(position.first().copied().unwrap_or(0.0), 0.0, 0.0), wide);
+    let mut transition = Matrix3::identity();
+    let mut likelihood = 0.0;
+    let mut passed = Vec::with_capacity(position.len());
+    for (k, y) in position.iter().enumerate() {
+        if k > 0 {
+            let h = time_s[k] - time_s[k - 1];
+            transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
+            let (a, b, c) = (h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0);
+            let (d, e) = (h.powi(3) / 3.0, h.powi(2) / 2.0);
+            let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
+            let push = expected.get(k - 1).copied().unwrap_or(0.0);
+            belief = (
+                transition * belief.0 + Vector3::new(0.5 * h * h, h, 0.0) * push,
+                transition * belief.1 * transition.transpose() + noise,
+            );
+        }
+        let predicted = belief;
+        let s = predicted.1[(0, 0)] + variance;
+        let innovation = y - predicted.0[0];
+        if k > 5 {
+            likelihood -= 0.5 * (innovation * innovation / s + s.ln());
+        }
+        let gain = predicted.1.column(0) / s;
+        belief = (predicted.0 + gain * innovation, predicted.1 - gain * predicted.1.row(0));
+        passed.push(Passed { predicted, updated: belief, transition });
+    }
+    (passed, likelihood)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_oscillation_with_noise_has_its_velocity_and_acceleration() {
+        let time_s: Vec<f64> = (0..1000).map(|k| 0.005 * f64::from(k)).collect();
+        let noise = |k: usize| 1e-4 * (((k * 7919) % 1009) as f64 / 1009.0 - 0.5) * 12f64.sqrt();
+        let position: Vec<f64> =
+            time_s.iter().enumerate().map(|(k, t)| 0.5 * (4.0 * t).sin() + noise(k)).collect();
+        let motion = SmoothMotion::of(&time_s, &position, 1e-4, &[]);
+        let mut worst = Vector3::<f64>::zeros();
+        for (k, t) in time_s.iter().enumerate().skip(50).take(900) {
+            let truth = Vector3::new(0.5 * (4.0 * t).sin(), 2.0 * (4.0 * t).cos(), -8.0 * (4.0 * t).sin());
+            worst = worst.sup(&(motion.state[k] - truth).abs());
+        }
+        assert!(worst[0] < 1e-4 && worst[1] < 0.01 && worst[2] < 0.4, "{worst}");
+        assert!((motion.at(0.5025)[0] - 0.5 * (4.0f64 * 0.5025).sin()).abs() < 1e-4);
+    }
+}

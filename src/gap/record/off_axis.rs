@@ -1,0 +1,436 @@
+//! The position of a joint from measured poses of its part, and what of these poses the joint cannot make.
+//! See docs/method.md (14.2).
+//!
+//! With the joint at `q` the twin holds that `joint_from_part = motion(q)`. What is left beside it, `E =
+//! joint_from_part * motion(q)^-1`, has a turn and a shift that stand still where the twin's axis is off, and
+//! that go round with the part where the tracked frame is not the link's. Across the axis both are complex
+//! numbers: `a + b exp(i q)` at a joint that turns, `a + b q` at one that slides.
+
+use nalgebra::{Complex, Matrix2, Vector2, Vector3};
+
+use crate::gap::{
+    record::{
+        log::{JointLog, position_noise, rms},
+        tracks::{PoseTrack, TrackError, frame_link, moved_link},
+    },
+    twin_tree::{Motion, TwinJoint, TwinTree},
+};
+use crate::geometry::{Pose, log_so3};
+
+/// Shift and turn across a joint, root mean square over the samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Across {
+    /// Meters.
+    pub shift_m: f64,
+    /// Radians.
+    pub turn_rad: f64,
+}
+
+impl Across {
+    /// Whether both stay below `factor` times the other's.
+    fn is_within(&self, factor: f64, other: &Self) -> bool {
+        self.shift_m <= factor * other.shift_m && self.turn_rad <= factor * other.turn_rad
+    }
+}
+
+/// What the off-axis part of poses looks like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Suspect {
+    /// The joint makes the poses.
+    None,
+    /// The axis stands elsewhere than in the twin.
+    AxisOffset,
+    /// The tracked frame is not the link's.
+    TrackedFrame,
+    /// The part moves in a further way.
+    SecondDof,
+    /// The part moves in another way.
+    WrongJointType,
+}
+
+impl Suspect {
+    /// Name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::AxisOffset => "axis_offset",
+            Self::TrackedFrame => "tracked_frame",
+            Self::SecondDof => "second_dof",
+            Self::WrongJointType => "wrong_joint_type",
+        }
+    }
+}
+
+/// Evidence about a joint from poses of its part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OffAxis {
+    /// What the joint cannot make.
+    pub measured: Across,
+    /// Noise of that.
+    pub noise: Across,
+    /// What is left of it with another axis and another tracked frame.
+    pub left: Across,
+    /// By how much the axis stands off the twin's; across it, and its tilt.
+    pub axis: Across,
+    /// By how much the tracked frame stands off the link's.
+    pub mount: Across,
+    /// What it looks like.
+    pub suspect: Suspect,
+}
+
+/// Multiple of the noise that means nothing.
+/// derived: three standard deviations.
+const NOISES: f64 = 3.0;
+/// Least noise: that of the numbers.
+/// derived: six decimals, which messages of poses hold at least.
+const LEAST: Across = Across { shift_m: 1e-6, turn_rad: 1e-6 };
+/// Share of the off-axis part below which the rest of it is no second motion.
+/// tuned: tests/python/gap/generate.py.
+const REST: f64 = 0.2;
+/// Least travel of a joint over which an axis and a mount are distinguished, rad.
+/// tuned: tests/python/gap/generate.py.
+const MIN_TURN_RAD: f64 = 0.15;
+/// Multiple of the noise that a motion of the joint's own kind must reach.
+/// tuned: tests/python/gap/generate.py.
+const OWN_NOISES: f64 = 10.0;
+
+/// Positions of a joint with their evidence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedJoint {
+    /// Stamps, seconds.
+    pub time_s: Vec<f64>,
+    /// Positions, rad or m.
+    pub position: Vec<f64>,
+    /// What the joint cannot make of the poses.
+    pub evidence: OffAxis,
+}
+
+/// A joint's positions from tracks of its part: in a frame of the part that it hangs on, or together with a
+/// track of that part in the same frame. `None` where no track shows it.
+///
+/// # Errors
+/// [`TrackError`] for links and frames that the twin does not have.
+pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Option<PosedJoint>, TrackError> {
+    let spec = &tree.joints[joint];
+    let (own, base) = (tree.carrier(spec.child), tree.carrier(spec.parent));
+    let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
+    let on_carrier = |link: usize| rest[tree.carrier(link)].inverse() * rest[link];
+    let mut found: Vec<(usize, usize, &PoseTrack, Pose, Pose)> = Vec::new();
+    for track in tracks {
+        let link = moved_link(tree, &track.topic, &track.link)?;
+        let frame = frame_link(tree, &track.topic, &track.frame)?.unwrap_or(tree.root);
+        found.push((
+            tree.carrier(frame),
+            tree.carrier(link),
+            track,
+            on_carrier(frame),
+            on_carrier(link).inverse(),
+        ));
+    }
+    let base_from_joint = on_carrier(spec.parent) * spec.parent_from_joint;
+    let of_part = found.iter().filter(|f| f.1 == own);
+    for (frame, _, track, carrier_from_frame, link_from_carrier) in of_part {
+        let whole = |pose: &Pose| carrier_from_frame * pose * link_from_carrier;
+        if *frame == base {
+            let poses: Vec<Pose> = track.pose.iter().map(|p| base_from_joint.inverse() * whole(p)).collect();
+            return Ok(read(spec, &track.time_s, &poses));
+        }
+        let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
+        let (mut time_s, mut poses) = (Vec::new(), Vec::new());
+        for (t, pose) in track.time_s.iter().zip(&track.pose) {
+            if let Some(carried) = at(other.2, *t) {
+                time_s.push(*t);
+                poses.push(base_from_joint.inverse() * (other.3 * carried * other.4).inverse() * whole(pose));
+            }
+        }
+        return Ok(read(spec, &time_s, &poses));
+    }
+    Ok(None)
+}
+
+/// The pose of a track at a time between its samples.
+fn at(track: &PoseTrack, t: f64) -> Option<Pose> {
+    let next = track.time_s.partition_point(|x| *x < t);
+    let (b, tb) = (track.pose.get(next)?, track.time_s[next]);
+    if tb - t < 1e-9 {
+        return Some(*b);
+    }
+    let (a, ta) = (track.pose.get(next.checked_sub(1)?)?, track.time_s[next - 1]);
+    a.try_lerp_slerp(b, (t - ta) / (tb - ta), 1e-9)
+}
+
+/// Positions and evidence from `joint_from_part` poses; `None` without any.
+fn read(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint> {
+    let axis = joint.axis.into_inner();
+    let mut position: Vec<f64> = Vec::with_capacity(poses.len());
+    for p in poses {
+        let q = match joint.motion {
+            Motion::Fixed => 0.0,
+            Motion::Turn => 2.0 * axis.dot(&p.rotation.imag()).atan2(p.rotation.w),
+            Motion::Slide => axis.dot(&p.translation.vector),
+        };
+        let turns = std::f64::consts::TAU;
+        // Without a jump by a turn from sample to sample.
+        let near = position
+            .last()
+            .map_or_else(|| (q / turns).round() * turns, |last| ((q - last) / turns).round() * turns);
+        position.push(if joint.motion == Motion::Turn { q - near } else { q });
+    }
+    let left: Vec<Pose> = poses.iter().zip(&position).map(|(p, q)| p * joint.moved(*q).inverse()).collect();
+    let evidence = evidence(joint, time_s, &position, poses, &left)?;
+    Some(PosedJoint { time_s: time_s.to_vec(), position, evidence })
+}
+
+fn evidence(
+    joint: &TwinJoint,
+    time_s: &[f64],
+    position: &[f64],
+    poses: &[Pose],
+    left: &[Pose],
+) -> Option<OffAxis> {
+    if left.len() < 2 {
+        return None;
+    }
+    let axis = joint.axis.into_inner();
+    let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+    let second = axis.cross(&first);
+    let flat = |v: &Vector3<f64>| Complex::new(first.dot(v), second.dot(v));
+    let shifts: Vec<Vector3<f64>> = left.iter().map(|e| e.translation.vector).collect();
+    let turns: Vec<Vector3<f64>> = left.iter().map(|e| log_so3(&e.rotation)).collect();
+    let basis: Vec<Complex<f64>> =
+        position
+            .iter()
+            .map(|q| {
+                if joint.motion == Motion::Turn {
+                    Complex::from_polar(1.0, *q)
+                } else {
+                    Complex::new(*q, 0.0)
+                }
+            })
+            .collect();
+    // Along the axis a shift is the same everywhere.
+    let mean_along = shifts.iter().map(|s| axis.dot(s)).sum::<f64>() / shifts.len() as f64;
+    let along: Vec<f64> = shifts
+        .iter()
+        .map(|s| if joint.motion == Motion::Turn { axis.dot(s) - mean_along } else { 0.0 })
+        .collect();
+    let (shift_still, shift_moving, shift_left) = split(&shifts.iter().map(flat).collect::<Vec<_>>(), &basis);
+    let mean_about = turns.iter().map(|t| axis.dot(t)).sum::<f64>() / turns.len() as f64;
+    let about: Vec<f64> = turns.iter().map(|t| axis.dot(t) - mean_about).collect();
+    let (turn_still, turn_moving, turn_left) = split(&turns.iter().map(flat).collect::<Vec<_>>(), &basis);
+    let whole = |v: &[Vector3<f64>]| rms(&v.iter().map(Vector3::norm).collect::<Vec<_>>());
+    let measured = Across { shift_m: whole(&shifts), turn_rad: whole(&turns) };
+    let left =
+        Across { shift_m: rms(&shift_left).hypot(rms(&along)), turn_rad: rms(&turn_left).hypot(rms(&about)) };
+    let noise = Across {
+        shift_m: noise(time_s, &shifts).max(LEAST.shift_m),
+        turn_rad: noise(time_s, &turns).max(LEAST.turn_rad),
+    };
+    let (axis, mount) = match joint.motion {
+        Motion::Turn => (
+            Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
+            Across { shift_m: shift_moving.norm().hypot(mean_along), turn_rad: turn_moving.norm() },
+        ),
+        // A shift that grows with the position is a tilt of the axis; what stands still may as well be the
+        // tracked frame's.
+        _ => (
+            Across { shift_m: 0.0, turn_rad: shift_moving.norm() },
+            Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
+        ),
+    };
+    let mut evidence = OffAxis { measured, noise, left, axis, mount, suspect: Suspect::None };
+    evidence.suspect = suspect(joint, position, poses, &evidence);
+    Some(evidence)
+}
+
+fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> Suspect {
+    if e.measured.is_within(NOISES, &e.noise) {
+        return Suspect::None;
+    }
+    let range = |values: &mut dyn Iterator<Item = f64>| {
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        high - low
+    };
+    let travel = range(&mut position.iter().copied());
+    if !e.left.is_within(NOISES, &e.noise) && !e.left.is_within(REST, &e.measured) {
+        let (first, turns) = (poses[0], joint.motion == Motion::Turn);
+        let shift = poses
+            .iter()
+            .map(|p| (p.translation.vector - first.translation.vector).norm())
+            .fold(0.0, f64::max);
+        let turn = poses.iter().map(|p| p.rotation.angle_to(&first.rotation)).fold(0.0, f64::max);
+        let only_slides =
+            turns && turn < OWN_NOISES * e.noise.turn_rad && shift > OWN_NOISES * e.noise.shift_m;
+        let also_turns = !turns && turn > OWN_NOISES * e.noise.turn_rad && turn > MIN_TURN_RAD;
+        return if only_slides || also_turns { Suspect::WrongJointType } else { Suspect::SecondDof };
+    }
+    // Sizes that mean something: the axis must move the part by more than the noise over the travel.
+    let is_distinct = joint.motion != Motion::Turn || travel >= MIN_TURN_RAD;
+    let moved = if joint.motion == Motion::Turn {
+        Across { shift_m: e.axis.shift_m * travel.min(1.0), turn_rad: e.axis.turn_rad * travel.min(1.0) }
+    } else {
+        Across { shift_m: e.axis.turn_rad * travel, turn_rad: 0.0 }
+    };
+    if is_distinct && !moved.is_within(NOISES, &e.noise) {
+        Suspect::AxisOffset
+    } else {
+        Suspect::TrackedFrame
+    }
+}
+
+/// Least squares of `a + b basis`: a, b and the absolute values of what is left. `b` is 0 where the basis
+/// hardly changes.
+fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Complex<f64>, Vec<f64>) {
+    let n = values.len() as f64;
+    let (sum_z, sum_b): (Complex<f64>, Complex<f64>) = (values.iter().sum(), basis.iter().sum());
+    let (bb, bz) = values
+        .iter()
+        .zip(basis)
+        .fold((0.0, Complex::new(0.0, 0.0)), |(bb, bz), (z, b)| (bb + b.norm_sqr(), bz + b.conj() * z));
+    let normal = Matrix2::new(Complex::new(n, 0.0), sum_b, sum_b.conj(), Complex::new(bb, 0.0));
+    let is_spread = n * bb - sum_b.norm_sqr() > 1e-6 * n * bb;
+    let solved = is_spread.then(|| normal.try_inverse()).flatten().map(|i| i * Vector2::new(sum_z, bz));
+    let [a, b] = solved.map_or_else(|| [sum_z / n, Complex::new(0.0, 0.0)], |s| [s[0], s[1]]);
+    (a, b, values.iter().zip(basis).map(|(z, x)| (z - a - b * x).norm()).collect())
+}
+
+/// White noise of vectors, root of the summed variances.
+fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
+    let one = |i: usize| {
+        let position = values.iter().map(|v| v[i]).collect();
+        position_noise(&[JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() }])
+    };
+    (0..3).map(|i| one(i).powi(2)).sum::<f64>().sqrt()
+}
+
+impl OffAxis {
+    /// Largest multiple of the noise that the poses leave the joint by.
+    #[must_use]
+    pub fn excess(&self) -> f64 {
+        (self.measured.shift_m / self.noise.shift_m).max(self.measured.turn_rad / self.noise.turn_rad)
+    }
+
+    /// The evidence in words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let say = |a: &Across| format!("{:.2} mm and {:.2} deg", 1e3 * a.shift_m, a.turn_rad.to_degrees());
+        let measured =
+            format!("the poses leave the joint by {} (noise {})", say(&self.measured), say(&self.noise));
+        match self.suspect {
+            Suspect::None => format!(
+                "the poses stay on the joint: {} off it, noise {}",
+                say(&self.measured),
+                say(&self.noise)
+            ),
+            Suspect::AxisOffset => {
+                format!("{measured}: the axis stands {} from the twin's (axis_offset)", say(&self.axis))
+            }
+            Suspect::TrackedFrame => {
+                format!("{measured}: the tracked frame stands {} from the link's", say(&self.mount))
+            }
+            Suspect::SecondDof => format!(
+                "{measured}, {} of it by no axis: the part moves in a further way (second_dof)",
+                say(&self.left)
+            ),
+            Suspect::WrongJointType => {
+                format!(
+                    "{measured}, {} of it by no axis: the joint is of another type (wrong_joint_type)",
+                    say(&self.left)
+                )
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Unit;
+
+    use super::*;
+
+    fn joint(motion: Motion) -> TwinJoint {
+        TwinJoint {
+            name: "j".into(),
+            motion,
+            parent: 0,
+            child: 1,
+            parent_from_joint: Pose::identity(),
+            axis: Unit::new_normalize(Vector3::new(0.2, -0.3, 1.0)),
+            damping: 0.0,
+            friction: 0.0,
+            limit: None,
+            is_mimic: false,
+        }
+    }
+
+    fn noisy(k: usize, i: usize) -> f64 {
+        ((k * 7919 + i * 104_729) % 1009) as f64 / 1009.0 - 0.5
+    }
+
+    /// Poses over a sweep by 1.2 rad or m, with noise of about 0.1 mm and 0.1 mrad.
+    fn sweep(pose: impl Fn(f64) -> Pose) -> (Vec<f64>, Vec<Pose>) {
+        let time_s: Vec<f64> = (0..400).map(|k| 0.01 * f64::from(k)).collect();
+        let one = |k: usize| {
+            let q = 0.6 * (1.0 - (0.02 * k as f64).cos());
+            let shake = |i: usize| 2e-4 * noisy(k, i);
+            let noise = Pose::new(
+                Vector3::new(shake(1), shake(2), shake(3)),
+                Vector3::new(shake(4), shake(5), shake(6)),
+            );
+            noise * pose(q)
+        };
+        (time_s, (0..400).map(one).collect())
+    }
+
+    fn suspected(joint: &TwinJoint, pose: impl Fn(f64) -> Pose) -> PosedJoint {
+        let (time_s, poses) = sweep(pose);
+        read(joint, &time_s, &poses).unwrap()
+    }
+
+    #[test]
+    fn what_the_joint_makes_has_its_position_and_no_suspect() {
+        for motion in [Motion::Turn, Motion::Slide] {
+            let joint = joint(motion);
+            let posed = suspected(&joint, |q| joint.moved(q));
+            assert_eq!(posed.evidence.suspect, Suspect::None, "{:?}", posed.evidence);
+            let worst = posed
+                .position
+                .iter()
+                .enumerate()
+                .map(|(k, p)| (p - 0.6 * (1.0 - (0.02 * k as f64).cos())).abs())
+                .fold(0.0, f64::max);
+            assert!(worst < 5e-4, "{worst}");
+        }
+    }
+
+    #[test]
+    fn an_axis_a_mount_and_another_motion_are_told_apart() {
+        let (turn, slide) = (joint(Motion::Turn), joint(Motion::Slide));
+        let across = turn.axis.cross(&Vector3::x()).normalize();
+        // The axis a centimeter off and tilted by 2 degrees, the part where the twin has it at zero.
+        let off = Pose::new(0.01 * across, 0.035 * across);
+        let axis = suspected(&turn, |q| off * turn.moved(q) * off.inverse()).evidence;
+        assert_eq!(axis.suspect, Suspect::AxisOffset, "{axis:?}");
+        assert!(
+            (axis.axis.shift_m - 0.01).abs() < 1e-3 && (axis.axis.turn_rad - 0.035).abs() < 2e-3,
+            "{axis:?}"
+        );
+        assert!(axis.words().contains("axis_offset"));
+        let mount = suspected(&turn, |q| turn.moved(q) * off).evidence;
+        assert_eq!(mount.suspect, Suspect::TrackedFrame, "{mount:?}");
+        assert!((mount.mount.shift_m - 0.01).abs() < 1e-3, "{mount:?}");
+        let tilt = suspected(&slide, |q| off * slide.moved(q) * off.inverse()).evidence;
+        assert_eq!(tilt.suspect, Suspect::AxisOffset, "{tilt:?}");
+        assert!((tilt.axis.turn_rad - 0.035).abs() < 2e-3, "{tilt:?}");
+        let further = suspected(&turn, |q| {
+            Pose::new(0.02 * (9.0 * q).sin() * across, Vector3::zeros()) * turn.moved(q)
+        })
+        .evidence;
+        assert_eq!(further.suspect, Suspect::SecondDof, "{further:?}");
+        let slides = suspected(&turn, |q| slide.moved(q)).evidence;
+        assert_eq!(slides.suspect, Suspect::WrongJointType, "{slides:?}");
+        let turns = suspected(&slide, |q| off * turn.moved(q)).evidence;
+        assert_eq!(turns.suspect, Suspect::WrongJointType, "{turns:?}");
+    }
+}

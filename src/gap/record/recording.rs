@@ -1,0 +1,233 @@
+//! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
+
+use crate::gap::record::{
+    log::{JointLog, position_noise},
+    motion::SmoothMotion,
+    tracks::{PoseTrack, WrenchTrack},
+};
+
+use crate::note::{Note, NoteCode};
+
+/// Samples of one joint as they were recorded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointSamples {
+    /// Name of the joint.
+    pub name: String,
+    /// Stamps, seconds from the first of the recording.
+    pub time_s: Vec<f64>,
+    /// Positions, rad or m; NaN where none was recorded.
+    pub position: Vec<f64>,
+    /// Efforts, N m or N; NaN where none was recorded.
+    pub effort: Vec<f64>,
+}
+
+/// One recorded run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// Name of the run.
+    pub name: String,
+    /// Joints, by name.
+    pub joints: Vec<JointSamples>,
+    /// Poses of links.
+    pub poses: Vec<PoseTrack>,
+    /// Wrenches on links.
+    pub wrenches: Vec<WrenchTrack>,
+    /// What was odd.
+    pub warnings: Vec<Note>,
+}
+
+/// Why a run shows nothing of a joint.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RecordingError {
+    /// The joint is not in the run.
+    #[error(
+        "run '{run}' has no joint '{joint}'; it has {has}: rename the joints of the twin or of the \
+         recording so that they agree"
+    )]
+    NoJoint {
+        /// Run.
+        run: String,
+        /// Joint.
+        joint: String,
+        /// What there is.
+        has: String,
+    },
+    /// No efforts.
+    #[error(
+        "run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque \
+         constant, or a force gauge as a wrench on its link), or release the joint and record an effort of 0"
+    )]
+    NoEffort {
+        /// Run.
+        run: String,
+        /// Joint.
+        joint: String,
+    },
+    /// No positions.
+    #[error("run '{run}' has no position of joint '{joint}'")]
+    NoPosition {
+        /// Run.
+        run: String,
+        /// Joint.
+        joint: String,
+    },
+    /// Too few samples.
+    #[error(
+        "run '{run}' has {samples} usable samples of joint '{joint}' over {seconds:.1} s; record 10 s or \
+         more at 50 Hz or more"
+    )]
+    Short {
+        /// Run.
+        run: String,
+        /// Joint.
+        joint: String,
+        /// Samples left.
+        samples: usize,
+        /// Length.
+        seconds: f64,
+    },
+}
+
+/// Fewest samples that a run must have.
+const MIN_SAMPLES: usize = 100;
+/// Half width of the mean that other joints' positions are taken through, samples.
+const OTHERS_HALF_WIDTH: usize = 4;
+
+impl Recording {
+    /// Motion of a joint from its positions; repeated and backward stamps and positions that are not numbers
+    /// are left out.
+    ///
+    /// # Errors
+    /// [`RecordingError`] where the run has no position of the joint.
+    pub fn motion(&self, name: &str) -> Result<SmoothMotion, RecordingError> {
+        let (run, joint) = (self.name.clone(), name.to_owned());
+        let Some(samples) = self.joints.iter().find(|j| j.name == name) else {
+            return Err(RecordingError::NoJoint { run, joint, has: self.names() });
+        };
+        let mut log = JointLog::default();
+        for (t, q) in samples.time_s.iter().zip(&samples.position) {
+            if q.is_finite() && log.time_s.last().is_none_or(|last| *t > last + 1e-7) {
+                log.time_s.push(*t);
+                log.position.push(*q);
+            }
+        }
+        if log.time_s.len() < MIN_SAMPLES {
+            return Err(RecordingError::NoPosition { run, joint });
+        }
+        let logs = [log];
+        let sigma = position_noise(&logs).max(1e-9);
+        Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, sigma, &[]))
+    }
+
+    /// What was recorded of a joint.
+    #[must_use]
+    pub fn samples(&self, joint: &str) -> Option<&JointSamples> {
+        self.joints.iter().find(|j| j.name == joint)
+    }
+
+    fn names(&self) -> String {
+        self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The log of one joint; positions of `others` are brought to its stamps. Repeated and backward stamps
+    /// and samples with NaN are left out, each with a warning.
+    ///
+    /// # Errors
+    /// [`RecordingError`] where the run does not hold enough of the joint.
+    pub fn joint(
+        &self,
+        name: &str,
+        others: &[String],
+        warnings: &mut Vec<Note>,
+    ) -> Result<JointLog, RecordingError> {
+        let (run, joint) = (|| self.name.clone(), || name.to_owned());
+        let has = || self.names();
+        let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
+            run: run(),
+            joint: joint(),
+            has: has(),
+        })?;
+        if !samples.position.iter().any(|q| q.is_finite()) {
+            return Err(RecordingError::NoPosition { run: run(), joint: joint() });
+        }
+        if !samples.effort.iter().any(|u| u.is_finite()) {
+            return Err(RecordingError::NoEffort { run: run(), joint: joint() });
+        }
+        let mut log = JointLog { run: run(), ..JointLog::default() };
+        let (mut backward, mut not_numbers) = (0, 0);
+        for k in 0..samples.time_s.len() {
+            let (t, q, u) = (samples.time_s[k], samples.position[k], samples.effort[k]);
+            if log.time_s.last().is_some_and(|last| t <= *last + 1e-7) {
+                backward += 1;
+            } else if !q.is_finite() || !u.is_finite() {
+                not_numbers += 1;
+            } else {
+                log.time_s.push(t);
+                log.position.push(q);
+                log.effort.push(u);
+            }
+        }
+        if backward > 0 {
+            warnings.push(Note::new(NoteCode::SamplesBackward, format!(
+                "run '{}', joint '{name}': {backward} samples left out, their stamps repeat or run backward",
+                self.name
+            )));
+        }
+        if not_numbers > 0 {
+            warnings.push(Note::new(NoteCode::SamplesNotNumbers, format!(
+                "run '{}', joint '{name}': {not_numbers} samples left out, their position or effort is not \
+                 a number",
+                self.name
+            )));
+        }
+        if log.time_s.len() < MIN_SAMPLES {
+            return Err(RecordingError::Short {
+                run: run(),
+                joint: joint(),
+                samples: log.time_s.len(),
+                seconds: log.duration_s(),
+            });
+        }
+        let beside = others.iter().filter(|o| o.as_str() != name);
+        log.others = beside
+            .map(|o| {
+                self.joints
+                    .iter()
+                    .find(|j| j.name == *o)
+                    .map_or_else(|| vec![0.0; log.time_s.len()], |j| at_stamps(j, &log.time_s))
+            })
+            .collect();
+        Ok(log)
+    }
+}
+
+/// Positions of a joint at given stamps, averaged over neighbors.
+fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
+    let usable: Vec<(f64, f64)> = joint
+        .time_s
+        .iter()
+        .copied()
+        .zip(joint.position.iter().copied())
+        .filter(|(_, q)| q.is_finite())
+        .collect();
+    if usable.is_empty() {
+        return vec![0.0; stamps.len()];
+    }
+    let mean = |k: usize| {
+        let half = OTHERS_HALF_WIDTH.min(k).min(usable.len() - 1 - k);
+        usable[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
+    };
+    let mut k = 0;
+    stamps
+        .iter()
+        .map(|t| {
+            while k + 1 < usable.len() && usable[k + 1].0 <= *t {
+                k += 1;
+            }
+            let next = (k + 1).min(usable.len() - 1);
+            let width = usable[next].0 - usable[k].0;
+            let share = if width > 0.0 { ((t - usable[k].0) / width).clamp(0.0, 1.0) } else { 0.0 };
+            mean(k) * (1.0 - share) + mean(next) * share
+        })
+        .collect()
+}

@@ -1,0 +1,39 @@
+//! Folders beside a result, under names that nobody took.
+
+use std::{
+    ffi::{OsStr, OsString},
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use super::RunDirError;
+
+/// Names that are tried for a folder beside the result, at most.
+const MAX_TRIES: usize = 1000;
+
+/// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
+pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
+    let path = |k| {
+        let mut hidden = OsString::from(".");
+        hidden.push(name);
+        hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
+        out.join(hidden)
+    };
+    first_free(path, |path| fs::create_dir(path))
+}
+
+/// The first path that `make` makes; one that is there already is passed over.
+pub(super) fn first_free(
+    path: impl Fn(usize) -> PathBuf,
+    make: impl Fn(&Path) -> io::Result<()>,
+) -> Result<PathBuf, RunDirError> {
+    let mut k = 0;
+    loop {
+        let path = path(k);
+        match make(&path) {
+            Ok(()) => return Ok(path),
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < MAX_TRIES => k += 1,
+            Err(source) => return Err(RunDirError::Disk { what: "make", path, source }),
+        }
+    }
+}

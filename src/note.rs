@@ -1,0 +1,164 @@
+//! What is said beside a result: a sentence for people, a code for programs (`docs/codes.md`).
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A note or a warning.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// What it is about; it stays the same when the sentence changes.
+    pub code: NoteCode,
+    /// The sentence.
+    pub text: String,
+}
+
+impl Note {
+    /// A sentence under its code.
+    pub fn new(code: NoteCode, text: impl Into<String>) -> Self {
+        Self { code, text: text.into() }
+    }
+
+    /// The same about one of several, whose name goes before the sentence.
+    #[must_use]
+    pub fn about(&self, whom: impl fmt::Display) -> Self {
+        Self { code: self.code, text: format!("{whom}: {}", self.text) }
+    }
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+macro_rules! codes {
+    ($($name:ident = $word:literal, $meaning:literal;)*) => {
+        /// What a note or a warning is about.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+        pub enum NoteCode {
+            $(#[doc = $meaning] #[serde(rename = $word)] $name,)*
+        }
+
+        impl NoteCode {
+            /// All codes, each with its word and what it means.
+            pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
+
+            /// The word that stands for it in files and events.
+            #[must_use]
+            pub fn word(self) -> &'static str {
+                match self {
+                    $(Self::$name => $word,)*
+                }
+            }
+        }
+    };
+}
+
+codes! {
+    // Recordings.
+    MetadataMissing = "metadata_missing", "A bag has no `metadata.yaml`: it was not closed.";
+    MetadataUnreadable = "metadata_unreadable", "The `metadata.yaml` of a bag cannot be read.";
+    FilesMissing = "files_missing", "Files that a bag lists are not there.";
+    RecordingDamaged = "recording_damaged", "A file of a bag is damaged or cut; what can be read of it is \
+        used.";
+    MessagesUndecodable = "messages_undecodable", "Messages of a topic cannot be decoded.";
+    TransformsSurplus = "transforms_surplus", "Transforms name more frames than are kept.";
+    TransformsInvalid = "transforms_invalid", "Transforms hold NaN or no unit quaternion.";
+    DepthUnpaired = "depth_unpaired", "Color images have no depth image of their time.";
+    MasksUnpaired = "masks_unpaired", "Color images have no mask of their time.";
+    ImagesInOtherFrame = "images_in_other_frame", "Images of a topic are in another frame than its first.";
+    CameraInfoContradicted = "camera_info_contradicted", "Camera parameters contradict all others of their \
+        topic.";
+    PosesMissing = "poses_missing", "Frames have no camera pose.";
+    FramesBroken = "frames_broken", "Images cannot be decoded.";
+    MasksIncomplete = "masks_incomplete", "Only some frames have masks; none is used.";
+    MatchesUnreadable = "matches_unreadable", "A file of matches cannot be read.";
+    MatchesOutside = "matches_outside", "Matches lie outside their images.";
+    PositionsUnreadable = "positions_unreadable", "The joint positions beside the frames cannot be read.";
+    StampsMissing = "stamps_missing", "Messages have no stamp; the time of recording is used.";
+    SamplesBackward = "samples_backward", "Samples have stamps that repeat or run backward.";
+    SamplesNotNumbers = "samples_not_numbers", "Samples hold a position or an effort that is not a number.";
+    DatasetFormat = "dataset_format", "The format of a dataset folder was recognized.";
+    TopicsChosen = "topics_chosen", "The topics, camera and pose source that are used.";
+    ImagesUndistorted = "images_undistorted", "Images are undistorted by their camera's lens model.";
+    ViewsKept = "views_kept", "How many views of a state are kept.";
+    MatchesRead = "matches_read", "Matches came with the recording.";
+    NoiseMeasured = "noise_measured", "The depth noise was measured.";
+    PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
+    MasksUsed = "masks_used", "The masks of the recording are used.";
+    BackgroundRemoved = "background_removed", "A plane was taken for background.";
+    ObjectIsolated = "object_isolated", "The object was found without masks.";
+    // States and parts.
+    WorldFrameDiffers = "world_frame_differs",
+        "A state was recorded in another world frame, or the whole object was moved; it was moved back.";
+    MatchesFound = "matches_found", "How many pixel matches were found.";
+    MorePartsEvident = "more_parts_evident", "The evidence is for more parts than were asked for.";
+    PartOnLittleEvidence = "part_on_little_evidence", "A part rests on little evidence.";
+    PartAlmostEvident = "part_almost_evident", "A further part nearly has the evidence that it needs.";
+    PartsMoveAlike = "parts_move_alike", "One motion was divided, as two parts move nearly alike.";
+    NoPartMoved = "no_part_moved", "No part moved; the twin has one part.";
+    MotionByOtherStates = "motion_by_other_states", "The motion of a part in a state follows from other \
+        states.";
+    StateAddsNoMotion = "state_adds_no_motion", "A state shows all joints where an earlier one does.";
+    // Joints.
+    JointTypeUndecided = "joint_type_undecided", "Two types explain the motion about equally well.";
+    JointTypeUnknown = "joint_type_unknown", "No joint type explains the motion.";
+    JointAtRest = "joint_at_rest", "The joint did not move.";
+    JointContradicted = "joint_contradicted", "Most observations disagree with the joint's motion.";
+    StateContradicts = "state_contradicts", "A state disagrees with the joint that the others show.";
+    AxisNotDetermined = "axis_not_determined", "The motion leaves direction or position of the axis open.";
+    AxisCoarse = "axis_coarse", "The motion determines direction or position of the axis coarsely.";
+    MotionNotDetermined = "motion_not_determined", "How far the joint moved is not determined.";
+    LimitsNotObserved = "limits_not_observed", "The limits of the joint lie beyond what was observed.";
+    TurnsNotObserved = "turns_not_observed", "Whole turns between the states cannot be seen.";
+    ScrewNotObserved = "screw_not_observed", "A screw looks like a turn and a slide of their own.";
+    SpinNotObserved = "spin_not_observed", "The part looks alike all round: its turn about its axis cannot \
+        be seen.";
+    ParentNotDecided = "parent_not_decided", "Another link could carry the part as well.";
+    PartUntouched = "part_untouched", "No other part touches this one in all states.";
+    // Runs.
+    EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";
+    StageKept = "stage_kept", "A stage was taken from the run that was stopped.";
+    StageNotKept = "stage_not_kept", "A stage could not be kept for `--resume`.";
+    StageComputedAgain = "stage_computed_again", "What was kept of a stage cannot be used.";
+    StartsAnew = "starts_anew", "There is nothing to continue.";
+    ResultStands = "result_stands", "The result is there already; nothing is left to do.";
+    KeptForResume = "kept_for_resume", "What was finished is kept for `--resume`.";
+    CheckpointLeft = "checkpoint_left", "What was kept on the way could not be deleted.";
+    MovedAside = "moved_aside", "What stood in the result's place was moved.";
+    Stopping = "stopping", "The run stops after its present step.";
+    // Diagnoses.
+    JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
+    TwinUncertain = "twin_uncertain", "The twin is a reconstruction with errors of its own.";
+    FewPatches = "few_patches", "The frames show too little of the object.";
+    JointStands = "joint_stands", "A joint stands at one place in all recordings.";
+    EffectTooSmall = "effect_too_small", "An effect moves less than the twin errs.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_of_codes_is_that_of_the_program() {
+        let table = include_str!("../docs/codes.md");
+        let (_, table) = table.split_once("## Notes and warnings").unwrap();
+        let rows: Vec<&str> = table.lines().filter(|l| l.starts_with("| `")).collect();
+        let expected: Vec<String> =
+            NoteCode::ALL.iter().map(|(_, word, meaning)| format!("| `{word}` | {meaning} |")).collect();
+        assert_eq!(rows, expected);
+    }
+
+    #[test]
+    fn a_note_is_a_code_and_a_sentence() {
+        let note = Note::new(NoteCode::AxisNotDetermined, "too short a motion").about("lid");
+        let json = r#"{"code":"axis_not_determined","text":"lid: too short a motion"}"#;
+        assert_eq!(serde_json::to_string(&note).unwrap(), json);
+        assert_eq!(serde_json::from_str::<Note>(json).unwrap(), note);
+        for (code, word, _) in NoteCode::ALL {
+            assert_eq!(serde_json::to_value(code).unwrap(), *word);
+            assert_eq!(code.word(), *word);
+        }
+    }
+}

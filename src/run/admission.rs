@@ -1,0 +1,60 @@
+//! What is refused before any work, and what a run belongs to.
+
+use std::path::PathBuf;
+
+use super::{
+    Checkpoint, Fingerprint, ReconstructRequest, RunError, least_bytes::least_reconstruction,
+    outcome::OUTPUT_STAGE,
+};
+use crate::{
+    config::Config,
+    io::{self, ResultKind},
+};
+
+/// Refuses what no recording could make right; the name of the twin.
+pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
+    request.config.check().map_err(|e| e.with_origin(&request.origins))?;
+    let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    let states = io::state_count(&request.sources).map_err(|e| RunError::stage("capture", e))?;
+    if states > 2 && request.config.seeks_consistency() {
+        let message = format!(
+            "{states} states were given, but fields are made consistent between two; give two states, or \
+             leave out `--init identity`, the presets fields and paper, and `articulation.refine`"
+        );
+        return Err(RunError::stage("articulate", message));
+    }
+    let name = request.name.clone().unwrap_or(found);
+    check_places(request, &name, states).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+    Ok(name)
+}
+
+/// Refuses what could not be written at the end: the result, under either of its names, and the checkpoint.
+fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
+    let least_bytes = least_reconstruction(states, &request.config);
+    for place in [request.place(name), request.rejected_place(name)] {
+        place.check(ResultKind::Reconstruct, least_bytes)?;
+    }
+    request.place(name).check_beside(&Checkpoint::folder(&request.out, name))
+}
+
+/// The user's matching model, if there is one.
+pub(super) fn matcher(config: &Config) -> Result<Option<io::OnnxMatcher>, RunError> {
+    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
+    config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))
+}
+
+/// What a checkpoint belongs to.
+pub(super) fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
+    let failed = |e| RunError::stage("checkpoint", e);
+    let mut all = Fingerprint::default()
+        .with("version", env!("CARGO_PKG_VERSION"))
+        .with_settings("config", &request.config)
+        .map_err(failed)?;
+    if let Some(path) = &request.config.matching.onnx {
+        all = all.with_source("matcher", path).map_err(failed)?;
+    }
+    for (i, source) in request.sources.iter().enumerate() {
+        all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
+    }
+    Ok(all)
+}

@@ -1,0 +1,111 @@
+//! What the report says about a run: inputs, settings, times, notes.
+
+use std::collections::BTreeMap;
+
+use super::{
+    Fingerprint, ReconstructRequest, Stages, Twin, pictures::photo_path, reconstruct_twin::cautions,
+};
+use crate::{
+    capture::Capture,
+    config::{Config, Engine, Init, preset_cost},
+    export::{
+        CameraPosesReport, InputFacts, PhotoAndTwin, Rendering, ReportPictures, RunFacts, StageTime,
+        compare_starts, nearest_starts,
+    },
+    field::InstructionSet,
+    note::{Note, NoteCode},
+};
+
+/// What the report says about the run.
+pub(super) fn facts(
+    request: &ReconstructRequest,
+    fingerprint: &Fingerprint,
+    capture: &Capture,
+    twin: &Twin,
+    images: &ReportPictures,
+    stages: &Stages,
+) -> RunFacts {
+    let initialization = match request.config.run.init {
+        Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
+        Init::Identity => {
+            let alone = nearest_starts(&twin.model, &twin.registered);
+            let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
+            [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
+        }
+    };
+    let rendering = |p: &PhotoAndTwin| {
+        let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
+        Some(Rendering {
+            state: p.state,
+            view: p.view.clone(),
+            psnr_db: p.psnr_db?,
+            photo: photo_path(p),
+            camera,
+        })
+    };
+    RunFacts {
+        input: InputFacts {
+            paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
+            frames: capture.states.iter().map(Vec::len).collect(),
+        },
+        initialization,
+        renderings: images.states.iter().filter_map(rendering).collect(),
+        part_count: Some(twin.part_count.clone()),
+        camera_poses: CameraPosesReport::of(&capture.poses.states),
+        stages: stages
+            .seconds
+            .iter()
+            .map(|(name, seconds)| StageTime { name: name.clone(), seconds: *seconds })
+            .collect(),
+        versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        seed: request.config.run.seed,
+        preset: preset(&request.config.run.preset),
+        config_digest: config_digest(&request.config),
+        fingerprint: fingerprint.text(),
+        device: device(request.config.run.engine, twin.replaced_engines.len(), capture.states.len()),
+        notes: capture
+            .notes
+            .iter()
+            .chain(&twin.notes)
+            .cloned()
+            .chain(twin.replaced_engines.iter().map(|why| Note::new(NoteCode::EngineReplaced, why)))
+            .collect(),
+        warnings: capture
+            .warnings
+            .iter()
+            .cloned()
+            .chain(twin.warnings.iter().cloned())
+            .chain(cautions(&twin.model))
+            .collect(),
+    }
+}
+
+/// A preset and what it costs.
+fn preset(name: &str) -> String {
+    preset_cost(name).map_or_else(|| name.to_owned(), |cost| format!("{name}: {cost}"))
+}
+
+/// A short digest of all settings.
+fn config_digest(config: &Config) -> String {
+    let text = serde_json::to_string(config).unwrap_or_default();
+    let hash =
+        text.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+    format!("{hash:016x}")
+}
+
+/// What trained the `fields`, of which the CPU engine finished `replaced`.
+fn device(engine: Engine, replaced: usize, fields: usize) -> String {
+    let threads = rayon::current_num_threads();
+    let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
+    let asked = match engine {
+        Engine::Cpu => return format!("{cpu}, {threads} threads"),
+        Engine::Burn => "burn on the CPU",
+        Engine::Gpu => "burn on the GPU",
+    };
+    let by_cpu = if replaced > 0 {
+        format!(", {replaced} of {fields} fields finished by the {cpu}")
+    } else {
+        String::new()
+    };
+    format!("{asked}, {threads} threads{by_cpu}")
+}

@@ -1,0 +1,138 @@
+//! The stage that finds the joints of parts that move.
+
+use super::{
+    articulation::{Articulation, PartsOfState},
+    scene::Scene,
+    state::State,
+    world_noise::world_covariance,
+};
+use crate::{
+    articulate::{
+        LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, TreeJointEstimate,
+        kinematic_tree, static_motion,
+    },
+    capture::PoseFindings,
+    geometry::{NearestPoints, Pose},
+};
+
+/// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states
+/// that were moved is taken out of theirs.
+pub(super) fn joints(
+    states: &[State],
+    poses: &PoseFindings,
+    articulation: &Articulation,
+    scene: &Scene,
+) -> Vec<TreeJointEstimate> {
+    let evidence = Evidence::new(states, articulation, scene);
+    let parts: Vec<PartEvidence> = (1..articulation.parts()).filter_map(|part| evidence.part(part)).collect();
+    let root: Vec<ParentMotion> =
+        (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
+    let extent_m = scene.bounds.extent_m();
+    let mut joints = kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint);
+    if let Some(noise) = poses.noise(0) {
+        for joint in joints.iter_mut().map(|j| &mut j.joint) {
+            joint.evidence.covariance +=
+                world_covariance(states[0].frames, &noise, &joint.axis, &joint.point);
+        }
+    }
+    joints
+}
+
+/// What all states show, by part.
+struct Evidence<'a> {
+    scene: &'a Scene<'a>,
+    articulation: &'a Articulation,
+    states: Vec<ObservedState<'a>>,
+    /// Matches of each state with state 0, each with the part that it is on.
+    matches: Vec<Vec<(LiftedMatch, Option<usize>)>>,
+}
+
+impl<'a> Evidence<'a> {
+    fn new(states: &'a [State], articulation: &'a Articulation, scene: &'a Scene) -> Self {
+        let parts = &articulation.states;
+        let labelled = Labelled {
+            nearest: NearestPoints::new(&states[0].surface.samples.points),
+            labels: &parts[0].labels,
+        };
+        let reach_m = scene.config.joint.refine.reach * scene.bounds.extent_m();
+        let owned = |(state, parts): (&State, &PartsOfState)| -> Vec<(LiftedMatch, Option<usize>)> {
+            let owners = match_owners(&state.matches, &parts.motions, &labelled, reach_m);
+            state.matches.iter().copied().zip(owners).collect()
+        };
+        Self {
+            scene,
+            articulation,
+            states: states.iter().zip(parts).map(|(s, parts)| s.observed(&parts.labels)).collect(),
+            matches: states.iter().zip(parts).map(owned).collect(),
+        }
+    }
+
+    /// What state 0 and number `state` show of a part.
+    fn pair(&self, part: usize, state: usize) -> PairEvidence<'a> {
+        let of_part = self.matches[state].iter().filter(|(_, owner)| *owner == Some(part));
+        let matches: Vec<LiftedMatch> = of_part.map(|(m, _)| *m).collect();
+        PairEvidence::gather(
+            part as u8,
+            &self.articulation.states[state].motions[part],
+            [self.states[0], self.states[state]],
+            &matches,
+            &self.scene.noise,
+            self.scene.bounds.extent_m(),
+            &self.scene.config.joint,
+        )
+    }
+
+    /// What all states show of a part; `None` of a single state.
+    fn part(&self, part: usize) -> Option<PartEvidence<'a>> {
+        PartEvidence::new((1..self.states.len()).map(|state| self.pair(part, state)))
+    }
+
+    /// The motion of the static part to number `state`: none, unless that state's frames were moved, which
+    /// leaves it a world frame that is a little its own.
+    fn root(&self, number: usize, state: &State, poses: &PoseFindings) -> ParentMotion {
+        if state.drift.is_none() && !poses.changed() {
+            return ParentMotion::still();
+        }
+        let own = self.pair(0, number).free_motion(&self.scene.config.joint);
+        // How well all that stands still was brought to rest in the state.
+        let still = match &state.drift {
+            Some(drift) => drift.covariance,
+            None => poses.worlds.get(number - 1).and_then(|w| w.as_ref()?.covariance),
+        };
+        match still {
+            Some(still) => static_motion(&own, &still),
+            None => own,
+        }
+    }
+}
+
+/// Part of the surface of state 0.
+struct Labelled<'a> {
+    nearest: NearestPoints,
+    labels: &'a [u8],
+}
+
+impl Labelled<'_> {
+    fn part(&self, point: &nalgebra::Point3<f64>) -> Option<usize> {
+        self.nearest.nearest(point).map(|(i, _)| usize::from(self.labels[i]))
+    }
+}
+
+/// The motion that explains each match best, of equal ones that of the part whose surface it is on; `None`
+/// where none comes within `reach_m`.
+fn match_owners(
+    matches: &[LiftedMatch],
+    motions: &[Pose],
+    surface: &Labelled<'_>,
+    reach_m: f64,
+) -> Vec<Option<usize>> {
+    let alike = |a: usize| motions.iter().filter(|m| **m == motions[a]).count() > 1;
+    let owner = |m: &LiftedMatch| {
+        let error = |k: &usize| (motions[*k] * m.point0 - m.point1).norm();
+        let best =
+            (0..motions.len()).min_by(|a, b| error(a).total_cmp(&error(b))).filter(|k| error(k) < reach_m)?;
+        let own = || surface.part(&m.point0).filter(|own| motions[*own] == motions[best]);
+        Some(if alike(best) { own().unwrap_or(best) } else { best })
+    };
+    matches.iter().map(owner).collect()
+}

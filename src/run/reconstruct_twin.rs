@@ -1,0 +1,110 @@
+//! From frames to a model: the steps of the method, in order.
+
+use super::{
+    RunError, Stages,
+    alignment::align,
+    assemble::assemble,
+    found::{Found, find_parts, more_views},
+    joints::joints,
+    scene::Scene,
+    state::{State, observe},
+};
+use crate::{
+    capture::Capture,
+    config::Config,
+    export::PartCountReport,
+    geometry::Pose,
+    io::OnnxMatcher,
+    model::{ArticulatedModel, validate},
+    note::Note,
+};
+
+/// A model and what the report says about how it came about.
+pub struct Twin {
+    /// The model.
+    pub model: ArticulatedModel,
+    /// Motion to the last state that each moving part's refinement started from, in the order of the joints.
+    pub starts: Vec<Pose>,
+    /// The motions that registration found, in its own order.
+    pub registered: Vec<Pose>,
+    /// How the number of parts was found.
+    pub part_count: PartCountReport,
+    /// For every state behind state 0 what takes what stands still from state 0's world frame to its own,
+    /// where they differed: the model stands in state 0's.
+    pub drifts: Vec<Option<Pose>>,
+    /// What was chosen.
+    pub notes: Vec<Note>,
+    /// Evidence that is weak.
+    pub warnings: Vec<Note>,
+    /// Why the CPU engine took over from the one that was asked for, by state.
+    pub replaced_engines: Vec<String>,
+}
+
+/// From frames to a model; touches no disk but that of the stages' checkpoint. States that were recorded in
+/// another world frame than state 0 are moved into it.
+///
+/// # Errors
+/// If a stage fails or is asked to stop.
+pub fn reconstruct_twin(
+    name: &str,
+    capture: &mut Capture,
+    matcher: Option<&OnnxMatcher>,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<Twin, RunError> {
+    let aligned = align(capture, matcher, config, stages)?;
+    let scene = Scene::of(capture, config)?;
+    let states = observe(&capture.states, aligned, &scene, stages)?;
+    let found = find_parts(&states, &scene, stages)?;
+    let joints = stages.kept("joints", None, |_| {
+        Ok::<_, RunError>(joints(&states, &capture.poses, &found.articulation, &scene))
+    })?;
+    let model =
+        stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, joints, &scene))?;
+    check(&model)?;
+    Ok(twin(model, &states, found, &scene, stages))
+}
+
+/// Refuses a model that is not sound.
+fn check(model: &ArticulatedModel) -> Result<(), RunError> {
+    let findings = validate(model);
+    if findings.is_empty() {
+        return Ok(());
+    }
+    let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    Err(RunError::stage("validate", format!("the model is not sound: {list}")))
+}
+
+/// The model with all that is reported about it.
+fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, stages: &mut Stages) -> Twin {
+    let Found { articulation, registered, curve, mut notes, warnings } = found;
+    cautions(&model).for_each(|c| stages.monitor.warn(&c));
+    if states.len() > 2 {
+        let views = more_views(&model);
+        views.iter().for_each(|n| stages.monitor.note(n));
+        notes.extend(views);
+    }
+    let config = scene.config;
+    let part_count =
+        PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);
+    let drifts = || states.iter().skip(1).map(|s| s.drift.as_ref());
+    let replaced = |(state, s): (usize, &State)| {
+        let why = s.field.as_ref()?.replaced.as_ref()?;
+        Some(format!("field of state {state} finished by the cpu engine: {why}"))
+    };
+    Twin {
+        starts: articulation.starts[1..].to_vec(),
+        registered,
+        part_count,
+        drifts: drifts().map(|d| d.map(|d| d.world_from_world0)).collect(),
+        notes,
+        warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).collect(),
+        replaced_engines: states.iter().enumerate().filter_map(replaced).collect(),
+        model,
+    }
+}
+
+/// What speaks against trusting the joints.
+pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
+    model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| c.about(&j.name)))
+}

@@ -1,0 +1,43 @@
+//! What all stages of a reconstruction share: settings, measured noise, the box around the object, scales.
+
+use super::{RunError, state_surface::Band};
+use crate::{
+    capture::{Capture, NoiseConfig, scene_box},
+    config::Config,
+    geometry::SceneBox,
+};
+
+/// What all stages behind the alignment share.
+pub(super) struct Scene<'a> {
+    pub config: &'a Config,
+    /// The noise model scaled to what the recording shows.
+    pub noise: NoiseConfig,
+    /// The box around the object in all states.
+    pub bounds: SceneBox,
+    pub band: Band,
+}
+
+impl<'a> Scene<'a> {
+    /// Of states that stand in one world frame.
+    ///
+    /// # Errors
+    /// A recording without depth of the object.
+    pub fn of(capture: &Capture, config: &'a Config) -> Result<Self, RunError> {
+        let bounds = bounds(capture)?;
+        let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
+        Ok(Self { config, noise: capture.noise, bounds, band })
+    }
+}
+
+/// The box around the object in all states.
+///
+/// # Errors
+/// A recording without depth of the object.
+pub(super) fn bounds(capture: &Capture) -> Result<SceneBox, RunError> {
+    scene_box(&capture.frames(), &capture.noise).ok_or_else(|| {
+        RunError::stage(
+            "scene",
+            "no depth reading of the object can be used; check masks, depth and workspace",
+        )
+    })
+}

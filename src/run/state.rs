@@ -1,0 +1,120 @@
+//! A state on its way through the pipeline: its frames, and what all stages found of it.
+
+use super::{
+    RunError, Stages,
+    alignment::{Aligned, Drift},
+    fields::{TrainedField, train_field},
+    scene::Scene,
+    state_surface::{StateSurface, fuse, state_surface},
+};
+use crate::{
+    articulate::{LiftedMatch, ObservedState},
+    capture::RgbdFrame,
+    field::{ObjectField, Occupancy, TrainInput},
+    surface::SurfaceSource,
+};
+
+/// One state, in the world frame of state 0.
+pub(super) struct State<'a> {
+    pub frames: &'a [RgbdFrame],
+    /// Matches with state 0; none in state 0 itself.
+    pub matches: Vec<LiftedMatch>,
+    /// How it was brought into the world frame of state 0; none where it was recorded there.
+    pub drift: Option<Drift>,
+    /// Its field, where one was trained.
+    pub field: Option<TrainedField>,
+    pub surface: StateSurface,
+}
+
+impl State<'_> {
+    /// Its field, where one was trained.
+    pub fn field(&self) -> Option<&ObjectField> {
+        self.field.as_ref().map(|f| &f.field)
+    }
+
+    /// What the estimation of joints sees of it.
+    pub fn observed<'a>(&'a self, labels: &'a [u8]) -> ObservedState<'a> {
+        ObservedState {
+            frames: self.frames,
+            samples: &self.surface.samples,
+            labels,
+            sdf: &self.surface.sdf,
+            visible: &self.surface.visible,
+            area_m2: self.surface.mesh.area_m2(),
+        }
+    }
+}
+
+/// Surfaces and, where they are wanted, fields of all states, one after the other.
+///
+/// # Errors
+/// A state without a surface, a field that cannot be trained, a stop request.
+pub(super) fn observe<'a>(
+    frames: &'a [Vec<RgbdFrame>],
+    aligned: Vec<Aligned>,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Result<Vec<State<'a>>, RunError> {
+    let occupancy = occupancy(frames, scene);
+    let mut states = Vec::with_capacity(frames.len());
+    for (state, (frames, Aligned { matches, drift })) in frames.iter().zip(aligned).enumerate() {
+        let field = field(state, frames, &occupancy, scene, stages)?;
+        let trained = field.as_ref().map(|f| &f.field);
+        let surface = surface(state, frames, trained, scene, stages)?;
+        states.push(State { frames, matches, drift, field, surface });
+    }
+    Ok(states)
+}
+
+/// The field of a state, where fields are wanted.
+fn field(
+    state: usize,
+    frames: &[RgbdFrame],
+    occupancy: &Occupancy,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Result<Option<TrainedField>, RunError> {
+    if !scene.config.trains_fields() {
+        return Ok(None);
+    }
+    let input = TrainInput { frames, scene: scene.bounds, occupancy };
+    let (stage, checkpoint) = (format!("field/state{state}"), stages.checkpoint);
+    let train = |m: &super::Monitor| train_field(&stage, &input, scene, checkpoint, m);
+    stages.run(&stage, Some(scene.config.train.steps), train).map(Some)
+}
+
+/// The surface of a state: by its field, where that is asked for, else by fusion.
+fn surface(
+    state: usize,
+    frames: &[RgbdFrame],
+    field: Option<&ObjectField>,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Result<StateSurface, RunError> {
+    let config = &scene.config.surface;
+    let stage = format!("surface/state{state}");
+    // The volume is not kept: it takes twice the room of what is made of it, and as long to write as a tenth
+    // of its fusion.
+    if let Some(kept) = stages.recall::<_, RunError>(&stage)? {
+        return Ok(kept);
+    }
+    let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
+        Ok::<_, RunError>(fuse(frames, &scene.bounds, &scene.band, &scene.noise, config.nodes))
+    })?;
+    let field = field.filter(|_| config.source == SurfaceSource::Field);
+    stages.kept(&stage, None, |_| {
+        state_surface(frames, &volume, field, &scene.bounds, &scene.band, &scene.noise, config)
+    })
+}
+
+/// Cells near the object in any state.
+fn occupancy(states: &[Vec<RgbdFrame>], scene: &Scene) -> Occupancy {
+    const EVERY: usize = 7;
+    let on_object = |f: &RgbdFrame| -> Vec<_> {
+        let pixels = (0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.is_object(i));
+        pixels.filter_map(|i| f.world_point(i)).collect()
+    };
+    let points: Vec<_> = states.iter().flatten().flat_map(on_object).collect();
+    let cell_m = scene.band.truncation_m.max(0.02 * scene.bounds.extent_m());
+    Occupancy::new(&scene.bounds, &points, cell_m, 2)
+}

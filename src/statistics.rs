@@ -1,0 +1,23 @@
+//! Robust statistics of a list of numbers.
+
+/// Standard deviations of a normal distribution in its median absolute deviation (Rousseeuw and Croux 1993);
+/// derived: one over the quantile at 3/4 of the standard normal distribution, to four places.
+pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
+
+/// Middle value, the upper one of two; `None` of none.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_value_is_the_upper_one_of_two() {
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), Some(3.0));
+        assert_eq!(median(Vec::new()), None);
+    }
+}

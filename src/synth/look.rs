@@ -1,0 +1,43 @@
+//! How the surfaces of an object look: its materials.
+
+use nalgebra::Vector3;
+use rand_core::Rng;
+
+use super::Material;
+use crate::random;
+
+/// How the surfaces of an object look.
+pub(super) struct Look {
+    /// Textured or plain.
+    pub textured: bool,
+    /// Length to which the texture is scaled, meters.
+    pub scale_m: f64,
+}
+
+impl Look {
+    /// A material of random hue.
+    pub fn material(&self, rng: &mut impl Rng) -> Material {
+        let base = color(rng);
+        if !self.textured {
+            return Material::plain(base);
+        }
+        let second = base.lerp(&color(rng), 0.35) * random::range(rng, 0.25, 0.5);
+        let mut wavelength_m = Vector3::repeat(self.scale_m * random::range(rng, 0.1, 0.25));
+        // Some textures run along one axis, as wood does.
+        if random::chance(rng, 0.4) {
+            wavelength_m[random::below(rng, 3)] *= random::range(rng, 2.0, 4.0);
+        }
+        Material { base, second, wavelength_m: Some(wavelength_m), seed: random::below(rng, 1 << 30) as u32 }
+    }
+
+    /// The material of handles and fittings: gray.
+    pub fn trim(&self, rng: &mut impl Rng) -> Material {
+        Material::plain(Vector3::repeat(random::range(rng, 0.05, 0.5)))
+    }
+}
+
+/// A color neither black nor white, linear.
+fn color(rng: &mut impl Rng) -> Vector3<f64> {
+    let tone = random::range(rng, 0.25, 0.8);
+    Vector3::from_fn(|_, _| tone * random::range(rng, 0.35, 1.0))
+}
