@@ -87,13 +87,13 @@ mod tests {
         symlink(path("pipe"), path("pipe_link")).unwrap();
         assert_eq!(read_text(&path("ten"), SMALL).unwrap(), "0123456789");
         assert_eq!(read_text(&path("link"), SMALL).unwrap(), "0123456789");
-        let told = |name: &str| read(&path(name), SMALL).unwrap_err().to_string();
-        assert_eq!(told("eleven"), "more than 10 bytes, the limit of a test");
+        let message = |name: &str| read(&path(name), SMALL).unwrap_err().to_string();
+        assert_eq!(message("eleven"), "more than 10 bytes, the limit of a test");
         for odd in ["zero", "pipe", "pipe_link"] {
-            assert!(told(odd).contains("device, pipe or socket"), "{}", told(odd));
+            assert!(message(odd).contains("device, pipe or socket"), "{}", message(odd));
         }
-        assert!(told("gone").contains("No such file"));
-        assert!(told("").contains("directory"));
+        assert!(message("gone").contains("No such file"));
+        assert!(message("").contains("directory"));
         std::fs::write(path("ten"), [0xff]).unwrap();
         assert!(read_text(&path("ten"), SMALL).unwrap_err().to_string().contains("not UTF-8"));
     }

@@ -10,13 +10,16 @@ use rand_pcg::Pcg64Mcg;
 /// what an uninterrupted one would, and adding a stage leaves the others as they were.
 #[must_use]
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
-    let name = stage
-        .bytes()
-        .fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+    let name = hash_of(stage);
     let mut bytes = [0; 16];
     bytes[..8].copy_from_slice(&mix(seed ^ mix(name)).to_le_bytes());
     bytes[8..].copy_from_slice(&mix(name ^ mix(step)).to_le_bytes());
     Pcg64Mcg::from_seed(bytes)
+}
+
+/// FNV-1a of a text: a short number for a name, the same on every machine.
+pub(crate) fn hash_of(text: &str) -> u64 {
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// What SplitMix64 adds from one number of a stream to the next (Steele, Lea and Flood 2014).

@@ -39,7 +39,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         run::diagnose_frames(&request, &args.frames, &options, &Monitor::silent())?
     };
     for warning in &outcome.warnings {
-        terminal::tell(&format!("warning: {warning}"));
+        terminal::print_line(&format!("warning: {warning}"));
     }
     terminal::print(&format!(
         "{}report: {}\n",

@@ -26,7 +26,7 @@ use clap::Parser as _;
 
 use args::{Cli, Command};
 use exit::{CliError, Exit};
-use terminal::{tell, written};
+use terminal::{print_line, written};
 
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
@@ -48,7 +48,7 @@ pub fn main() -> ExitCode {
 /// The exit code; an error is printed.
 fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
     let exit = outcome.unwrap_or_else(|error| {
-        tell(&format!("error: {}", error.chain()));
+        print_line(&format!("error: {}", error.chain()));
         error.exit()
     });
     exit.into()

@@ -63,7 +63,7 @@ impl Progress {
 
 /// Shows events; `at` is the time since the run began.
 trait Listener {
-    fn tell(&mut self, event: &Event, at: Duration);
+    fn report(&mut self, event: &Event, at: Duration);
 
     /// Shows what was kept for the end.
     fn end(&mut self) {}
@@ -73,7 +73,7 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
     let start = Instant::now();
     loop {
         match events.recv_timeout(PATIENCE) {
-            Ok(event) => listener.tell(&event, start.elapsed()),
+            Ok(event) => listener.report(&event, start.elapsed()),
             Err(RecvTimeoutError::Timeout) if !ended.load(Ordering::Acquire) => {}
             Err(_) => return listener.end(),
         }
@@ -89,7 +89,7 @@ struct JsonLines<W> {
 }
 
 impl<W: Write> Listener for JsonLines<W> {
-    fn tell(&mut self, event: &Event, _: Duration) {
+    fn report(&mut self, event: &Event, _: Duration) {
         if self.outcome.is_err() {
             return;
         }
@@ -121,7 +121,7 @@ impl<W> Lines<W> {
 }
 
 impl<W: Write> Listener for Lines<W> {
-    fn tell(&mut self, event: &Event, at: Duration) {
+    fn report(&mut self, event: &Event, at: Duration) {
         let line = match event {
             Event::StageStarted { stage, steps } => {
                 self.stages.insert(stage.clone(), (at, at));
@@ -196,7 +196,7 @@ impl Bars {
 }
 
 impl Listener for Bars {
-    fn tell(&mut self, event: &Event, _: Duration) {
+    fn report(&mut self, event: &Event, _: Duration) {
         match event {
             Event::StageStarted { stage, steps } => drop(self.bar(stage, *steps).clone()),
             Event::Step { stage, done, total, loss } => {
@@ -296,7 +296,7 @@ mod tests {
     }
 
     fn shown(listener: &mut dyn Listener) {
-        events().iter().for_each(|(seconds, event)| listener.tell(event, Duration::from_secs(*seconds)));
+        events().iter().for_each(|(seconds, event)| listener.report(event, Duration::from_secs(*seconds)));
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub fn run(args: &RecordArgs) -> Result<Exit, CliError> {
     let recorded = crate::node::record(&args.bag, &args.arguments)?;
     terminal::print(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
     if recorded.dropped > 0 {
-        terminal::tell(&format!("warning: {} messages were lost or dropped", recorded.dropped));
+        terminal::print_line(&format!("warning: {} messages were lost or dropped", recorded.dropped));
     }
     Ok(if recorded.dropped > 0 { Exit::Degraded } else { Exit::Done })
 }

@@ -34,7 +34,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
     };
     let OutputArgs { out, name, force } = args.output.clone();
     let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;
-    committed.note().iter().for_each(|note| terminal::tell(&note.text));
+    committed.note().iter().for_each(|note| terminal::print_line(&note.text));
     let mut text =
         format!("{}: {} of {} parts\n", committed.folder.display(), object.family, object.parts.len());
     for part in &object.parts {

@@ -19,7 +19,7 @@ pub fn written(outcome: io::Result<()>) -> Result<(), CliError> {
 }
 
 /// Writes a diagnostic line; there is nowhere to complain if that fails.
-pub fn tell(line: &str) {
+pub fn print_line(line: &str) {
     writeln!(io::stderr(), "{}", lines(line)).ok();
 }
 

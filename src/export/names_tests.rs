@@ -101,8 +101,8 @@ proptest! {
         prop_assert_eq!(names(&text, "joint").len(), joints.len() + 1);
         for text in [super::sdf::model_config(&model), super::ros_package::package_xml(&model)] {
             let document = roxmltree::Document::parse(&text).unwrap();
-            let told = document.descendants().find(|n| n.has_tag_name("name")).and_then(|n| n.text());
-            prop_assert_eq!(told, Some(model.name.as_str()));
+            let written = document.descendants().find(|n| n.has_tag_name("name")).and_then(|n| n.text());
+            prop_assert_eq!(written, Some(model.name.as_str()));
         }
     }
 

@@ -45,7 +45,7 @@ fn files(name: &str) -> BTreeMap<String, Vec<u8>> {
 
 /// What a reader hands out of one message.
 #[derive(Clone, Debug, PartialEq)]
-struct Told {
+struct Record {
     topic: String,
     type_name: String,
     encoding: String,
@@ -55,7 +55,7 @@ struct Told {
     data: Vec<u8>,
 }
 
-impl Told {
+impl Record {
     fn of(m: &RawMessage) -> Self {
         let (topic, type_name, encoding) =
             (m.topic.to_owned(), m.type_name.to_owned(), m.message_encoding.to_owned());
@@ -73,7 +73,7 @@ impl Told {
 }
 
 /// The messages that the description beside a file of MCAP's set says are in it.
-fn described(json: &[u8]) -> Vec<Told> {
+fn described(json: &[u8]) -> Vec<Record> {
     let json: Value = serde_json::from_slice(json).unwrap();
     let (mut schemas, mut channels, mut messages) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
     for record in json["records"].as_array().unwrap() {
@@ -88,7 +88,7 @@ fn described(json: &[u8]) -> Vec<Told> {
             "Message" => {
                 let (topic, encoding, schema) = channels[&text("channel_id")].clone();
                 let byte = |b: &Value| b.as_str().unwrap().parse().unwrap();
-                messages.push(Told {
+                messages.push(Record {
                     topic,
                     type_name: schemas.get(&schema).cloned().unwrap_or_default(),
                     encoding,
@@ -115,15 +115,15 @@ fn every_file_of_mcaps_conformance_set_gives_its_records() {
             let mut source = Cursor::new(bytes.as_slice());
             let mut channels =
                 if known { summary_channels(&mut source).unwrap() } else { Channels::default() };
-            let mut told = Vec::new();
+            let mut records = Vec::new();
             let mut expansion = Expansion::of(bytes.len() as u64);
             let report = read_messages::<_, Infallible>(source, &mut channels, &mut expansion, &mut |m| {
-                told.push(Told::of(m));
+                records.push(Record::of(m));
                 Ok(())
             });
             let report = report.unwrap();
             assert!(report.is_whole(), "{name}: {report:?}");
-            assert_eq!(told, expected, "{name}");
+            assert_eq!(records, expected, "{name}");
             assert_eq!(report.messages, expected.len() as u64, "{name}");
         }
         (read, all) = (read + 1, all + expected.len());

@@ -160,12 +160,12 @@ impl OnnxMatcher {
 fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let fails = |source| OnnxError::Read { path: path.to_owned(), source };
     let file = crate::files::open(path).map_err(fails)?;
-    let told = file.metadata().map_err(fails)?.len();
+    let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    file.take(if told > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
+    file.take(if stated_bytes > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
         .read_to_end(&mut bytes)
         .map_err(fails)?;
-    if told.max(bytes.len() as u64) > MAX_MODEL_BYTES {
+    if stated_bytes.max(bytes.len() as u64) > MAX_MODEL_BYTES {
         Err(OnnxError::TooLarge { path: path.to_owned() })
     } else {
         Ok(bytes)

@@ -195,9 +195,9 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
 }
 
 fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
-    let told = report.joints.iter().find(|r| r.name == j.name)?;
+    let reported = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
-    let kind = match (&j.joint_type, told.pitch_m_per_rad) {
+    let kind = match (&j.joint_type, reported.pitch_m_per_rad) {
         (urdf_rs::JointType::Revolute, None) => JointKind::Revolute,
         (urdf_rs::JointType::Revolute, Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
         (urdf_rs::JointType::Prismatic, _) => JointKind::Prismatic,
@@ -218,10 +218,10 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
         axis: Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)?,
         limits: [j.limit.lower, j.limit.upper],
         states: states?,
-        axis_std_rad: told.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
-        origin_std_m: told.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
-        motion_std: told.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
-        residual_rms_m: told.residual_rms_mm.unwrap_or(f64::NAN) * 1e-3,
+        axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
+        origin_std_m: reported.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
+        motion_std: reported.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
+        residual_rms_m: reported.residual_rms_mm.unwrap_or(f64::NAN) * 1e-3,
     })
 }
 

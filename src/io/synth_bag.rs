@@ -56,15 +56,15 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
     )?;
     for (i, frame) in recording.frames.iter().enumerate() {
         let stamp = start + i as i64 * SynthFrame::PERIOD_NANOS;
-        let tell = |bag: &mut BagWriter, at: i64, pose: &Pose| {
+        let report = |bag: &mut BagWriter, at: i64, pose: &Pose| {
             put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
-        tell(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
+        report(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
         let info = camera_info(stamp, &recording.intrinsics);
         put(&mut bag, COLOR_INFO, stamp, &info)?;
         put(&mut bag, DEPTH_INFO, stamp, &info)?;
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
-        tell(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.reported[1])?;
+        report(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.reported[1])?;
     }
     bag.finish()?;
     Ok(())

@@ -95,9 +95,9 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     let object = generate(config)?;
     let mut recorded_from_world = [Pose::identity(); 2];
     let mut seen_points = vec![[0; 2]; object.parts.len()];
-    for (state, told) in recorded_from_world.iter_mut().enumerate() {
+    for (state, slot) in recorded_from_world.iter_mut().enumerate() {
         let recording = record(&object, state, config);
-        *told = recording.recorded_from_world;
+        *slot = recording.recorded_from_world;
         recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
         synth_bag(&folder.working().join(format!("state{state}")), state, &recording)?;
         put_truth(&folder, &object, state, &recording)?;

@@ -90,9 +90,9 @@ impl<'a> Scanner<'a> {
             if unsafe_sys::yaml_parser_parse(self.parser.as_mut_ptr(), event).fail {
                 return None;
             }
-            let told = ((*event).type_, (*event).start_mark.line + 1);
+            let type_and_line = ((*event).type_, (*event).start_mark.line + 1);
             unsafe_sys::yaml_event_delete(event);
-            Some(told)
+            Some(type_and_line)
         }
     }
 }

@@ -150,7 +150,7 @@ mod tests {
     async fn work_reports_its_stages_and_stops_when_asked() {
         let mut work = Work::start(stage, wait);
         for expected in ["stage0", "stage1"] {
-            assert!(matches!(work.next().await, News::Feedback(told) if told == expected));
+            assert!(matches!(work.next().await, News::Feedback(sent) if sent == expected));
         }
         work.cancel();
         let mut news = work.next().await;

@@ -113,8 +113,9 @@ mod tests {
         fs::create_dir_all(session.join("gap_1")).unwrap();
         assert!(last_twin(&session).is_none() && last_report(&session).is_none());
         let folder = session.join("gap_1").display().to_string();
-        let told = GapReport { folder, twin: "t.urdf".into(), summary: "s".into(), ..GapReport::default() };
-        note_report(&session, &told);
+        let reported =
+            GapReport { folder, twin: "t.urdf".into(), summary: "s".into(), ..GapReport::default() };
+        note_report(&session, &reported);
         assert!(last_report(&session).is_none(), "the folder holds no report");
         let report = r#"{"verdict": "none", "findings": [], "gap": {"before": 1.0, "after": 1.0, "noise_floor": 1.0, "unit": "rad"}}"#;
         fs::write(session.join("gap_1/report.json"), report).unwrap();

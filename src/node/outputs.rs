@@ -124,7 +124,7 @@ impl Outputs {
                     if let Some(found) = found {
                         let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
                         let report = GapReport { header, ..GapReport::clone(&found) };
-                        tell(self.gap_report.async_publish(report).await, "gap_report");
+                        log_failure(self.gap_report.async_publish(report).await, "gap_report");
                     }
                 }
                 _ = fast.tick() => {
@@ -137,16 +137,16 @@ impl Outputs {
                     let snapshot = shared.snapshot();
                     let report = diagnostics.array(self.clock.stamp(), last_report.elapsed(), &snapshot);
                     last_report = Instant::now();
-                    tell(self.diagnostics.async_publish(report).await, "/diagnostics");
+                    log_failure(self.diagnostics.async_publish(report).await, "/diagnostics");
                     let done = twins.borrow().is_some();
                     let status = self.status_of(&snapshot, shared.is_read(), done);
-                    tell(self.status.async_publish(status).await, "status");
+                    log_failure(self.status.async_publish(status).await, "status");
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
                         let frame_id = snapshot.world_frame.unwrap_or_default();
                         let header = Header { stamp: self.clock.stamp(), frame_id };
                         let cloud = PointCloud2::colored(header, &shared.cloud());
-                        tell(self.cloud.async_publish(cloud).await, "points");
+                        log_failure(self.cloud.async_publish(cloud).await, "points");
                     }
                 }
             }
@@ -158,8 +158,8 @@ impl Outputs {
         let stamp = self.clock.stamp();
         let data = twin.summary.urdf_with_uris(self.settings.package_uris);
         log::info!("robot_description: {} bytes, {} joints", data.len(), twin.summary.joints.len());
-        tell(self.description.async_publish(Text { data }).await, "robot_description");
-        tell(
+        log_failure(self.description.async_publish(Text { data }).await, "robot_description");
+        log_failure(
             self.markers
                 .async_publish(joint_markers(&twin.summary, twin.state, &twin.world_frame, stamp))
                 .await,
@@ -168,18 +168,21 @@ impl Outputs {
         if let Some(root) = root_transform(&twin.summary, &twin.world_frame, stamp, &self.settings.prefix)
             .filter(|_| self.settings.publish_tf)
         {
-            tell(self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await, "/tf_static");
+            log_failure(
+                self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await,
+                "/tf_static",
+            );
         }
     }
 
     async fn move_links(&self, twin: &Twin) {
         let stamp = self.clock.stamp();
-        tell(
+        log_failure(
             self.joint_states.async_publish(joint_state(&twin.summary, twin.state, stamp)).await,
             "joint_states",
         );
         if self.settings.publish_tf {
-            tell(
+            log_failure(
                 self.tf
                     .async_publish(link_transforms(&twin.summary, twin.state, stamp, &self.settings.prefix))
                     .await,
@@ -209,7 +212,7 @@ impl Outputs {
     }
 }
 
-fn tell<E: std::fmt::Debug>(published: Result<(), E>, what: &str) {
+fn log_failure<E: std::fmt::Debug>(published: Result<(), E>, what: &str) {
     if published.is_err() {
         log::debug!("{what} could not be published");
     }

@@ -14,6 +14,7 @@ use crate::{
     },
     field::InstructionSet,
     note::{Note, NoteCode},
+    random::hash_of,
 };
 
 /// What the report says about the run.
@@ -88,9 +89,7 @@ fn preset(name: &str) -> String {
 /// A short digest of all settings.
 fn config_digest(config: &Config) -> String {
     let text = serde_json::to_string(config).unwrap_or_default();
-    let hash =
-        text.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
-    format!("{hash:016x}")
+    format!("{:016x}", hash_of(&text))
 }
 
 /// What trained the `fields`, of which the CPU engine finished `replaced`.

@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn broken_files_are_errors() {
-        // The last two bytes only tell the length of a comment.
+        // The last two bytes only give the length of a comment.
         for cut in 0..STORED.len() - 2 {
             assert!(
                 read_matches(&STORED[..cut], &places(), &mut Vec::new(), &mut MAX_MATCHES.clone()).is_err(),
