@@ -88,6 +88,7 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     for (frames, positions) in capture.states.iter().zip(&model.states) {
         let item =
             |(i, mesh)| RenderItem { mesh, world_from_mesh: model.world_from_link(i, positions), tint: None };
+        // All parts together: a texel that another part hides takes no color from that photo.
         let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
         depths.push(
             frames
@@ -139,6 +140,7 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look 
                 corners.push(Corner { vertex: vertices[k], uv: uv[k], normal: Vector3::zeros() });
                 corners.len() as u32 - 1
             });
+            // The sum of area normals weighs faces by their area.
             corners[corner as usize].normal += area_normal;
             corner
         }));
@@ -152,6 +154,7 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look 
 /// Size of a texel, meters: somewhat finer than the median pixel of the photos on the mesh.
 fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
     let center = mesh.bounds().map(|(lo, hi)| nalgebra::center(&lo, &hi).cast::<f64>());
+    // Length that a pixel spans at the object's middle.
     let footprint = |v: &BakeView| {
         let depth_m = v.frame.in_camera(&(v.world_from_mesh * center?)).z;
         (depth_m > 0.0).then(|| depth_m / v.frame.intrinsics.fx)

@@ -47,6 +47,8 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
     text.push_str("  </asset>\n  <worldbody>\n");
     push_body(&mut text, model, 0, None, 2);
     text.push_str("  </worldbody>\n  <contact>\n");
+    // MuJoCo does not filter parent and child where the parent is welded to the world: solids that touch at
+    // rest would throw the child out.
     for joint in &model.joints {
         let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
         // Writing to a string cannot fail, here and below.
@@ -55,6 +57,7 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
     text.push_str("  </contact>\n");
     push_threads(&mut text, model);
     text.push_str("  <keyframe>\n");
+    // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
     let order = joint_order(model, 0);
     for (k, state) in model.states.iter().enumerate() {
         let of = |&j: &usize| {
@@ -79,6 +82,7 @@ fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
 
 /// Ties the slide of every screw to its hinge.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
+    // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`.
     let thread = |joint: &Joint| {
         let (name, pitch) = (escape(&joint.name), short(joint.kind.pitch_m_per_rad()?));
         Some(format!(
@@ -95,6 +99,8 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 fn push_assets(text: &mut String, link: &Link) {
     let name = escape(&link.name);
     if !link.visual.is_empty() {
+        // MuJoCo drops the texture of a mesh file's material: it is named here, as PNG, the only format that
+        // it reads.
         let file = escape(&visual_path(link));
         writeln!(
             text,
@@ -122,6 +128,7 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
     let pose = joint.map_or_else(Pose::identity, |j| j.parent_from_joint);
     writeln!(text, "{pad}<body name=\"{name}\" {}>", place(&pose)).ok();
     let (mass, i) = (&link.inertial, &link.inertial.inertia);
+    // In MuJoCo's order: the diagonal first, then xy, xz, yz.
     let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(i[k])).join(" ");
     let com = triple(mass.center_of_mass.coords.as_ref());
     writeln!(
@@ -152,6 +159,8 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
+    // The slide comes before the hinge, as in the keyframes. It needs no range or friction: the thread ties
+    // it to the hinge, which has them.
     if joint.kind.pitch_m_per_rad().is_some() {
         let (name, axis) = (escape(&joint.name), triple(joint.axis.as_ref().as_ref()));
         writeln!(text, "{pad}  <joint name=\"{name}{ADVANCE}\" type=\"slide\" axis=\"{axis}\"/>").ok();
@@ -187,6 +196,7 @@ fn place(pose: &Pose) -> String {
 
 /// w, x, y, z with w not negative.
 pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
+    // Of the two quaternions of a rotation always the same one, so that equal poses are equal text.
     let q: Quaternion<f64> = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     [q.w, q.i, q.j, q.k]
 }

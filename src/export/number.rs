@@ -7,7 +7,9 @@
 #[must_use]
 pub fn decimal(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
+    // Zeros are trimmed after a point alone: those of 100 count.
     let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    // A small negative number rounds to minus zero; its sign is noise.
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
@@ -30,6 +32,8 @@ pub fn round_significant(value: f64, digits: usize) -> f64 {
     if !value.is_finite() {
         return value;
     }
+    // By way of text: the double nearest to the decimal prints with these digits, which scaling by a power of
+    // ten does not ensure. Adding 0 takes the sign off a minus zero.
     let text = format!("{value:.*e}", digits.saturating_sub(1));
     text.parse::<f64>().unwrap_or(value) + 0.0
 }

@@ -25,10 +25,13 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
         push(&mut text, "vt", &c.uv, UV_PLACES);
     }
     for c in &look.corners {
+        // Drake's renderer fails on a mesh without normals.
         push(&mut text, "vn", c.normal.as_slice(), 4);
     }
     writeln!(text, "usemtl {name}").ok();
     for (t, corners) in look.mesh.triangles.iter().zip(&look.triangles) {
+        // Indices count from 1. A vertex has another texture place and normal in each chart, and one
+        // position.
         let [a, b, c] = [0, 1, 2].map(|k| format!("{}/{}/{}", t[k] + 1, corners[k] + 1, corners[k] + 1));
         // Writing to a string cannot fail.
         writeln!(text, "f {a} {b} {c}").ok();
@@ -39,6 +42,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
 /// The material of a textured mesh: its texture and nothing that tints it.
 #[must_use]
 pub fn mtl(name: &str) -> String {
+    // Importers multiply the texture by Kd: 1 leaves its colors as they are.
     let name = identifier(name);
     format!("newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {name}.png\n")
 }
@@ -52,6 +56,8 @@ pub fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
         push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
+        // A face without area has no normal; with any unit vector the faces below still find theirs by
+        // number.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
         push(&mut text, "vn", normal.as_slice(), 4);
     }

@@ -39,6 +39,7 @@ pub struct ExportFile {
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let name = identifier(&model.name);
+    // Encoded once: the folder and the viewer hold the same textures.
     let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
     let texts = [
         (format!("{name}.urdf"), urdf(model, config.urdf_screw)),

@@ -48,6 +48,7 @@ impl PartCountReport {
             weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
             unexplained: round_significant(p.unexplained, DIGITS),
         };
+        // The search removes motions one by one; a table reads from few to many.
         let curve = curve.iter().rev().map(point).collect();
         Self { given, found, least_evidence, curve }
     }

@@ -109,6 +109,7 @@ impl Window {
         let side = |first: usize, last: usize, all: usize| {
             let size = ((share * all as f64).round() as usize).clamp(1, all);
             let middle = (first + last) / 2;
+            // A window that would reach over a border is pushed back inside.
             (middle.saturating_sub(size / 2).min(all - size), size)
         };
         let ((x, w), (y, h)) = (side(x0, x1, width), side(y0, y1, height));
@@ -228,6 +229,7 @@ pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(u
 
 /// Arrows with a white rim, so that they stand out on any ground; labels beside the heads.
 fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
+    // Widths and fonts below are those of a picture of 640 pixels.
     let size = width.max(height) as f64 / 640.0;
     let mut out = format!("<svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">");
     for arrow in arrows {
@@ -289,6 +291,8 @@ pub fn axis_arrows(
         let axis = joint.axis.into_inner();
         let (from, to) = match joint.kind {
             JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+                // The axis passes through the origin of the link frame, so that this is the point of it
+                // nearest to the middle.
                 let on_axis = axis * middle.coords.dot(&axis);
                 (on_axis - axis * half, on_axis + axis * half)
             }

@@ -55,11 +55,13 @@ pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
     let meshes: Vec<&TriangleMesh> = small.iter().collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
     let mut bytes = Vec::new();
+    // 30 is the fastest of the encoder's speeds: it samples fewer pixels for a palette.
     let mut encoder = GifEncoder::new_with_speed(&mut bytes, 30);
     let mut whole = encoder.set_repeat(Repeat::Infinite).is_ok();
     let [w, h] = TURNTABLE_PX.map(|x| x as u32);
     for k in 0..FRAMES {
         let turn = std::f64::consts::TAU * k as f64 / FRAMES as f64;
+        // Once there and back in a turn, slow at both ends, so that the loop has no jump.
         let share = 0.5 - 0.5 * turn.cos();
         let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
         let rgb = view(model, &meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
@@ -68,6 +70,7 @@ pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
         let delay = Delay::from_numer_denom_ms(FRAME_MS, 1);
         whole &= encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).is_ok();
     }
+    // The encoder writes the end of the file when it is dropped.
     drop(encoder);
     if whole { bytes } else { Vec::new() }
 }

@@ -47,6 +47,8 @@ pub struct PhotoAndTwin {
 /// A picture that cannot be encoded.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
+    // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
+    // can make the page load or run something.
     let mut out = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
          content=\"width=device-width\">\n\
@@ -151,6 +153,7 @@ fn push_joints(out: &mut String, report: &Report) {
     let mut rows = String::new();
     for joint in &report.joints {
         let child = report.links.iter().position(|l| l.name == joint.child).unwrap_or_default();
+        // A slide has a direction and no line: it has no place across its axis.
         let place =
             if joint.motion.unit == "rad" { spread(joint.origin_std_mm, "mm") } else { "\u{2013}".into() };
         let through = if joint.motion.unit == "rad" {
@@ -315,6 +318,7 @@ fn motion(value: &Quantity, std: &SpreadReport) -> String {
     let (factor, unit) =
         if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let spread = match std.value {
+        // Not below the last digit: "± 0" would claim certainty.
         Some(std) => format!("\u{b1} {}{unit}", decimal((factor * std).max(0.01), 2)),
         None => format!("(deviation {NOT_DETERMINED})"),
     };
@@ -331,6 +335,7 @@ fn positions(joint: &JointReport) -> String {
     let (factor, unit) =
         if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let all: Vec<String> = joint.positions.iter().map(|p| minus(&decimal(factor * p.value, 2))).collect();
+    // Of two states the motion says the same.
     if all.len() < 3 {
         return String::new();
     }
@@ -368,6 +373,7 @@ fn count(n: usize, what: &str) -> String {
 
 fn duration(seconds: f64) -> String {
     match seconds {
+        // Bounds from which the shorter form would round up to a digit more.
         s if s < 9.95 => format!("{s:.1} s"),
         s if s < 119.5 => format!("{s:.0} s"),
         s => format!("{:.0} min {:02.0} s", (s.round() / 60.0).floor(), s.round() % 60.0),

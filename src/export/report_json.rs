@@ -431,6 +431,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
 
 /// Position in every state.
 fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
+    // Positions count from state 0, which has no deviation; the evidence begins with state 1.
     let std = |state: usize| match state.checked_sub(1) {
         None => Some(0.0),
         Some(k) => model.joints[joint]

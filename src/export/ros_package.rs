@@ -5,6 +5,7 @@ use crate::model::{ArticulatedModel, escape_xml as escape, identifier};
 /// `package.xml`.
 #[must_use]
 pub fn package_xml(model: &ArticulatedModel) -> String {
+    // A package needs a maintainer and a license (REP 149), and the program knows neither.
     let name = escape(&model.name);
     format!(
         "<?xml version=\"1.0\"?>\n<package \

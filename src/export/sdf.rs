@@ -12,6 +12,8 @@ use crate::{
 #[must_use]
 pub fn sdf(model: &ArticulatedModel) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
+    // An SDF model floats unless a joint holds it to `world`. Links do not collide with each other: solids
+    // that touch at rest would throw a part out.
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<sdf version=\"1.9\">\n  <model name=\"{}\" \
          canonical_link=\"{root}\">\n    <self_collide>false</self_collide>\n    \
@@ -19,6 +21,7 @@ pub fn sdf(model: &ArticulatedModel) -> String {
          type=\"fixed\">\n      <parent>world</parent>\n      <child>{root}</child>\n    </joint>\n",
         escape(&model.name)
     );
+    // SDF places links in the frame of the model, not of their parents: here with all joints at 0.
     let closed = vec![0.0; model.joints.len()];
     for (i, link) in model.links.iter().enumerate() {
         push_link(&mut text, link, &model.world_from_link(i, &closed));
@@ -45,6 +48,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     let (name, mass, i) = (escape(&link.name), &link.inertial, &link.inertial.inertia);
     // Writing to a string cannot fail, here and below.
     writeln!(text, "    <link name=\"{name}\">\n      <pose>{}</pose>", pose(model_from_link)).ok();
+    // The tensor is along the link's axes: the inertial frame is shifted and not turned.
     let com = triple(mass.center_of_mass.coords.as_ref());
     writeln!(
         text,
@@ -105,6 +109,7 @@ fn push_joint(text: &mut String, joint: &Joint, model: &ArticulatedModel) {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }
     text.push_str("        </limit>\n        <dynamics>\n");
+    // SDF has a place for a spring, which URDF lacks.
     let dynamics = [
         ("damping", d.damping),
         ("friction", d.friction),

@@ -60,6 +60,7 @@ pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
             .collect()
     };
     let mut pairs: Vec<_> = parts.iter().enumerate().flat_map(pair).collect();
+    // Equal distances fall back on the order, so that the result is the same on every run.
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut of_joint: Vec<Option<usize>> = vec![None; parts.len()];
     for (_, j, m) in pairs {

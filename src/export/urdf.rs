@@ -71,6 +71,7 @@ fn urdf_with_paths(model: &ArticulatedModel, prefix: &str, screws: UrdfScrew) ->
             _ => push_joint(&mut text, joint, &model.links),
         }
     }
+    // Last: there every importer that was tried accepts or skips it.
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
     text
@@ -102,6 +103,7 @@ pub fn solid_path(link: &Link, solid: usize) -> String {
 #[must_use]
 pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     let r = rotation.to_rotation_matrix();
+    // docs/method.md (11.1).
     let level = r[(0, 0)].hypot(r[(1, 0)]);
     let yaw = if level < GIMBAL_LOCK { 0.0 } else { r[(1, 0)].atan2(r[(0, 0)]) };
     let pitch = (-r[(2, 0)]).atan2(level);
@@ -114,6 +116,7 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
     let name = escape(&link.name);
     let mass = &link.inertial;
     let i = &mass.inertia;
+    // Always an inertial: without one Gazebo drops the link, Drake gives it no mass and PyBullet 1 kg.
     let com = triple(mass.center_of_mass.coords.as_ref());
     // Writing to a string cannot fail, here and below.
     writeln!(text, "  <link name=\"{name}\">").ok();
@@ -134,11 +137,13 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
         short(i[(2, 2)])
     )
     .ok();
+    // No `<material>` beside the texture: Newton would take it in the texture's place.
     if !link.visual.is_empty() {
         writeln!(text, "    <visual name=\"{name}_visual\">").ok();
         push_mesh(text, &format!("{prefix}{}", visual_path(link)));
         text.push_str("    </visual>\n");
     }
+    // One convex solid a collision: importers close a concave mesh by its hull, and a drawer could not move.
     for k in 0..link.collision.len() {
         writeln!(text, "    <collision name=\"{}\">", escape(&solid_name(link, k))).ok();
         push_mesh(text, &format!("{prefix}{}", solid_path(link, k)));
@@ -148,6 +153,8 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
 }
 
 fn push_mesh(text: &mut String, path: &str) {
+    // The vertices are in the link frame already, so that no importer has an origin or a scale to read
+    // otherwise.
     let path = escape(path);
     writeln!(
         text,
@@ -199,6 +206,7 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
         [&links[joint.parent].name, &carrier],
         joint,
     );
+    // A left-handed thread has a negative pitch, which swaps the ends.
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
     let limit = Limit { lower: ends[0], upper: ends[1], ..joint.limit };
@@ -208,9 +216,11 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
         decimal(pitch_m_per_rad, PLACES)
     )
     .ok();
+    // Friction and damping act once, at the turn.
     push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
     open_joint(
         text,
+        // The turn keeps the joint's name: the positions in the report are turns.
         (&joint.name, "revolute"),
         &Pose::identity(),
         [&carrier, &links[joint.child].name],
@@ -236,6 +246,7 @@ fn open_joint(
 
 /// Limits and dynamics, and the end of the joint.
 fn push_limit(text: &mut String, joint: &Joint) {
+    // urdfdom refuses a whole model for a joint without effort or velocity.
     let l = &joint.limit;
     writeln!(
         text,
@@ -246,6 +257,7 @@ fn push_limit(text: &mut String, joint: &Joint) {
         short(l.velocity)
     )
     .ok();
+    // Drake, PyBullet and SAPIEN take the damping and ignore the friction.
     let d = &joint.dynamics;
     writeln!(
         text,

@@ -22,6 +22,7 @@ use crate::{
 #[must_use]
 pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     let name = &*identifier(&model.name);
+    // Units and the up axis are stated: USD would take centimeters and y.
     let mut text = format!(
         "#usda 1.0\n(\n    defaultPrim = \"{name}\"\n    metersPerUnit = 1\n    kilogramsPerUnit = \
          1\n    upAxis = \"Z\"\n)\n\n\
@@ -35,6 +36,7 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     text.push_str(PHYSICS_MATERIAL);
     text.push_str("    }\n");
     let closed = vec![0.0; model.joints.len()];
+    // Bodies are siblings, each placed in the model: a prim below a rigid body is a part of that body.
     for (i, link) in model.links.iter().enumerate() {
         let pose = model.world_from_link(i, &closed);
         // Writing to a string cannot fail, here and below.
@@ -58,6 +60,7 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
         text.push_str("    }\n");
     }
     text.push_str("\n    def Scope \"Joints\"\n    {\n");
+    // A joint without a first body holds the other one to the world.
     if let Some(root) = model.links.first() {
         writeln!(
             text,
@@ -129,6 +132,7 @@ fn push_mass(text: &mut String, inertial: &Inertial) {
 
 /// Principal moments and the rotation of their axes.
 fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
+    // docs/method.md 11.2. Eigenvectors may form a reflection, which no quaternion stands for.
     let eigen = SymmetricEigen::new(*inertia);
     let mut axes = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
@@ -141,6 +145,7 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
     let name = identifier(&link.name);
     open_mesh(text, &format!("{name}_visual"), "\"MaterialBindingAPI\"");
     push_points(text, &look.mesh);
+    // One value a corner of a face: a vertex on a seam has a place in each of its charts.
     let corner = |i: &u32| &look.corners[*i as usize];
     let all: Vec<_> = look.triangles.iter().flatten().map(corner).collect();
     let normals = all
@@ -165,6 +170,7 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
     open_mesh(text, name, "\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"MaterialBindingAPI\"");
     push_points(text, mesh);
+    // NVIDIA's asset validator asks for normals of colliders, too.
     let normal = |t: usize| {
         let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
         let n = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
@@ -178,6 +184,7 @@ fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh
         " (\n                interpolation = \"uniform\"\n            )",
     );
     text.push_str(
+        // PhysX collides no triangle mesh of a moving body. A guide is not drawn over the visual mesh.
         "            uniform token physics:approximation = \"convexHull\"\n            uniform \
         token purpose = \"guide\"\n",
     );
@@ -192,6 +199,7 @@ fn open_mesh(text: &mut String, name: &str, schemas: &str) {
     )
     .ok();
     text.push_str(
+        // USD subdivides a mesh by default, which would round off its edges.
         "            uniform token subdivisionScheme = \"none\"\n            uniform token \
         orientation = \"rightHanded\"\n",
     );
@@ -222,8 +230,11 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     let pitch = pitch.unwrap_or_default();
     // Per degree where USD counts degrees; efforts are the same.
     let per_rad = if joint.kind.turns() { 1f64.to_radians() } else { 1.0 };
+    // Opposite directions have no shortest turn between them; half a turn about y also takes x to -x.
     let axis = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
+    // The drive is the spring. Damping stands with PhysX and Newton instead, so that it acts once. Friction
+    // is PhysX's effort in N m; the older `physxJoint:jointFriction` is a coefficient without a unit.
     let (l, d) = (&joint.limit, &joint.dynamics);
     let [body0, body1] = [joint.parent, joint.child].map(|k| identifier(&model.links[k].name));
     write!(

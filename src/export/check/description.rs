@@ -99,6 +99,7 @@ pub(super) struct Description {
 impl Description {
     /// Reads URDF text.
     pub fn parse(text: &str) -> Result<Self, DescriptionError> {
+        // Before the parser, whose tree takes a multiple of the text's memory.
         if text.len() as u64 > URDF.bytes {
             return Err(DescriptionError::Bytes { bytes: text.len() });
         }
@@ -109,6 +110,7 @@ impl Description {
         }
         let all = |tag: &'static str| robot.children().filter(move |n| n.has_tag_name(tag));
         let count = all("link").count().max(all("joint").count());
+        // Before links are read: the rules of overlap compare them in pairs.
         if count > LINKS {
             return Err(DescriptionError::Links(count));
         }

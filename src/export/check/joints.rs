@@ -51,6 +51,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
             _ => {}
         }
     }
+    // Importers ignore the bounds of a continuous joint.
     if joint.kind == "continuous" {
         return;
     }

@@ -49,6 +49,7 @@ impl MeshText {
                     mesh.faces += 1;
                     for word in words {
                         let index: i64 = word.split('/').next().and_then(|i| i.parse().ok()).unwrap_or(0);
+                        // Negative indices count back from the last vertex; 0 names none.
                         mesh.bad_index |= index == 0;
                         highest = highest.max(index);
                     }
@@ -65,6 +66,7 @@ impl MeshText {
     pub fn stl(bytes: &[u8]) -> Option<Self> {
         let mut mesh = Self::default();
         let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+        // Distinguished by the length: a binary file's header may also begin with "solid".
         if let Some(count) = count.filter(|n| bytes.len() == 84 + 50 * n) {
             for facet in bytes[84..].chunks_exact(50) {
                 let value = |k: usize| {

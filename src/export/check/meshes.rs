@@ -113,6 +113,8 @@ fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     }
     let extreme =
         |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
+    // The hull of some corners lies inside that of all: a thinned mesh can hide an overlap and cannot invent
+    // one.
     let some: Vec<Point3<f64>> = directions(DIRECTIONS).filter_map(extreme).collect();
     convex_hull(&some)
 }
@@ -314,6 +316,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         }
     }
     if !material.textures.is_empty() {
+        // Some slack for coordinates that were written with few digits.
         if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
             found.warn(
                 Rule::Texture,

@@ -106,6 +106,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
 
 /// What is wrong with the text of some numbers.
 fn wrong(text: &str, count: usize, range: Range) -> Option<String> {
+    // `nan` and `inf` are read as numbers here; the test of finite ones refuses them.
     let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let all = |test: fn(f64) -> bool| numbers.iter().all(|x| test(*x));
     if numbers.len() != count || text.split_whitespace().count() != count || !all(f64::is_finite) {

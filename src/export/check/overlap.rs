@@ -86,6 +86,7 @@ fn check_within(
     let poses = placement.poses(&rest);
     let centers = centers(&bodies, &poses);
     let solid: Vec<usize> = (0..bodies.len()).filter(|&l| !bodies[l].solids.is_empty()).collect();
+    // Parent and child as well: MuJoCo does not filter them where the parent is welded to the world.
     for (i, &a) in solid.iter().enumerate() {
         work.take((solid.len() - i) as u64, 0)?;
         for &b in &solid[i + 1..] {
@@ -142,6 +143,7 @@ fn interval(joint: &JointText) -> Option<[f64; 2]> {
 
 /// How deep two bodies overlap; the outer `None` where that is too much work.
 fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) -> Option<Option<f64>> {
+    // Moves the solids of one body only; boxes first, as separating axes cost a product of faces and corners.
     let a_from_b = pose_a.inverse() * pose_b;
     let mut worst: Option<f64> = None;
     for solid in b.solids {
@@ -174,6 +176,7 @@ struct Swept<'a> {
 fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mut Findings) -> Option<()> {
     let Swept { description, placement, bodies, carrying, rest } = swept;
     let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child(j)) else { return Some(()) };
+    // A mimic moves with the joint that it follows, and all that hangs on both.
     let followers = (0..description.joints.len()).filter(|&f| placement.leader[f] == Some(j));
     let carried: Vec<usize> =
         followers.filter_map(|f| placement.child(f)).chain(placement.child(j)).collect();

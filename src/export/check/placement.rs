@@ -30,6 +30,7 @@ impl<'a> Placement<'a> {
         let carriers = places(description.joints.iter().map(|j| j.child.as_str()));
         let leader = |joint: &JointText| {
             let leader = &joint.mimic.as_ref()?.joint;
+            // A joint that mimics itself has no leader here; the rules of the tree report it.
             joints.get(leader.as_str()).copied().filter(|_| *leader != joint.name)
         };
         let carrier: Vec<_> =
@@ -41,6 +42,7 @@ impl<'a> Placement<'a> {
         parent.iter().enumerate().for_each(|(link, parent)| parent.iter().for_each(|p| below[*p].push(link)));
         let mut order: Vec<usize> = (0..parent.len()).filter(|l| parent[*l].is_none()).collect();
         let mut at = 0;
+        // Breadth first from the roots: links of a ring are never reached, so that this ends on any input.
         while at < order.len() {
             order.extend(&below[order[at]]);
             at += 1;

@@ -92,6 +92,8 @@ fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut rings = Vec::new();
     for start in 0..next.len() {
         let mut at = start;
+        // A node that this walk meets again closes a ring; one of an earlier walk was followed to its end
+        // then. Every node is visited once.
         while walk_of[at].is_none() {
             walk_of[at] = Some(start);
             let Some(further) = next[at] else { break };

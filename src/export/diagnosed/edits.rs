@@ -10,6 +10,7 @@ pub(crate) type Edit = (Range<usize>, String);
 pub(crate) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
     edits.sort_by_key(|(range, _)| range.start);
     let mut changed = text.to_owned();
+    // From the end backwards: what is exchanged does not move the ranges that are still to come.
     for (range, new) in edits.into_iter().rev() {
         changed.replace_range(range, &new);
     }

@@ -103,6 +103,7 @@ impl Writer<'_> {
                      frictionloss=\"{}\"{}/>",
                     axis.x, axis.y, axis.z, n.friction, a.more
                 );
+                // The gear multiplies the bias as well, so that it is divided by it here.
                 let _ = writeln!(
                     self.actuators,
                     "<general name=\"{name}\" joint=\"{name}\" gear=\"{}\" gaintype=\"fixed\" \
@@ -112,6 +113,7 @@ impl Writer<'_> {
                     delay(n.delay_s)
                 );
             }
+            // MuJoCo refuses an inertial without mass.
             if child.mass_kg > 0.0 {
                 let (c, i) = (child.center_of_mass, &child.inertia);
                 let full = [i[(0, 0)], i[(1, 1)], i[(2, 2)], i[(0, 1)], i[(0, 2)], i[(1, 2)]]
@@ -196,9 +198,12 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     }
     // One solver serves both ends.
     if let Some(stop) = n.stops.first() {
+        // MuJoCo limits a joint at both ends or at none: an end without a stop is put out of reach.
         let end = |upper: bool| n.stops.iter().find(|s| s.is_upper == upper).map(|s| s.position.to_string());
         let (low, high) = (end(false).unwrap_or("-1e3".into()), end(true).unwrap_or("1e3".into()));
+        // Negative numbers are the direct form, stiffness and damping by unit of inertia.
         let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
+        // MuJoCo's own bounds of an impedance.
         let impedance = stop.impedance.clamp(1e-4, 0.9999);
         let _ = write!(
             text,
@@ -216,6 +221,7 @@ fn delay(delay_s: f64) -> String {
     }
     // Read between its samples, a held effort changes half a step early.
     let delay_s = delay_s + 0.5 * FINE_TIMESTEP_S;
+    // The buffer must hold samples on both sides of the delay.
     let kept = (delay_s / FINE_TIMESTEP_S).ceil() as usize + 2;
     format!(" delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"")
 }

@@ -40,6 +40,7 @@ pub fn sdf(
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
         let Some(held) = joint_numbers(Format::Sdf, spec, joint, catalogue) else { continue };
+        // A change moves the ranges behind it: every joint is looked up in the text as it now is.
         match with_joint(&text, &joint.joint, &held)? {
             Some(changed) => {
                 text = changed;
@@ -79,6 +80,7 @@ fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
 /// Pose of a link in the frame of the model; `None` where it is given in another frame.
 fn pose_of(link: roxmltree::Node) -> Option<Pose> {
     let Some(pose) = link.children().find(|n| n.has_tag_name("pose")) else { return Some(Pose::identity()) };
+    // `relative_to`, `degrees` and `rotation_format` give the numbers another meaning.
     if pose.attributes().len() > 0 {
         return None;
     }
@@ -126,6 +128,7 @@ fn limit(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Option<Edit>
     }
     let old = axis.children().find(|n| n.has_tag_name("limit"));
     let changed = |tag: &str| held.stops.iter().any(|s| tag == if s.is_upper { "upper" } else { "lower" });
+    // What the stops do not replace stays: the other end, effort, velocity.
     let kept = old.iter().flat_map(|l| l.children()).filter(|n| n.is_element());
     let kept = kept.filter(|n| {
         !changed(n.tag_name().name()) && !matches!(n.tag_name().name(), "stiffness" | "dissipation")

@@ -44,6 +44,7 @@ pub fn urdf(
         if law == before {
             continue;
         }
+        // Edits of one joint may touch what hangs on another: the text is read anew for each.
         let mut edits: Vec<Edit> = Vec::new();
         let document = parse_xml(&updated)?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
@@ -85,6 +86,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
         return;
     };
     let shift = if law.kind.turns() { law.point.coords } else { Vector3::zeros() };
+    // A URDF joint's axis passes through the origin of its frame.
     let moved = law.frame * Translation3::from(shift);
     replace_origin(&node, text, &|old| old * moved, edits);
     let axis = law.axis.into_inner();
@@ -95,6 +97,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
         let name = if law.kind.turns() { "revolute" } else { "prismatic" };
         if law.kind.turns() != joint.kind.turns() {
             edits.push((kind.range(), format!("type=\"{name}\"")));
+            // The old limits are of the other unit: radians are not meters.
             let [low, high] =
                 if law.kind.turns() { [-std::f64::consts::PI, std::f64::consts::PI] } else { [-1.0, 1.0] };
             set_child(

@@ -76,6 +76,7 @@ pub fn asks_for_turn(effect: &dyn Effect, p: &[f64]) -> bool {
 pub fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
+    // The miss is judged against the load, so that light and heavy parts are asked the same.
     let scale = wanted.0.hypot(wanted.1).max(plant.load.amplitude());
     let mut tree = tree.clone();
     let given = tree.joints[joint].parent_from_joint;
@@ -97,6 +98,7 @@ pub fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<P
             ));
         }
         let step = 1e-6;
+        // Derivatives by differences: the load goes through the whole tree below the joint.
         let column =
             |axis: usize, miss: &mut dyn FnMut(&nalgebra::Vector3<f64>) -> nalgebra::Vector2<f64>| {
                 let mut other = turn;
@@ -108,6 +110,8 @@ pub fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<P
             column(1, &mut miss),
             column(2, &mut miss),
         ]);
+        // Two loads, three components of the turn: the pseudoinverse takes the least turn. The step is
+        // bounded, as the load is a sine of the turn and a long step overshoots.
         let least = j.transpose() * (j * j.transpose()).try_inverse()? * now;
         turn += least * (0.3 / least.norm().max(0.3));
     }

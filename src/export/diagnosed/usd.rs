@@ -60,6 +60,7 @@ fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
 fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Option<String> {
     let kind = if turns { "PhysicsRevoluteJoint" } else { "PhysicsPrismaticJoint" };
     let start = definition(text, kind, name)?;
+    // By the layout of `usda.rs`: a prim in a scope opens and closes at eight spaces.
     let open = start + text[start..].find("\n        {\n")? + 11;
     let end = open + text[open..].find("\n        }")? + 1;
     let (drive, per_rad) = if turns { ("angular", 1f64.to_radians()) } else { ("linear", 1.0) };
@@ -132,6 +133,7 @@ fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
 
 /// Range of the tuple that follows an attribute, from `start` on, before the next prim begins.
 fn value_of(text: &str, start: usize, attribute: &str) -> Option<std::ops::Range<usize>> {
+    // The next prim may have an attribute of the same name.
     let end = text[start + 4..].find("def ").map_or(text.len(), |i| start + 4 + i);
     let from = start + text[start..end].find(attribute)? + attribute.len();
     Some(from..from + text[from..end].find(')')? + 1)
