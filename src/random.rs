@@ -12,6 +12,7 @@ use rand_pcg::Pcg64Mcg;
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
     let mut bytes = [0; 16];
+    // Both halves are mixed: neighboring seeds and steps have unrelated streams.
     bytes[..8].copy_from_slice(&mix(seed ^ mix(name)).to_le_bytes());
     bytes[8..].copy_from_slice(&mix(name ^ mix(step)).to_le_bytes());
     Pcg64Mcg::from_seed(bytes)
@@ -50,6 +51,7 @@ pub(crate) fn range(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
 
 /// Uniform in `0..n`; 0 for `n = 0`.
 pub(crate) fn below(rng: &mut impl Rng, n: usize) -> usize {
+    // The product may round up to n.
     ((unit(rng) * n as f64) as usize).min(n.saturating_sub(1))
 }
 
@@ -60,6 +62,7 @@ pub(crate) fn chance(rng: &mut impl Rng, probability: f64) -> bool {
 
 /// Standard normal (Box and Muller 1958).
 pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
+    // In (0, 1]: the logarithm of 0 is not finite.
     let radius = (-2.0 * (1.0 - unit(rng)).ln()).sqrt();
     radius * (TAU * unit(rng)).cos()
 }
@@ -71,6 +74,7 @@ pub(crate) fn isotropic(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
 
 /// A unit direction, uniform on the sphere.
 pub(crate) fn direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
+    // The area between two heights on a sphere goes with their difference (Archimedes).
     let z = range(rng, -1.0, 1.0);
     let azimuth = range(rng, 0.0, TAU);
     let across = (1.0 - z * z).sqrt();

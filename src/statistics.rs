@@ -6,6 +6,7 @@ pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
 
 /// Middle value, the upper one of two; `None` of none.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    // By selection, which is linear; the order of all is not needed.
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

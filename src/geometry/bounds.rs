@@ -20,6 +20,7 @@ impl SceneBox {
     /// The cube in which the box `[lower, upper]` (meters, world) spans `[-0.9, 0.9]` along its longest side.
     #[must_use]
     pub fn around(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
+        // A single point has a scale as well.
         let extent = (upper - lower).max().max(1e-6);
         Self { center: nalgebra::center(lower, upper), scale: 2.0 * FILL / extent }
     }

@@ -25,6 +25,7 @@ impl Intrinsics {
     #[must_use]
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<(f64, f64)> {
         let z = point_in_camera.z;
+        // docs/method.md (1.1).
         (z > 1e-9)
             .then(|| (self.fx * point_in_camera.x / z + self.cx, self.fy * point_in_camera.y / z + self.cy))
     }

@@ -68,6 +68,7 @@ impl<T> Grid3<T> {
         let mut c = [0; 3];
         for k in 0..3 {
             let r = g[k] + 0.5;
+            // Negated, so that NaN is outside.
             if !(r >= 0.0 && r < self.dims[k] as f64) {
                 return None;
             }
@@ -85,6 +86,7 @@ fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool
         let last = (grid.dims[k] - 1) as f64;
         let x = g[k].clamp(0.0, last);
         inside[k] = g[k] >= 0.0 && g[k] <= last;
+        // The last node belongs to the cell before it.
         let b = (x as usize).min(grid.dims[k].saturating_sub(2));
         base[k] = b;
         frac[k] = (x - b as f64) as f32;
@@ -110,6 +112,7 @@ impl Grid3<f32> {
         let (v000, v100, v010, v110) = (v[i], v[i + 1], v[i + dy], v[i + dy + 1]);
         let (v001, v101, v011, v111) = (v[i + dz], v[i + dz + 1], v[i + dz + dy], v[i + dz + dy + 1]);
         let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
+        // Along x, then y, then z; the differences before each step are the derivative.
         let (x00, x10, x01, x11) =
             (lerp(v000, v100, a), lerp(v010, v110, a), lerp(v001, v101, a), lerp(v011, v111, a));
         let (y0, y1) = (lerp(x00, x10, b), lerp(x01, x11, b));

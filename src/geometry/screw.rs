@@ -41,6 +41,7 @@ impl Screw {
         let direction = Unit::try_new(w, 0.0)?;
         let u = direction.into_inner();
         let advance_m = t.dot(&u);
+        // docs/method.md (1.3).
         let across = t - u * advance_m;
         let p = 0.5 * (across + u.cross(&across) / (0.5 * angle_rad).tan());
         Some(Self { direction, point: Point3::from(p - u * p.dot(&u)), angle_rad, advance_m })
@@ -56,6 +57,7 @@ impl Screw {
     #[must_use]
     pub fn motion_by(&self, angle_rad: f64, advance_m: f64) -> Pose {
         let r = UnitQuaternion::from_axis_angle(&self.direction, angle_rad);
+        // docs/method.md (1.4).
         let t = self.point.coords - r * self.point.coords + self.direction.into_inner() * advance_m;
         Pose::from_parts(Translation3::from(t), r)
     }
@@ -64,9 +66,11 @@ impl Screw {
 /// Rotation vector of a rotation: axis times angle in `[0, pi]`.
 #[must_use]
 pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+    // Of the two quaternions of a rotation the one with the smaller angle.
     let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     let v = q.imag();
     let s = v.norm();
+    // Near the identity the sine is its argument, and the quotient is not defined.
     if s < 1e-12 { 2.0 * v } else { v * (2.0 * s.atan2(q.w) / s) }
 }
 

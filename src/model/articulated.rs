@@ -247,6 +247,7 @@ impl Joint {
             None if self.kind.turns() => (position, 0.0),
             None => (0.0, position),
         };
+        // docs/method.md (1.4), with the axis through the origin of the frame.
         let step = Pose::from_parts(
             (axis * advance_m).into(),
             nalgebra::UnitQuaternion::from_scaled_axis(axis * angle_rad),

@@ -131,6 +131,8 @@ pub fn build(
     for (i, link) in model.links.iter_mut().enumerate() {
         link.inertial = inertial(link, i, config);
     }
+    // The sweep needs the paths cut: whatever touches at rest would end it at once. Friction needs the
+    // masses.
     clear_paths(&mut model, &config.collision);
     for j in 0..model.joints.len() {
         let swept = swept_interval(&model, j);

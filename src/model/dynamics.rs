@@ -26,6 +26,7 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     for state in &model.states {
         let frame = model.world_from_link(joint.parent, state) * joint.parent_from_joint;
         let axis = frame.rotation * joint.axis.into_inner();
+        // Whatever hangs on the child loads the joint, too.
         let below = (0..model.links.len()).filter(|&l| l == joint.child || model.is_below(l, joint.child));
         let (mut torque, mut moved, mut pull) = (0.0, 0.0, 0.0);
         for link in below {
@@ -38,6 +39,7 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
         }
         (load, inertia, weight) = (load.max(torque.abs()), inertia.max(moved), weight.max(pull));
     }
+    // docs/method.md (10.4), by the worst of the observed states.
     let friction = (HOLD * load).max(LEAST_SHARE * weight);
     JointDynamics {
         friction,

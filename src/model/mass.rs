@@ -22,6 +22,7 @@ pub fn solids_inertial(solids: &[ConvexSolid], density_kg_m3: f64, assumption: &
         return None;
     }
     let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
+    // At least one: rounding may leave a point outside its own solid.
     let holders =
         |p: &Point3<f64>| planes.iter().filter(|s| s.iter().all(|q| q.distance_m(p) <= 1e-9)).count().max(1);
     let mut masses: Vec<(f64, Vector3<f64>)> = Vec::new();
@@ -33,6 +34,7 @@ pub fn solids_inertial(solids: &[ConvexSolid], density_kg_m3: f64, assumption: &
     if !(mass_kg > 0.0 && mass_kg.is_finite()) {
         return None;
     }
+    // docs/method.md (10.2).
     let center = masses.iter().map(|(m, p)| p * *m).sum::<Vector3<f64>>() / mass_kg;
     let second: Matrix3<f64> = masses.iter().map(|(m, p)| (p - center) * (p - center).transpose() * *m).sum();
     let inertia = Matrix3::identity() * second.trace() - second;
@@ -51,6 +53,7 @@ fn interior_points(solid: &ConvexSolid) -> Vec<Point3<f64>> {
     let total: f64 = parts.iter().map(|(v, _)| v).sum();
     let (mut points, mut before, mut part) = (Vec::with_capacity(POINTS as usize), 0.0, 0);
     for k in 0..POINTS {
+        // Tetrahedra take turns in proportion to their volume.
         let place = total * (f64::from(k) + 0.5) / f64::from(POINTS);
         while part + 1 < parts.len() && before + parts[part].0 < place {
             before += parts[part].0;
@@ -58,6 +61,7 @@ fn interior_points(solid: &ConvexSolid) -> Vec<Point3<f64>> {
         }
         let Some((_, corners)) = parts.get(part) else { break };
         // Sorted uniform numbers are the cuts of a unit length into four even weights.
+        // From 1: number 0 is a corner in every base.
         let mut cuts = BASES.map(|base| halton(k + 1, base));
         cuts.sort_by(f64::total_cmp);
         let weights = [cuts[0], cuts[1] - cuts[0], cuts[2] - cuts[1], 1.0 - cuts[2]];

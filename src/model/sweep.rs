@@ -26,6 +26,8 @@ const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for joint in &model.joints {
         for solid in &mut model.links[joint.child].collision {
+            // Solids that touch at rest are thrown apart by MuJoCo: moving ones shrink, and the paths are cut
+            // around what is left of them.
             *solid = solid.shrunk(config.shrink_m, config.min_thickness_m);
         }
     }
@@ -33,6 +35,7 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
         for other in 0..model.links.len() {
+            // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
                 continue;
             }
@@ -83,6 +86,7 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     };
     let last = |end: f64| {
         let start = if end < lower { lower } else { upper };
+        // Outwards from what was observed: behind the first obstacle nothing counts.
         steps(model, joint, start, end).into_iter().take_while(free).last().unwrap_or(start)
     };
     [last(upper - reach).min(lower), last(lower + reach).max(upper)]
@@ -183,6 +187,7 @@ fn carve(
         };
         *fixed = fixed.drain(..).flat_map(parts).collect();
     }
+    // Cuts divide solids into more than a link may have; the smallest are dropped.
     fixed.sort_by(|a, b| b.volume_m3().total_cmp(&a.volume_m3()));
     fixed.truncate(config.max_solids);
 }
@@ -198,6 +203,7 @@ fn cut(piece: ConvexSolid, path: &[ConvexSolid], config: &ConvexConfig) -> Vec<C
         if !boxes_meet(&moved.bounds(), &bounds, config.gap_m) {
             continue;
         }
+        // Only what comes into the solid counts: the box around the whole part would cut far more.
         let Some(inside) = moved.clipped_by(&grown) else { continue };
         for v in &inside.vertices {
             let p = axes.tr_mul(&v.coords);

@@ -118,6 +118,7 @@ impl Tree {
             while let Some(j) = joint_of[link] {
                 link = joints[j].parent;
                 depth[i] += 1;
+                // No chain is longer than all links: this one runs in a ring.
                 if depth[i] > links.len() {
                     return Err(TreeError::Loop(links[i].name.clone()));
                 }
@@ -161,6 +162,7 @@ impl Tree {
     #[must_use]
     pub fn rigid_parts(&self) -> Vec<Vec<usize>> {
         let mut order: Vec<usize> = (0..self.links.len()).collect();
+        // Parents before children; the order of the file among equals.
         order.sort_by_key(|&i| self.depth[i]);
         let (mut parts, mut part_of) = (Vec::<Vec<usize>>::new(), vec![0; self.links.len()]);
         for link in order {

@@ -133,6 +133,7 @@ pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
 /// Principal moments of a finite tensor in rising order.
 #[must_use]
 pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
+    // The solver reads one half of the tensor.
     let mut m: [f64; 3] = SymmetricEigen::new(0.5 * (inertia + inertia.transpose())).eigenvalues.into();
     m.sort_by(f64::total_cmp);
     m
@@ -140,6 +141,7 @@ pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
 
 fn check_joint(joint: &Joint, found: &mut Findings) {
     let axis = joint.axis.as_ref();
+    // Comparisons are negated, here and below, so that NaN fails them.
     if !((axis.norm() - 1.0).abs() < 1e-6) {
         found.add(&joint.name, format!("the axis has length {}; it must be 1", axis.norm()));
     }
@@ -168,6 +170,7 @@ fn tree(model: &ArticulatedModel, found: &mut Findings) {
     for joint in &model.joints {
         if joint.parent >= n || joint.child >= n {
             found.add(&joint.name, format!("joins links {} and {} of {n}", joint.parent, joint.child));
+            // The rules below use these as indices.
             return;
         }
         if parent[joint.child].replace(joint.parent).is_some() {
@@ -181,6 +184,7 @@ fn tree(model: &ArticulatedModel, found: &mut Findings) {
         found.add(&model.links[0].name, "link 0 must be the root, but it is the child of a joint");
     }
     for (i, link) in model.links.iter().enumerate().skip(1) {
+        // A loop has no end, and no chain is longer than all links.
         let chain = std::iter::successors(Some(i), |&k| parent[k]).take(n);
         if chain.last() != Some(0) {
             found.add(&link.name, "the link is not connected to the root");

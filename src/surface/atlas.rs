@@ -43,7 +43,9 @@ pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
     let mut charts: Vec<Chart> =
         patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
+    // Shelves waste least where heights fall from one to the next.
     charts.sort_by(|a, b| b.size_m.y.total_cmp(&a.size_m.y).then(b.size_m.x.total_cmp(&a.size_m.x)));
+    // Not far finer than the largest texture can be, so that the loop needs few rounds.
     let mut texel_m = texel_m.max(extent_m / (2.0 * max_px as f64)).max(1e-9);
     let (size_px, places) = loop {
         if let Some(found) = pack(&charts, texel_m, max_px) {
@@ -54,6 +56,7 @@ pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let mut atlas = Atlas {
         size_px,
         texel_m,
+        // Triangles without area are in no patch and so in no chart: they show one pixel.
         corners_px: vec![[Point2::new(0.5, 0.5); 3]; mesh.triangles.len()],
         chart: vec![u32::MAX; mesh.triangles.len()],
     };
@@ -78,6 +81,7 @@ impl Atlas {
 /// A patch seen along its normal, turned so that the rectangle around it is smallest and stands upright.
 fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     let z = patch.normal;
+    // Any axis that is not nearly the normal.
     let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
     let axes = Matrix3::from_columns(&[x, z.cross(&x), z]);
     let flat = |t: u32| {
@@ -109,6 +113,7 @@ fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vec
     let size = |c: &Chart| c.size_m.map(|s| (s / texel_m).ceil() + 2.0 * MARGIN_PX);
     let area: f64 = charts.iter().map(|c| size(c).product()).sum();
     let widest = charts.iter().map(|c| size(c).x).fold(16.0, f64::max);
+    // Shelves leave gaps, so that the area is only where the search begins.
     let mut side = (1.05 * area.sqrt()).max(widest).ceil();
     loop {
         if side > max_px as f64 {

@@ -50,6 +50,7 @@ pub fn bake(mesh: &TriangleMesh, atlas: &Atlas, views: &[BakeView]) -> Vec<[u8; 
     for (texel, color) in texels.iter().zip(colors) {
         texture[texel.index as usize] = Some(color);
     }
+    // Fills the margins around charts, which filtering reads.
     for _ in 0..3 {
         texture = spread(&texture, atlas.size_px);
     }
@@ -105,6 +106,8 @@ fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
         let total: f32 = samples.iter().map(weight).sum();
         (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
     };
+    // docs/method.md (3.7): the mean of all views, then again by their agreement with it. The floor keeps
+    // that mean where none agrees.
     let first = mean(&|s| s.0)?;
     let agreed = mean(&|s| {
         s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6)
@@ -130,6 +133,7 @@ fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
     let cosine = -normal.dot(&p.coords) / p.coords.norm();
     let pixel = v.round() as usize * k.width + u.round() as usize;
     let (model, measured) = (f64::from(view.depth_m[pixel]), f64::from(frame.depth_m[pixel]));
+    // Readings scatter more than the depth of the model: three times its slack.
     let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
         || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
     if cosine < MIN_COSINE || hidden || !frame.is_object(pixel) {

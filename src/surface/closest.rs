@@ -62,6 +62,7 @@ impl MeshDistance {
                 });
             let axis = (spread.1 - spread.0).imax();
             let middle = range.len() / 2;
+            // Equal centers go by number: the same mesh has one tree.
             order[range.clone()].select_nth_unstable_by(middle, |&a, &b| {
                 center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b))
             });
@@ -72,6 +73,7 @@ impl MeshDistance {
             tree.nodes.push(bounds(&all, &order[left.clone()], left.start));
             tree.nodes.push(bounds(&all, &order[right.clone()], right.start));
         }
+        // In the order of the leaves: a leaf reads one piece of memory.
         tree.corners = order.iter().map(|&t| all[t as usize]).collect();
         tree.triangles = order;
         Some(tree)
@@ -86,6 +88,7 @@ impl MeshDistance {
         open.push((0.0, 0));
         while let Some((bound2, index)) = open.pop() {
             let node = &self.nodes[index as usize];
+            // A nearer point was found since this box was queued.
             if bound2 >= best.0 {
                 continue;
             }
@@ -93,6 +96,7 @@ impl MeshDistance {
                 let [near, far] =
                     [node.first, node.first + 1].map(|i| (self.nodes[i as usize].distance2(p), i));
                 let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
+                // The nearer box is opened first; what it holds may spare the other.
                 open.extend([far, near]);
                 continue;
             }

@@ -64,6 +64,7 @@ fn cube_faces() -> Vec<[usize; 4]> {
     for axis in 0..3 {
         let (u, v) = (AXIS_BIT[(axis + 1) % 3], AXIS_BIT[(axis + 2) % 3]);
         let upper = AXIS_BIT[axis];
+        // The far face, then the near one, which is seen from the other side.
         faces.push([upper, upper | u, upper | u | v, upper | v]);
         faces.push([0, v, u | v, u]);
     }
@@ -85,6 +86,7 @@ fn pattern_loops(pattern: usize, edges: &[CubeEdge; 12], faces: &[[usize; 4]]) -
             if inside(face[start]) || !inside(face[(start + 1) % 4]) {
                 continue;
             }
+            // A run of inside corners begins here; the segment leads from its end back to this edge.
             let begins = edge_between(face[start], face[(start + 1) % 4], edges);
             let mut last = (start + 1) % 4;
             while inside(face[(last + 1) % 4]) {

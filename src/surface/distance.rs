@@ -106,6 +106,7 @@ pub fn signed_distance<T>(
     if mesh.is_empty() {
         return Err(DistanceError::EmptyMesh);
     }
+    // In spacings from the first node the coordinates are small, which is why single precision is enough.
     let local = |p: &nalgebra::Point3<f32>| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>();
     let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(local).collect();
     let surface = Pseudonormals::of(&mesh, &positions);
@@ -163,6 +164,7 @@ impl Nearest {
     fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Result<Self, DistanceError> {
         let band = Band::of(surface, dims);
         let seed = nearest_seed(dims, &band.seeds);
+        // One seed anywhere is a nearest seed everywhere: the first node speaks for all.
         if seed[0] == NO_SEED {
             return Err(DistanceError::OutsideGrid);
         }
@@ -220,6 +222,7 @@ impl Nearest {
                 && t != best.1
                 && (surface.corners[t as usize][0] - place).norm_squared() > SAME_PIECE * SAME_PIECE
             {
+                // Only now: most nodes ask no neighbor.
                 if best.0 == f32::INFINITY {
                     best.0 = surface.distance2(&p, own);
                 }
@@ -324,6 +327,7 @@ fn visit_band(
             let mut row = range(0, 0);
             // Only nodes within the band of the triangle's plane.
             let height = normal.y * (y as f32 - a.y) + normal.z * (z as f32 - a.z) - normal.x * a.x;
+            // Some slack for rounding: a node too many costs one distance, one too few is wrong.
             if normal.x.abs() > 1e-3 {
                 let (u, v) = ((-BAND - height) / normal.x, (BAND - height) / normal.x);
                 row.start = row.start.max((u.min(v) - 0.01).ceil().max(0.0) as usize);
@@ -344,6 +348,7 @@ fn visit_band(
 fn fill_cavities(grid: &mut Grid3<f32>, is_free: impl Fn(usize) -> bool) {
     let [nx, ny, nz] = grid.dims;
     let plane = nx * ny;
+    // Outside spreads from the border and from what was seen empty; what it does not reach is enclosed.
     let mut reached = vec![false; grid.values.len()];
     let mut open = Vec::new();
     for (i, value) in grid.values.iter().enumerate() {

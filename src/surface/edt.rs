@@ -13,6 +13,7 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
     let plane = nx * ny;
     let mut nearest = vec![NO_SEED; plane * nz];
     nearest.par_chunks_mut(plane.max(1)).enumerate().for_each(|(z, nearest)| {
+        // Along x: the nearest seed of each row, before or behind a node.
         for y in 0..ny {
             let row = y * nx..(y + 1) * nx;
             nearest_in_row(
@@ -21,6 +22,8 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
                 &mut nearest[row],
             );
         }
+        // Along y, within the same layer. Squared distances are whole numbers, which single precision holds
+        // exactly.
         let mut line = Line::new(ny);
         for x in 0..nx {
             let columns = |seed: u32| (seed as usize % nx) as f32 - x as f32;
@@ -96,6 +99,7 @@ impl Line {
             let (q, f) = (position as f32, height(seed));
             let mut begins = f32::NEG_INFINITY;
             while let Some(&(p, g, _, other)) = self.parabolas.last() {
+                // A parabola that the new one undercuts before it becomes the lowest never is.
                 let crossing = ((f + q * q) - (g + p * p)) / (2.0 * (q - p));
                 if crossing > other {
                     begins = crossing;

@@ -40,6 +40,7 @@ pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) 
         let sum = a + b + c;
         mass += m;
         first += sum * (m / 3.0);
+        // docs/method.md (10.3): the triangle, then its thickness.
         second +=
             (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose()) * (m / 12.0);
         second += (normal * normal.transpose() + Matrix3::identity() * 1e-3)
@@ -49,11 +50,13 @@ pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) 
         return None;
     }
     let center: Vector3<f64> = first / mass;
+    // From the mesh's own point to the center of mass (parallel axes).
     let central = second - center * center.transpose() * mass;
     let inertia = Matrix3::identity() * central.trace() - central;
     Some(ShellInertia {
         mass_kg: mass,
         center_of_mass: Point3::from(origin + center),
+        // Symmetric to the last bit.
         inertia: (inertia + inertia.transpose()) * 0.5,
     })
 }

@@ -31,6 +31,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     let flag = |v: &f32| if v.is_finite() { u8::from(*v < iso) * INSIDE } else { UNKNOWN };
     let flags: Vec<u8> = grid.values.par_iter().with_min_len(1 << 14).map(flag).collect();
     let layers: Vec<Layer> = (0..nz).into_par_iter().map(|z| Layer::of(grid, iso, &flags, z)).collect();
+    // Vertices are numbered by layer, whichever thread made it.
     let mut firsts = Vec::with_capacity(nz);
     let mut count = 0;
     for layer in &layers {
@@ -81,6 +82,7 @@ impl Layer {
                 for (x, (&a, &b)) in
                     flags[row..row + mx].iter().zip(&flags[row + stride..row + stride + mx]).enumerate()
                 {
+                    // Cut, and known at both ends: an unknown end sets another bit.
                     if a ^ b == INSIDE {
                         let (from, to) =
                             (f64::from(grid.values[row + x]), f64::from(grid.values[row + x + stride]));
@@ -124,6 +126,7 @@ fn layer_triangles(
             (dz == 1, e.axis * plane + dy * nx + dx)
         })
         .collect();
+    // Numbers of two layers at a time: a table of the whole grid would take three numbers a node.
     let (mut below, mut above) = (vec![0; 3 * plane], vec![0; 3 * plane]);
     layers[range.start].fill(firsts[range.start], &mut above);
     let mut triangles = Vec::new();
@@ -139,6 +142,7 @@ fn layer_triangles(
                 let right = column(x + 1);
                 let (a, b) = (left, right);
                 left = right;
+                // All corners outside, all inside, or one unknown.
                 if (a == b && (a == 0 || a == 15)) || (a | b) & 0xF0 != 0 {
                     continue;
                 }

@@ -19,6 +19,8 @@ pub(crate) fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
         chain.pop();
         chain
     };
+    // The lower chain from left to right, the upper one back (Andrew 1979); each leaves its last corner to
+    // the other.
     let mut hull = half(&mut sorted.iter());
     hull.extend(half(&mut sorted.iter().rev()));
     hull
@@ -51,6 +53,7 @@ fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
 pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
     let sides = (0..polygon.len())
         .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
+    // The smallest rectangle has a side along one of the polygon's (Freeman and Shapira 1975).
     let span = |d: &Vector2<f64>| extent(polygon, d) * extent(polygon, &Vector2::new(-d.y, d.x));
     sides.min_by(|a, b| span(a).total_cmp(&span(b))).unwrap_or_else(Vector2::x)
 }

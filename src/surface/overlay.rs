@@ -40,6 +40,7 @@ impl Rendered {
         let camera = self.world_from_camera;
         let (mut a, mut b) = (camera.inverse_transform_point(from), camera.inverse_transform_point(to));
         if a.z > b.z {
+            // Then only the first end can be before the near plane.
             std::mem::swap(&mut a, &mut b);
         }
         if b.z <= NEAR_M {

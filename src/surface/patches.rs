@@ -47,6 +47,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
     let neighbors = neighbors(mesh);
     let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
+    // Large triangles have the surest normals, so that patches begin there. Equal ones go by number.
     order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
     let mut taken = vec![false; count];
     let mut found = Vec::new();
@@ -60,11 +61,13 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
             sums.add(&normals[t], &corners[t]);
+            // The plane follows what has joined so far.
             let (normal, center) = (sums.normal.normalize(), sums.center / sums.area);
             for &n in &neighbors[t] {
                 let n = n as usize;
                 let flat = |p: &Point3<f64>| (p.coords - center).dot(&normal).abs() <= tolerance_m;
                 let turned = |normal: &Vector3<f64>| normals[n].dot(normal) < MIN_COSINE * normals[n].norm();
+                // Against the first triangle as well: around a cylinder small turns would add up.
                 if !taken[n] && !turned(&normal) && !turned(&first) && corners[n].iter().all(flat) {
                     taken[n] = true;
                     queue.push_back(n);

@@ -41,6 +41,8 @@ impl Pseudonormals {
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
+                // By the angle at the corner: the sum does not depend on how a flat face is cut into
+                // triangles.
                 let (u, v) = (c[(k + 1) % 3] - c[k], c[(k + 2) % 3] - c[k]);
                 vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
             }
@@ -76,10 +78,12 @@ impl Pseudonormals {
         sides.sort_unstable();
         let mut open_vertices = vec![false; self.vertices.len()];
         for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
+            // Both faces of a side open half a turn to it, so that they count alike.
             let sum: Vector3<f32> = same.iter().map(|s| self.faces[s.2 as usize / 3]).sum();
             for s in same {
                 self.sides[s.2 as usize / 3][s.2 as usize % 3] = sum;
             }
+            // A walk crosses sides of two triangles; at one of more it would not know where to go.
             if let [s, r] = same {
                 self.across[s.2 as usize / 3][s.2 as usize % 3] = r.2 / 3;
                 self.across[r.2 as usize / 3][r.2 as usize % 3] = s.2 / 3;

@@ -79,6 +79,8 @@ pub fn render(
         .enumerate()
         .flat_map(|(i, item)| facets(item, i as u16, intrinsics, world_from_camera, shading))
         .collect();
+    // Each task draws its own rows: no two threads share a pixel, and the order of the items decides between
+    // equal depths.
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
     for (f, facet) in facets.iter().enumerate() {
         let v = facet.corners.map(|c| c.v);
@@ -105,6 +107,7 @@ pub fn render(
         .zip(image.depth_m.par_chunks_mut(size))
         .zip(image.item.par_chunks_mut(size));
     rows.zip(bands).enumerate().for_each(|(task, (((rgb, depth_m), item), band))| {
+        // Inverse depth 0 is infinitely far.
         let mut inverse = vec![0.0; rgb.len()];
         for f in band {
             let facet = &facets[f as usize];
@@ -192,6 +195,8 @@ fn fill(
 ) {
     let [a, b, c] = &facet.corners;
     let area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
+    // A triangle seen edge-on covers nothing. The signed area makes the weights below positive inside for
+    // both windings.
     if area == 0.0 || !area.is_finite() {
         return;
     }

@@ -62,6 +62,8 @@ impl RowCamera {
         let (left, right) = (k.cx + 0.5, k.width as f64 - 0.5 - k.cx);
         let (top, bottom) = (k.cy + 0.5, k.height as f64 - 0.5 - k.cy);
         // Each is `at least zero` inside the view.
+        // The sides of the image as half spaces through the camera, half a pixel around the outer pixels'
+        // centers.
         let planes = [
             Vector3::new(k.fx, 0.0, left),
             Vector3::new(-k.fx, 0.0, right),
@@ -69,6 +71,7 @@ impl RowCamera {
             Vector3::new(0.0, -k.fy, bottom),
             Vector3::z(),
         ];
+        // Along the row each value is linear in x; its zero cuts the row.
         let (mut first, mut last) = (0.0f64, nx as f64 - 1.0);
         for (i, plane) in planes.iter().enumerate() {
             let value = plane.dot(&start) - if i == 4 { NEAR_M } else { 0.0 };

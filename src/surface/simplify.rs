@@ -61,6 +61,7 @@ impl Quadric {
 
     /// The point with the least error, near `middle` where many have it.
     fn best(&self, middle: &Vector3<f64>) -> Vector3<f64> {
+        // On a plane or a line the quadric alone is singular; the pull makes it solvable.
         let pull = CENTERING * self.a.trace();
         let system = self.a + Matrix3::identity() * pull;
         system.cholesky().map_or(*middle, |c| c.solve(&(middle * pull - self.b)))
@@ -142,6 +143,7 @@ impl Collapse {
                 let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
                 let across = (q - p).cross(&self.area_normal(&mesh.triangles[t as usize]));
                 if let Some(unit) = across.try_normalize(0.0) {
+                    // By the square of the side's length, as a triangle counts by its area.
                     let plane = Quadric::plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());
                     self.quadrics[a as usize].add(&plane);
                     self.quadrics[b as usize].add(&plane);
@@ -224,6 +226,7 @@ impl Collapse {
         self.rings[a as usize].retain(|&t| triangles[t as usize].is_some());
         self.versions[a as usize] += 1;
         self.versions[b as usize] += 1;
+        // Older entries of these edges stay in the queue and are skipped as stale.
         for v in self.neighbors(a) {
             self.enqueue([a, v]);
         }

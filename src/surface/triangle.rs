@@ -19,6 +19,7 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
     let [a, b, c] = corners;
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    // The regions of corners and sides in turn; the interior is what remains.
     if d1 <= 0.0 && d2 <= 0.0 {
         return (*a, Feature::Corner(0));
     }

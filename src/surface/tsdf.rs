@@ -162,6 +162,7 @@ impl TsdfVolume {
                 for y in 0..ny {
                     let row = camera.row(y, z, nx);
                     for x in row.range.clone() {
+                        // Negated: a node that no view measured is NaN and left out as well.
                         if first.is_some_and(|f| !(f.values[f.index(x, y, z)].abs() < 0.999 * truncation_m)) {
                             continue;
                         }
@@ -184,6 +185,7 @@ impl TsdfVolume {
                                 camera.project(&p),
                                 truncation_m,
                             );
+                            // docs/method.md (3.2).
                             let s = (depth_m.unwrap_or(reading.depth_m) - p.z) / truncation_m;
                             if s > -1.0 && first.is_none_or(|f| faces(f, [x, y, z], &eye)) {
                                 // Falls to zero behind the surface, so that both sides of a thin wall
@@ -208,6 +210,7 @@ impl TsdfVolume {
     #[must_use]
     pub fn tsdf(&self, min_weight: f32) -> Grid3<f32> {
         let value = |(&sum, &weight): (&f32, &f32)| {
+            // docs/method.md (3.3).
             if weight > min_weight { sum / weight * self.truncation_m } else { f32::NAN }
         };
         let values =
@@ -240,6 +243,7 @@ impl TsdfVolume {
             let share: f64 = (0..3).map(|k| 1.0 - (g[k] - at[k] as f64).abs()).product();
             let c = self.colors[grid.index(at[0], at[1], at[2])];
             if c[3] > 0.0 {
+                // A corner with a color counts a little everywhere: it may be the only one.
                 let share = share.max(1e-6) as f32;
                 add(&mut sum, [c[0] / c[3], c[1] / c[3], c[2] / c[3]], share);
             }
@@ -265,6 +269,7 @@ impl TsdfVolume {
 /// Whether a node is on the side of the surface that an eye sees, by the slope of the distance there; true
 /// where that is unknown.
 fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
+    // docs/method.md (3.4).
     let slope = Vector3::from_fn(|k, _| {
         let at = |step: isize| {
             let mut other = node;
@@ -328,6 +333,7 @@ fn interpolated_depth(
         high = high.max(r.depth_m);
         inverse += share / r.depth_m;
     }
+    // Readings further apart than the truncation are of two surfaces.
     (high - low < truncation_m).then(|| 1.0 / inverse)
 }
 

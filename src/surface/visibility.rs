@@ -54,7 +54,9 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let reach = |i: usize| {
         let d = f64::from(frame.depth_m[i]);
         if d > 0.0 {
+            // docs/method.md (3.6).
             (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(i, &rule.noise))).max(0.0) as f32
+        // An object without depth may begin anywhere on the ray: nothing on it is certainly empty.
         } else if frame.is_object(i) {
             0.0
         } else {
@@ -64,6 +66,7 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let single: Vec<f32> = (0..w * h).map(reach).collect();
     // A pixel without reach says nothing, but does not silence its neighbors.
     let nearest = |a: f32, b: f32| if b > 0.0 { a.min(b) } else { a };
+    // The least of 3 x 3 pixels: along rows, then along columns.
     let mut across = single.clone();
     for y in 0..h {
         for x in 0..w {
@@ -101,6 +104,7 @@ fn views_in_front<T>(
             for (camera, reach) in &views {
                 let row = camera.row(y, z, nx);
                 for x in row.range.clone() {
+                    // Nothing is asked about a node that has its votes, and a byte cannot run over.
                     if votes[x] < min_views {
                         let p = row.at(x);
                         votes[x] += u8::from(p.z < reach[camera.pixel(&p)]);

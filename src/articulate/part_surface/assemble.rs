@@ -48,9 +48,11 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
 fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let (mut sum, mut weight, mut elsewhere) = (0.0, 0.0, None::<f32>);
     for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
+        // State 0 stays where it is: even the identity would round.
         let place = if k == 0 { *place } else { motion * place };
         let Some(node) = state.tsdf.nearest(&place) else { continue };
         let distance = state.tsdf.sample(&place);
+        // No vote where nothing was observed, so that no surface is invented.
         if !distance.is_finite() {
             continue;
         }
@@ -60,10 +62,12 @@ fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState
         if label == part {
             sum += w * distance;
             weight += w;
+        // Seen empty in this state: the part is not here.
         } else if label == NO_LABEL || distance > 0.5 * free {
             sum += w * free;
             weight += w;
         } else {
+            // Another part stands here and may hide this one: a vote only where no state has a better one.
             elsewhere = Some(free);
         }
     }

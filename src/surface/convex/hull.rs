@@ -44,6 +44,8 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
         let sides = |f: &Face| {
             [[f.corners[0], f.corners[1]], [f.corners[1], f.corners[2]], [f.corners[2], f.corners[0]]]
         };
+        // A side of a seen face that no other seen face has in the opposite direction is on the rim; the new
+        // corner is joined to the rim. A sorted set keeps the order of the faces.
         let all: BTreeSet<[u32; 2]> = seen.iter().flat_map(sides).collect();
         let rim = all.iter().filter(|[a, b]| !all.contains(&[*b, *a]));
         let count = kept.len();
@@ -100,6 +102,7 @@ fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<Face>> {
     let (c, pc) = best(&|p| (p - pa).cross(&line).norm())?;
     let normal: Vector3<f64> = (pb - pa).cross(&(pc - pa)).normalize();
     let (d, pd) = best(&|p| (p - pa).dot(&normal).abs())?;
+    // The four faces point outward whichever side the last point is on.
     let [b, c] = if (pd - pa).dot(&normal) > 0.0 { [c, b] } else { [b, c] };
     [[a, b, c], [a, c, d], [c, b, d], [b, a, d]].into_iter().map(|f| face(points, f)).collect()
 }

@@ -47,6 +47,8 @@ pub(super) fn cover(
 /// The largest rectangle of bare cells, grown over filled ones as far as it goes.
 fn largest(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> Option<Rectangle> {
     let rows = bare.len().checked_div(columns)?;
+    // The largest rectangle under a row of heights, row by row: linear in the cells. The empty column behind
+    // the last one closes what is open.
     let mut heights = vec![0usize; columns + 1];
     let mut best: Option<Rectangle> = None;
     for y in 0..rows {

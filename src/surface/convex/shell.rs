@@ -86,6 +86,7 @@ pub fn convex_shell(
     let Some((lower, upper)) = mesh.bounds() else { return Vec::new() };
     let extent_m = f64::from((upper - lower).norm());
     let whole = keep_components(mesh, MIN_COMPONENT);
+    // A quarter of the tolerance is spent on fewer triangles; the patches have the rest.
     let small = simplify(&whole, TRIANGLES, 0.25 * config.tolerance_share * extent_m);
     let mut tolerance_m = config.tolerance_share * extent_m;
     let mut solids = Vec::new();
@@ -244,6 +245,7 @@ fn walls_across(
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let heights =
             corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
+        // Faces that are steep against the patch, at its height.
         if normal.z.abs() > 0.5 * normal.norm() || heights[0] > range_m[1] || heights[1] < range_m[0] {
             continue;
         }
@@ -272,6 +274,7 @@ fn wall_depth(mesh: &TriangleMesh, facets: &[Facet], patch: &Patch, wall_m: f64)
             mesh.corners(t as usize).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
         exit(facets, &Point3::from(origin), &-patch.normal, reach)
     };
+    // docs/method.md (10.1).
     let depth_m = median(patch.triangles.iter().step_by(step).map(ray).collect());
     depth_m.filter(|d| *d < reach).unwrap_or(wall_m)
 }
@@ -296,10 +299,12 @@ fn exit(facets: &[Facet], origin: &Point3<f64>, direction: &Vector3<f64>, reach:
     let mut nearest = f64::INFINITY;
     for Facet { corners, normal } in facets {
         let speed = normal.dot(direction);
+        // The ray enters here, or runs nearly along the face.
         if speed <= 0.2 {
             continue;
         }
         let s = normal.dot(&(corners[0] - origin)) / speed;
+        // Not the triangle that the ray starts on, nor anything behind the nearest one.
         if s <= 1e-5 || s >= nearest.min(reach) {
             continue;
         }

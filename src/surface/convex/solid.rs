@@ -65,6 +65,7 @@ impl ConvexSolid {
     fn plane(&self, face: &[u32]) -> Option<Plane> {
         let normal = self.twice_area(face).try_normalize(1e-16)?;
         let heights = face.iter().map(|&i| normal.dot(&self.vertices[i as usize].coords));
+        // Rounding leaves the corners of a cut face beside its plane: their mean is nearest to all.
         let offset_m = heights.sum::<f64>() / face.len() as f64;
         Some(Plane { normal, offset_m })
     }
@@ -80,6 +81,7 @@ impl ConvexSolid {
     #[must_use]
     pub fn clipped(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
+        // What is within rounding of the plane lies on it, so that no sliver is cut off.
         if side.iter().all(|s| *s <= ON_PLANE_M) {
             return Some(self.clone());
         }
@@ -243,6 +245,7 @@ fn around(vertices: &[Point3<f64>], mut corners: Vec<u32>, normal: &Vector3<f64>
     let at = |i: u32| vertices[i as usize];
     let center =
         Point3::from(corners.iter().map(|&i| at(i).coords).sum::<Vector3<f64>>() / corners.len() as f64);
+    // From the farthest corner the angles suffer least from rounding.
     let far =
         corners.iter().map(|&i| at(i) - center).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
     let Some(u) = far.and_then(|f| (f - normal * normal.dot(&f)).try_normalize(1e-15)) else {
