@@ -13,6 +13,7 @@ const BACKGROUND_MINIMUM: f32 = 0.001;
 pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
     match target {
         SdfTarget::Ignore => (0.0, 0.0),
+        // docs/method.md (12.4), here and below with the derivatives of (12.10).
         SdfTarget::Empty { weight } => {
             if s < 1.0 {
                 (weight * (1.0 - s), -weight)
@@ -20,9 +21,11 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
                 (0.0, 0.0)
             }
         }
+        // docs/method.md (12.5).
         SdfTarget::Surface { value, weight } => {
             (weight * (s - value) * (s - value), 2.0 * weight * (s - value))
         }
+        // docs/method.md (12.6).
         SdfTarget::Background { weight } => {
             let below = s - BACKGROUND_MINIMUM;
             if below < 0.0 { (weight * below * below, 2.0 * weight * below) } else { (0.0, 0.0) }
@@ -106,6 +109,7 @@ pub(super) fn train_block(
     let StepContext { isa, network, backward, .. } = *context;
     let cols = block.cols;
     let hidden = network.hidden();
+    // Forward through the geometry network.
     network.geometry[0].apply(isa, features, &mut scratch.hidden, cols, Epilogue::Relu);
     network.geometry[1].apply(
         isa,
@@ -115,11 +119,13 @@ pub(super) fn train_block(
         Epilogue::Linear,
     );
 
+    // Losses, and their derivatives by its outputs; padding columns keep a derivative of 0.
     scratch.d_outputs[..GEOMETRY_OUTPUTS * cols].fill(0.0);
     let sdf = sdf_losses(context, block, &scratch.outputs[..cols], &mut scratch.d_outputs[..cols]);
     let color =
         color_losses(context, block, &scratch.outputs, &mut scratch.d_outputs, &mut scratch.color, gradient);
 
+    // Backward, layer by layer: first the gradient of the weights, then that of the layer's inputs.
     let d_outputs = dense(&scratch.d_outputs, GEOMETRY_OUTPUTS, cols);
     gradient.accumulate(isa, 1, d_outputs, dense(&scratch.hidden, hidden, cols), cols);
     backward.geometry[1].apply(isa, d_outputs, &mut scratch.d_hidden, cols, Epilogue::Mask(&scratch.hidden));
@@ -132,6 +138,7 @@ pub(super) fn train_block(
 /// TSDF terms of a block and their derivatives.
 fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &mut [f32]) -> f64 {
     let batch = context.batch;
+    // Of all samples: those that were left out count as zeros, so that batches are weighed alike.
     let share = 1.0 / (batch.rays * batch.samples_per_ray) as f32;
     let samples = &context.plan.sample[block.start..block.start + block.len];
     let mut sum = 0.0;
@@ -154,6 +161,7 @@ fn color_losses(
     gradient: &mut NetworkGradient,
 ) -> f64 {
     let StepContext { isa, network, backward, .. } = *context;
+    // Samples in free space carry no color weight: the color network runs on the others alone.
     let Some(cols) = color_inputs(context, block, outputs, scratch) else { return 0.0 };
     let hidden = network.hidden();
     let rgb_rows = network.color[2].outputs;
@@ -215,6 +223,7 @@ fn color_inputs(
     let mut view = (usize::MAX, [0.0; VIEW_COEFFICIENTS]);
     for (to, &column) in scratch.columns.iter().enumerate() {
         let ray = samples[column] as usize / batch.samples_per_ray;
+        // Columns of one ray follow each other: its harmonics are computed once.
         if view.0 != ray {
             view = (ray, view_coefficients(batch.directions[ray]));
         }
@@ -255,6 +264,7 @@ fn ray_colors(
         for channel in 0..3 {
             let values = &rgb[channel * cols..][..cols];
             let color: f32 = (first..end).map(|i| batch.color_weights[sample(i)] * values[i]).sum();
+            // docs/method.md (12.8); below the slope of the logistic function, c (1 - c).
             let excess = color - batch.colors[ray][channel];
             let weight = batch.ray_weights[ray] * share;
             sum += f64::from(weight * excess * excess);

@@ -67,6 +67,8 @@ impl BurnEngine {
                 failure: OnceLock::new(),
                 last_read: Mutex::new(state),
             };
+            // A device works behind its queue: without waiting, a failed upload would show in some later
+            // step.
             engine.device.sync().map_err(|e| failed("received the parameters", e))?;
             Ok(engine)
         })
@@ -167,11 +169,13 @@ impl BurnEngine {
     fn differentiate(&self, batch: &SampleBatch) -> Result<(FieldLosses, Vec<Tensor<1>>), EngineError> {
         let mut sums = FieldLosses::default();
         let mut gradients: Vec<Option<Tensor<1>>> = vec![None; self.params.len()];
+        // A graph of its own for each piece bounds the memory of a step.
         for piece in pieces(batch) {
             let params: Vec<Tensor<1>> =
                 self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
             let (sdf, color) = losses(&self.shape, &params, batch, &piece);
             let mut backward = (sdf.clone() + color.clone()).backward();
+            // One transfer for both: each would wait for the device.
             let values = Tensor::cat(vec![sdf, color], 0)
                 .without_autodiff()
                 .try_into_vec_as::<f32>()
@@ -267,6 +271,7 @@ impl AdamUpdate {
         let (b1, b2) = ADAM_BETAS;
         let first = first * b1 + gradient.clone() * (1.0 - b1);
         let second = second * b2 + gradient.square() * (1.0 - b2);
+        // docs/method.md (12.9): epsilon stands outside the root.
         let root = second.clone().sqrt() * self.root_scale + ADAM_EPSILON;
         (param - first.clone() * self.rate / root, first, second)
     }
@@ -297,6 +302,7 @@ fn check_shape(state: &EngineState) -> Result<(), EngineError> {
         } else {
             l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries)
         };
+        // Floats of a level are numbered by signed integers of 32 bits.
         if l.offset != offset || !addressable || l.entries > 1 << 29 {
             return err(format!("level {k} is {l:?}"));
         }

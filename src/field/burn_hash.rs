@@ -45,6 +45,7 @@ impl Corners {
     /// Interpolated features `[points, 2]` of one level.
     fn features(&self, points: &Tensor<2>, table: &Tensor<1>, level: &LevelLayout) -> Tensor<2> {
         let n = points.dims()[0];
+        // docs/method.md (12.1).
         let position = points.clone() * level.scale + 0.5;
         let cell = position.clone().floor();
         let fraction = position - cell.clone();
@@ -61,6 +62,7 @@ impl Corners {
         let (along_x, along_y, along_z) = ([n, 1, 1, 2], [n, 1, 2, 1], [n, 2, 1, 1]);
         let weights = weight(0, along_x) * weight(1, along_y) * weight(2, along_z);
         let (x, y, z) = (node(0, along_x), node(1, along_y), node(2, along_z));
+        // docs/method.md (12.2).
         let entry = if level.hashed {
             let (y, z) = (y * HASH_PRIMES[1], z * HASH_PRIMES[2]);
             // A hashed level has 2^k entries: the remainder is the low k bits.

@@ -71,6 +71,7 @@ pub(super) fn losses(
     if lit == 0 {
         return (sdf, Tensor::zeros([1], &device));
     }
+    // Lit samples come first (see `Piece`), so that the color network takes a rectangle of them.
     let appearance = outputs.narrow(0, 0, lit).narrow(1, 1, GEOMETRY_OUTPUTS - 1);
     let inputs = Tensor::cat(vec![views(batch, piece, &device), appearance], 1);
     let colors = sigmoid(network(inputs, color, color_shape));

@@ -55,6 +55,7 @@ pub(super) fn agree(
     expected: &(FieldLosses, Vec<f32>),
 ) -> Result<(), Disagreement> {
     let differs =
+        // Negated, here and below, so that NaN differs.
         |found: f64, expected: f64| !((found - expected).abs() <= TOLERANCE * expected.abs() + 1e-9);
     for (name, a, b) in [("SDF", found.0.sdf, expected.0.sdf), ("color", found.0.color, expected.0.color)] {
         if differs(a, b) {

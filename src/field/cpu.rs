@@ -147,6 +147,7 @@ impl CpuEngine {
         let d_rows = padded(rows);
         self.d_features.resize(d_rows * columns, 0.0);
         let mut rest = self.d_features.as_mut_slice();
+        // Each group writes a piece of the gradient of its own.
         let mut tasks = Vec::with_capacity(plan.groups.len());
         for group in &plan.groups {
             let (own, others) = rest.split_at_mut(plan.group_columns(group).len() * d_rows);
@@ -155,6 +156,7 @@ impl CpuEngine {
         }
         let context = StepContext { isa: self.isa, batch, plan, network: &network, backward: &backward };
         let features = &self.features;
+        // As many buffers as threads are at work, in place of one a group.
         let pool = Mutex::new(Vec::new());
         let run = |(group, mut own): (std::ops::Range<usize>, &mut [f32])| {
             let scratch = pool.lock().ok().and_then(|mut p| p.pop());
@@ -174,6 +176,7 @@ impl CpuEngine {
             (losses, gradient)
         };
         let parts: Vec<_> = tasks.into_par_iter().map(run).collect();
+        // Summed in the order of the groups, whatever the number of threads.
         let mut losses = FieldLosses::default();
         let mut gradient = NetworkGradient::zeros(&network);
         for (l, g) in &parts {
@@ -190,6 +193,8 @@ impl CpuEngine {
         let d_features = &self.d_features;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
         let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
+        // One task a level: nobody else adds to its table, so that additions need no atomics and keep their
+        // order.
         let gradients = split(&mut self.table_gradient, &sizes);
         let table = split(&mut self.params.table, &sizes);
         let (first, second) = (split(&mut self.first, &sizes), split(&mut self.second, &sizes));
@@ -250,6 +255,7 @@ impl FieldEngine for CpuEngine {
         let (losses, gradient) = self.networks(batch, &plan);
         self.scatter(&plan, None);
         let mut all = self.table_gradient.clone();
+        // A step expects zeros, and Adam, which clears them, did not run.
         self.table_gradient.fill(0.0);
         all.extend(gradient.unpack(&self.params));
         (losses, all)

@@ -56,6 +56,7 @@ trait HashLevel: Backend {
 
 impl HashLevel for CubeBackend {
     fn hash_encode(points: CubeTensor, table: CubeTensor, level: LevelLayout) -> CubeTensor {
+        // The kernels number rows by themselves, which a view with strides would break.
         let (points, table) = (into_contiguous(points), into_contiguous(table));
         let count = points.meta.shape()[0];
         let client = points.client.clone();
@@ -140,6 +141,7 @@ impl<B: Backend + HashLevel, C: CheckpointStrategy> HashLevel for Autodiff<B, C>
         table: FloatTensor<Self>,
         level: LevelLayout,
     ) -> FloatTensor<Self> {
+        // No gradient by the points: they are samples, and nothing learns them.
         let points = points.into_primitive();
         match Scatter.prepare::<C>([table.node()]).compute_bound().stateful() {
             OpsKind::Tracked(tracked) => {

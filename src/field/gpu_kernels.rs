@@ -19,6 +19,7 @@ struct Place {
 
 #[cube]
 fn place(points: &Tensor<f32>, scale: f32) -> Place {
+    // docs/method.md (12.1).
     let px = points[ABSOLUTE_POS * 3] * scale + 0.5;
     let py = points[ABSOLUTE_POS * 3 + 1] * scale + 0.5;
     let pz = points[ABSOLUTE_POS * 3 + 2] * scale + 0.5;
@@ -39,6 +40,7 @@ fn place(points: &Tensor<f32>, scale: f32) -> Place {
 #[cube]
 fn weight(fraction: f32, upper: u32) -> f32 {
     let upper = f32::cast_from(upper);
+    // Without a branch: neighboring threads stay together.
     1.0 - upper + (2.0 * upper - 1.0) * fraction
 }
 
@@ -79,6 +81,7 @@ pub(super) fn encode(
     mask: u32,
     #[comptime] hashed: bool,
 ) {
+    // The last block of threads reaches beyond the points.
     if ABSOLUTE_POS >= points.shape(0) {
         terminate!();
     }
@@ -115,6 +118,7 @@ pub(super) fn scatter(
     #[unroll]
     for corner in 0..8u32 {
         let n = node(&p, corner, resolution, mask, hashed);
+        // Threads of several points meet at one node.
         table[n.at].fetch_add(n.weight * first);
         table[n.at + 1].fetch_add(n.weight * second);
     }

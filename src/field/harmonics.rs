@@ -8,15 +8,19 @@ use super::VIEW_COEFFICIENTS;
 pub fn view_coefficients([x, y, z]: [f32; 3]) -> [f32; VIEW_COEFFICIENTS] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     [
+        // Band 0.
         0.282_094_8,
+        // Band 1.
         -0.488_602_5 * y,
         0.488_602_5 * z,
         -0.488_602_5 * x,
+        // Band 2.
         1.092_548_4 * x * y,
         -1.092_548_4 * y * z,
         0.946_174_7 * zz - 0.315_391_57,
         -1.092_548_4 * x * z,
         0.546_274_2 * (xx - yy),
+        // Band 3.
         0.590_043_6 * y * (yy - 3.0 * xx),
         2.890_611_4 * x * y * z,
         0.457_045_8 * y * (1.0 - 5.0 * zz),

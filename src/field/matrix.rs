@@ -117,6 +117,7 @@ impl BackwardNetwork {
         let (g, c) = (&network.geometry, &network.color);
         Self {
             geometry: [g[0].transposed(0), g[1].transposed(0)],
+            // View directions are given: nothing is carried back to them.
             color: [c[0].transposed(VIEW_COEFFICIENTS), c[1].transposed(0), c[2].transposed(0)],
         }
     }

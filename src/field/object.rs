@@ -130,6 +130,7 @@ impl Buffers {
     fn new(query: &Query<'_>, points: &[Point3<f64>]) -> Self {
         let cols = points.len().next_multiple_of(COLUMN_ALIGN);
         let hidden = query.network.hidden();
+        // Padding columns need some place in the cube.
         let mut axes = [(); 3].map(|()| vec![0.5; cols]);
         for (i, p) in points.iter().enumerate() {
             let n = query.field.scene.normalise(p);
@@ -218,6 +219,8 @@ impl<'a> Query<'a> {
         }
         b.encoded = encoded;
         self.networks(b);
+        // Forward mode: three tangents go with the value through both layers. Backward would take sixteen
+        // passes, one an output.
         slopes.map(|slope| {
             let mut hidden = vec![0.0; b.hidden.len()];
             self.network.geometry[0].apply_linear(
@@ -282,6 +285,7 @@ impl<'a> Query<'a> {
     /// Derivatives of the three channels before the logistic function, given those of the geometry's outputs.
     fn color_tangent(&self, b: &Buffers, outputs: &[f32]) -> Vec<f32> {
         let cols = b.cols;
+        // The view direction is held: derivatives are by position alone.
         let (mut first, mut second, mut rgb) =
             (vec![0.0; b.first.len()], vec![0.0; b.second.len()], vec![0.0; b.rgb.len()]);
         self.features.apply_linear(

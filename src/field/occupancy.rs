@@ -33,6 +33,7 @@ impl Occupancy {
                 seeds.set(c);
             }
         }
+        // A cube of cells is separable: spread along one axis after the other.
         for axis in 0..3 {
             seeds = seeds.dilated(axis, reach);
         }
@@ -110,6 +111,7 @@ impl Occupancy {
         let o = self.in_cells(origin);
         let d = direction * (0.5 * self.scene.scale * self.cells as f64);
         let side = self.cells as f64;
+        // Where the ray is in the cube.
         let (mut enter, mut leave) = (from, to);
         for k in 0..3 {
             if d[k] == 0.0 {
@@ -126,6 +128,7 @@ impl Occupancy {
         if enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Less) {
             return;
         }
+        // From cell to cell, by the nearest border (Amanatides and Woo 1987).
         let mut cell = [0usize; 3];
         let mut next = [f64::INFINITY; 3];
         let mut step = [f64::INFINITY; 3];
@@ -145,6 +148,7 @@ impl Occupancy {
             let end = next[axis].min(leave);
             if self.get(cell) && end > t {
                 match out.last_mut() {
+                    // Equal bit for bit: this interval begins where that one was ended.
                     Some(last) if last.1 == t => last.1 = end,
                     _ => out.push((t, end)),
                 }

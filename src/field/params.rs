@@ -114,6 +114,7 @@ fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
     let mut offset = 0;
     (0..config.levels)
         .map(|l| {
+            // docs/method.md (12.1).
             let scale = config.base_resolution as f64 * growth.powi(l as i32) - 1.0;
             let resolution = scale.ceil() as usize + 2;
             let nodes = resolution.pow(3);

@@ -54,6 +54,7 @@ impl Plan {
         let mut blocks: Vec<Block> = Vec::new();
         let mut start = 0;
         let mut first_ray = 0;
+        // One round more than there are rays closes the last block.
         for ray in 0..=rays {
             let before = sample.len();
             if ray < rays {
@@ -63,6 +64,8 @@ impl Plan {
                         .filter(|&i| batch.targets[i] != SdfTarget::Ignore || batch.color_weights[i] != 0.0)
                         .map(|i| i as u32),
                 );
+                // A ray with more samples than a block is a block by itself: its color is a sum over all of
+                // them.
                 if sample.len() - start <= BLOCK_POINTS || before == start {
                     continue;
                 }

@@ -88,6 +88,7 @@ impl RayPool {
             .enumerate()
             .map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config))
             .collect();
+        // Joined in the order of the frames, whichever thread was first.
         let (mut surface, mut background) = (Vec::new(), Vec::new());
         for (s, b) in rays {
             surface.extend(s);
@@ -120,6 +121,7 @@ fn frame_rays(
             && frame.is_object(pixel)
         {
             let (origin, direction) = view.ray(pixel as u32);
+            // A stray reading lies in no occupied cell.
             if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
                 let sigma_m = frame.sigma_m(pixel, &config.noise) as f32;
                 surface.push(SurfaceRay {
@@ -154,6 +156,7 @@ fn frame_rays(
 
 /// A mask spread by `reach` pixels in rows and in columns.
 fn dilated(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
+    // A square is separable: along rows, then along columns.
     let rows = spread(mask, width, height, 1, width, reach);
     spread(&rows, height, width, width, 1, reach)
 }
@@ -165,6 +168,7 @@ fn spread(mask: &[bool], length: usize, lines: usize, step: usize, next: usize, 
         let mut filled = 0;
         for i in 0..length {
             if mask[line * next + i * step] {
+                // Every pixel is written once, however far the mask spreads.
                 for k in filled.max(i.saturating_sub(reach))..(i + reach + 1).min(length) {
                     out[line * next + k * step] = true;
                 }

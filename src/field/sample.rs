@@ -105,6 +105,7 @@ impl Sampler<'_> {
         let length = direction.norm();
         let weight = self.surface_weight(&ray, self.trust[index]);
         // How much signed distance, in truncations, a meter of z-depth is.
+        // docs/method.md (12.3).
         let per_depth = match c.distance {
             SurfaceDistance::Depth => 1.0,
             SurfaceDistance::Ray => length,
@@ -113,6 +114,7 @@ impl Sampler<'_> {
         // z-depth over which the signed distance passes the truncation.
         let band = 1.0 / per_depth;
         self.occupancy.intervals(&origin, &direction, NEAR_M, depth - band, intervals);
+        // Drawn whatever the share is, so that the share does not shift the samples.
         let colored = stream.next() < c.color_share;
         let mut bell = 0.0;
         for i in 0..c.free_samples + c.band_samples {
@@ -181,6 +183,7 @@ impl Sampler<'_> {
     /// median)^2)` for the expected noise, times the trust in the ray.
     fn surface_weight(&self, ray: &SurfaceRay, trust: u8) -> f32 {
         let normalised = self.truncation_m * self.scene.scale;
+        // docs/method.md (12.5).
         let mut weight = self.config.surface_weight * normalised * normalised * f64::from(trust) / 255.0;
         if self.config.noise_weights {
             let ratio = f64::from(ray.sigma_m) / self.pool.median_sigma_m;

@@ -84,6 +84,7 @@ impl FieldTrainer {
         config.validate()?;
         let pool = RayPool::new(input.frames, input.occupancy, config)?;
         let mut params = FieldParams::init(&config.field, &mut stage_rng(seed, &format!("{stage}/init"), 0));
+        // Output 0 is the distance: where nothing is observed, the field stays near its bias.
         params.geometry[1].biases[0] = config.initial_tsdf as f32;
         let n = params.parameters();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
@@ -140,6 +141,7 @@ impl FieldTrainer {
     pub fn step(&mut self) -> FieldLosses {
         let config = &self.config;
         let outliers_at = (config.outlier_from * config.steps as f64).round() as usize;
+        // Once, by the field as it then is: before, its residuals say little of the readings.
         if config.outlier_sigmas > 0.0 && self.done == outliers_at.max(1) {
             self.judge_rays();
         }
@@ -154,6 +156,7 @@ impl FieldTrainer {
             trust: &self.trust,
         };
         let batch = sampler.batch(key);
+        // docs/method.md (12.9).
         let rate =
             config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
         self.done += 1;
@@ -176,6 +179,7 @@ impl FieldTrainer {
             let points: Vec<Point3<f64>> = rays.par_iter().map(point).collect();
             for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.tsdf(&points)) {
                 let scale = sigmas * noise.sigma_m(f64::from(ray.depth_m));
+                // docs/method.md (12.7).
                 let ratio = f64::from(residual_m) / scale;
                 *trust = (255.0 / (1.0 + ratio * ratio).powi(2)).round() as u8;
             }

@@ -33,6 +33,7 @@ impl Moments<f64> {
             .iter()
             .zip(moments)
             .map(|(g, (m, v))| {
+                // docs/method.md (12.9).
                 *m = b1 * *m + (1.0 - b1) * g;
                 *v = b2 * *v + (1.0 - b2) * g * g;
                 -rate * (*m / c1) / ((*v / c2).sqrt() + f64::from(ADAM_EPSILON))

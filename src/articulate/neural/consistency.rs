@@ -91,6 +91,7 @@ impl Consistency<'_> {
         let images = self.images(point);
         let (v, by_p) = self.visibility(sample, &images, p);
         let found: Vec<(f64, Vector3<f64>)> = images.iter().map(|y| self.target.sdf(y)).collect();
+        // docs/method.md (12.16), first part.
         let blended: f64 = found.iter().zip(p).map(|(f, p)| f.0 * f64::from(*p)).sum();
         let sigma = self.batch.sigma[sample / self.batch.samples_per_ray];
         let (rho, slope) = penalty(blended - self.batch.sdf[sample], sigma, self.config.sdf_residual);
@@ -153,6 +154,7 @@ impl Consistency<'_> {
         let point = &self.batch.points[sample];
         let p = &p[sample * parts..(sample + 1) * parts];
         let (v, by_p) = self.visibility(sample, &self.images(point), p);
+        // docs/method.md (12.16), second part.
         let blended: Vector3<f32> = found.iter().zip(p).map(|(c, p)| c.rgb * *p).sum();
         let difference: Vector3<f64> = (blended - own.rgb).cast();
         let error = difference.norm_squared() / 3.0;
@@ -162,6 +164,7 @@ impl Consistency<'_> {
             term.by_probabilities[sample * parts + i] =
                 (by_blend.dot(&c.rgb.cast()) + weight * by_p[i] * error) as f32;
             let by_image =
+                // From meters to normalized units.
                 c.jacobian.cast::<f64>().tr_mul(&by_blend) * (f64::from(p[i]) / self.target.scene.scale);
             term.by_motions.add(self.motions, i, self.way, point, &by_image);
         }

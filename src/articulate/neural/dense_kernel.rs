@@ -46,6 +46,7 @@ fn run_avx2(product: Product<'_>, c: &mut [f32]) {
 fn all_rows<const FMA: bool>(p: Product<'_>, c: &mut [f32]) {
     let rows = c.len() / p.n;
     let mut row = 0;
+    // Four rows share what is read of `b`.
     while row + 4 <= rows {
         all_columns::<FMA, 4>(p, row, c);
         row += 4;

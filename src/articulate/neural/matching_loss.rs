@@ -58,10 +58,12 @@ impl Matching<'_> {
                 residual[0].signum() * camera.fx / point.z / height,
                 residual[1].signum() * camera.fy / point.z / height,
             );
+            // The slope of the projection docs/method.md (1.1).
             let by_camera = Vector3::new(su, sv, -(su * point.x + sv * point.y) / point.z);
             let by_blend = (world_from_camera.rotation * by_camera) / self.target.scene.scale;
             Some(((residual[0].abs() + residual[1].abs()) / height, by_blend))
         });
+        // Known only now: matches whose image is behind the camera do not count.
         let factor = 1.0 / valid.max(1) as f64;
         term.value *= factor;
         term.by_probabilities.iter_mut().for_each(|g| *g *= factor as f32);
@@ -83,6 +85,7 @@ impl Matching<'_> {
             // Quadratic within the noise of the match, absolute beyond.
             let sigma = (pair.sigma_m / self.target.truncation_m).max(1e-6);
             let offset = (blend - target) / unit;
+            // docs/method.md (12.18).
             let size = (offset.norm_squared() + sigma * sigma).sqrt();
             Some(((size - sigma) / count, offset / (size * unit * count)))
         })

@@ -137,6 +137,7 @@ impl Objective<'_> {
         gradient: &mut SegmentationGradient,
     ) -> (ArticulationLosses, MotionGradient) {
         let parts = field.parts;
+        // Points of the other state are carried back to this one, where the segmentation is asked.
         let back = (self.motions, self.way.reverse());
         let uniform =
             batch.uniform.map(|u| BackwardFlow::gather(&u.points, Some(&u.weights), self.source, back));
@@ -150,6 +151,8 @@ impl Objective<'_> {
             by_motions: MotionGradient::zero(parts),
             total: 0.0,
         };
+        // What the segmentation is asked: ray samples, starts of matches, candidates for occupancy and for
+        // collision.
         let samples = batch.rays.points.iter().enumerate().map(|(i, p)| (i as u64, *p));
         let near = queries.push(batch.noise, 0, samples);
         let starts = batch.matches.iter().enumerate();
@@ -166,6 +169,7 @@ impl Objective<'_> {
         let probabilities = softmax(&activations, parts, Some(&queries.noise));
         queries.by_probabilities = vec![0.0; probabilities.len()];
 
+        // Every loss adds its gradient by the probabilities of its group and by the motions.
         let mut losses = ArticulationLosses::default();
         self.add_consistency(batch, &near, &probabilities, &mut queries, &mut losses);
         self.add_matching(batch, &matched, &probabilities, &mut queries, &mut losses);
@@ -178,9 +182,11 @@ impl Objective<'_> {
         );
         losses.total = queries.total;
 
+        // Back through the softmax and the field; the field gives the gradient by the points as well.
         let by_logits =
             softmax_backward(&probabilities, &queries.by_probabilities, parts, activations.stride);
         let by_points = field.backward(&queries.points, activations, &by_logits, gradient);
+        // Motions also decide where the candidates lie, at which the segmentation was asked.
         for (flow, range) in [(&uniform, filled), (&contact, touching)] {
             if let Some(flow) = flow {
                 queries.by_motions.merge(&flow.by_motions(&by_points[range]));

@@ -131,6 +131,7 @@ pub(crate) fn occupancy_loss(
             Reading::Paper => here.occupancy(x).0,
             Reading::Released => other.occupancy(x).0,
         };
+        // docs/method.md (12.17).
         let error = predicted - target;
         if error == 0.0 {
             return (0.0, 0.0);

@@ -127,6 +127,7 @@ impl<'a> ArticulationTrainer<'a> {
             })
         });
         let fields = STREAMS.map(|name| {
+            // The number of a step that is never taken: initial values draw from a stream of their own.
             SegmentationField::init(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
         });
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
@@ -291,6 +292,7 @@ impl<'a> ArticulationTrainer<'a> {
         };
         let ([g0, g1], [r0, r1]) = (gradients, &mut rngs);
         let ((l0, mut m0), (l1, m1)) = rayon::join(|| share(0, g0, r0), || share(1, g1, r1));
+        // Motions are shared by both states, segmentations are not.
         m0.merge(&m1);
         (ArticulationLosses::mean(&l0, &l1), m0)
     }

@@ -94,6 +94,7 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
 /// docs/method.md 12.9 for the released one).
 fn near_surface_weight(sdf: f64, reading: Reading) -> f64 {
     let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+    // docs/method.md (12.15).
     let bell = |q: f64| sigmoid(5.0 * q) * sigmoid(-5.0 * q);
     match reading {
         Reading::Paper if sdf.abs() < 1.0 => bell(sdf),

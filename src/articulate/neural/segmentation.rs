@@ -127,6 +127,7 @@ pub(crate) struct SegmentationGradient {
 impl SegmentationField {
     /// A fresh field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
     pub(crate) fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
+        // Whole vector registers: the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
             Dense::init((INPUTS, HIDDEN), (INPUTS - 1, HIDDEN), rng),
@@ -317,6 +318,7 @@ impl GumbelNoise {
         let x = mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
         // 23 bits, so that the half is exact and the result is never 0 or 1.
         let uniform = ((x >> 41) as f32 + 0.5) / (1u32 << 23) as f32;
+        // docs/method.md (12.11).
         -(-uniform.ln()).ln()
     }
 }

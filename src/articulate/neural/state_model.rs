@@ -62,6 +62,7 @@ impl Volume<'_> {
     /// gradient per normalised unit.
     pub(crate) fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let (d, g) = self.sdf_m(point);
+        // docs/method.md (12.13).
         let value = 0.5 - d / self.ramp_m;
         if value <= 0.0 {
             (0.0, Vector3::zeros())

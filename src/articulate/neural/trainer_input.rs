@@ -101,6 +101,7 @@ pub(crate) fn check_matches(
 pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
     let Some(init) = init else { return Ok(()) };
     let finite = |m: &Pose| m.to_homogeneous().iter().all(|v| v.is_finite());
+    // All motions are against part 0, so that it cannot have one.
     let still = |m: &Pose| m.translation.vector.norm() < 1e-9 && m.rotation.angle() < 1e-9;
     if init.len() == parts && init.iter().all(finite) && still(&init[0]) {
         Ok(())

@@ -26,6 +26,7 @@ impl OccupiedVoxels {
     /// Finds the voxels; a signed distance changes by at most the distance to the node.
     pub(crate) fn of(volume: &Volume<'_>) -> Self {
         let grid = volume.model.sdf;
+        // Half the ramp, and half the diagonal of a voxel.
         let reach = 0.5 * volume.ramp_m + 0.5 * 3.0f64.sqrt() * grid.spacing_m;
         let member: Vec<bool> = grid.values.iter().map(|d| f64::from(*d) < reach).collect();
         let indices: Vec<u32> = (0..member.len()).filter(|i| member[*i]).map(|i| i as u32).collect();
@@ -73,6 +74,7 @@ impl UniformBatch {
         ];
         let total: f64 = shares.iter().sum();
         let draw = |_| {
+            // Without voxels of a state, its share goes to the others.
             let pick = unit(rng) * total;
             if pick < shares[0] {
                 Point3::from(Vector3::from_fn(|_, _| 2.0 * unit(rng) - 1.0))
@@ -85,6 +87,7 @@ impl UniformBatch {
         };
         let points: Vec<Point3<f64>> = (0..count).map(draw).collect();
         let weight = |x: &Point3<f64>| {
+            // A part took it out of the cube, where the uniform density is 0.
             if x.coords.amax() > 1.0 {
                 return 0.0;
             }

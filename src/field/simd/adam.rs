@@ -59,6 +59,7 @@ pub(super) fn update<S: Lanes>(
         }
     }
     if whole < n {
+        // The rest is padded to a whole vector, so that every parameter sees the same operations.
         let mut tail = [[0.0f32; 16]; 4];
         for (copy, from) in tail.iter_mut().zip([&*params, &*first, &*second, &*gradient]) {
             copy[..n - whole].copy_from_slice(&from[whole..]);
@@ -87,6 +88,7 @@ unsafe fn lanes<S: Lanes>(
 ) {
     // SAFETY: the caller's promise.
     unsafe {
+        // docs/method.md (12.9), the bias corrections being part of rate and epsilon.
         let g = s.load(gradient);
         let m = s.fma(s.load(first), s.splat(ADAM_BETAS.0), s.mul(g, s.splat(1.0 - ADAM_BETAS.0)));
         let v = s.fma(s.load(second), s.splat(ADAM_BETAS.1), s.mul(s.mul(g, g), s.splat(1.0 - ADAM_BETAS.1)));

@@ -50,6 +50,7 @@ impl Lanes for Avx512 {
     unsafe fn gather_pairs(self, table: *const f32, index: __m512i) -> (__m512, __m512) {
         // SAFETY: the caller promises that every pair lies in the table.
         unsafe {
+            // A pair of floats is gathered as one double: half as many reads.
             let low = _mm512_i32gather_pd::<8>(_mm512_castsi512_si256(index), table.cast());
             let high = _mm512_i32gather_pd::<8>(_mm512_extracti64x4_epi64::<1>(index), table.cast());
             let (low, high) = (_mm512_castpd_ps(low), _mm512_castpd_ps(high));

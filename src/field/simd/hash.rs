@@ -80,6 +80,7 @@ struct Cell<S: Lanes> {
 /// scale + 0.5`.
 #[inline(always)]
 fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
+    // NaN becomes 0 (see `Lanes::max`): every index below lies in the table. docs/method.md (12.1).
     let unit = s.min(s.max(unit, s.splat(0.0)), s.splat(1.0));
     let position = s.fma(unit, s.splat(level.scale), s.splat(0.5));
     let node = s.clamp_int(s.truncate(position), 0, level.resolution - 2);
@@ -100,6 +101,7 @@ unsafe fn cell<S: Lanes>(s: S, level: LevelGeometry, x: *const f32, y: *const f3
     let corners = if level.hashed {
         let mask = s.splat_int((level.entries - 1) as i32);
         let (hy, hz) = (s.mul_int(iy, s.splat_int(HASH_Y)), s.mul_int(iz, s.splat_int(HASH_Z)));
+        // docs/method.md (12.2). The upper node's hash is one multiplier more, without a second product.
         let xs = [ix, s.add_int(ix, one)];
         let ys = [hy, s.add_int(hy, s.splat_int(HASH_Y))];
         let zs = [hz, s.add_int(hz, s.splat_int(HASH_Z))];
@@ -237,11 +239,14 @@ pub(super) fn scatter<S: Lanes>(
                 cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
             let weights = corner_weights(s, cell.frac);
             for c in 0..8 {
+                // Two lanes may meet at one entry: they are added one after the other, in the order of the
+                // points.
                 s.store_int(index[c].as_mut_ptr(), cell.corners[c]);
                 s.store(weight[c].as_mut_ptr(), weights[c]);
             }
             for p in 0..S::N {
                 let pair = (first[i + p], second[i + p]);
+                // Padding, and samples whose loss has no slope.
                 if pair.0 == 0.0 && pair.1 == 0.0 {
                     continue;
                 }

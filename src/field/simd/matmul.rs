@@ -111,6 +111,7 @@ unsafe fn panels<S: Lanes, const E: u8>(
     let mut col = 0;
     // SAFETY: every panel lies within `cols` columns; the rest is the caller's promise.
     unsafe {
+        // AVX-512 has 32 registers, which hold 4 x 4 sums; the other sets hold 4 x 2.
         if S::TILE == 4 {
             while col + 4 * S::N <= shape.cols {
                 panel::<S, E, 4>(s, shape, w, b, x, y, mask, col);
@@ -155,6 +156,7 @@ unsafe fn panel<S: Lanes, const E: u8, const C: usize>(
                     *row = [s.splat(*b.add(o + r)); C];
                 }
             }
+            // The sums stay in registers over all inputs; a vector of `x` serves four outputs.
             let rows: [*const f32; ROWS] = std::array::from_fn(|r| w.add((o + r) * inputs));
             for k in 0..inputs {
                 let at = x.add(k * stride + col);
@@ -207,6 +209,7 @@ pub(super) fn weight_gradient<S: Lanes>(
         // SAFETY: rows `o..o + 4` of `dy` and `k..k + K` of `x` exist, each with `cols` columns (checked
         // above).
         unsafe {
+            // Four inputs at a time share what is read of `dy`.
             while k + 4 <= x.rows {
                 gradient_tile::<S, 4>(s, dy, x, cols, o, k, d_weights);
                 k += 4;
