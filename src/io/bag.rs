@@ -108,6 +108,7 @@ impl Bag {
                 ),
             ));
         }
+        // metadata.yaml may also name files that were renamed since: those that are there are read.
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
         }
@@ -143,6 +144,7 @@ impl Bag {
         }
         let mode = metadata.compression_mode.to_ascii_lowercase();
         let format = metadata.compression_format.to_ascii_lowercase();
+        // `storage` and `file` need nothing further: chunks name their compression, and files end in .zstd.
         if !matches!(mode.as_str(), "" | "none" | "message" | "file" | "storage") {
             return refuse(format!(
                 "compression_mode `{mode}` is not supported; convert the bag with `ros2 bag convert`"
@@ -164,6 +166,7 @@ impl Bag {
         let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
         for name in &metadata.relative_file_paths {
             let relative = Path::new(name);
+            // A bag from elsewhere must not have other files of this machine read.
             let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
             if !inside || relative.components().next().is_none() {
                 return refuse(format!(
@@ -178,6 +181,7 @@ impl Bag {
             if !file.is_file() {
                 missing.push(name.escape_debug().to_string());
             } else if !seen.insert(fs::canonicalize(&file).unwrap_or_else(|_| file.clone())) {
+                // By the canonical path: `a.mcap` and `./a.mcap` are one file, whose messages would come twice.
                 return refuse(format!(
                     "relative_file_paths names `{}` twice; name every file once",
                     name.escape_debug()
@@ -212,6 +216,7 @@ impl Bag {
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
+        // One budget for all files: ten thousand small ones get no more than a large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();
         let mut expansion = Expansion::of(bytes);
         // Messages that are compressed by themselves have a budget of their own: their chunks are not
@@ -237,6 +242,7 @@ impl Bag {
             }
             reports.push((path.clone(), report));
         }
+        // Damage is an error only where it left nothing.
         match reports.iter().find(|(_, r)| !r.is_whole()) {
             Some((path, report)) if reports.iter().all(|(_, r)| r.messages == 0) => {
                 let chunk = || report.bad_chunks.first().map(|(n, why)| format!("chunk {n}: {why}"));
@@ -260,6 +266,8 @@ fn read_file(
     let failed = |source| CaptureError::Read { path: path.to_owned(), source };
     let mut file = BufReader::with_capacity(1 << 20, files::open(path).map_err(failed)?);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zstd")) {
+        // A stream cannot be read from its end: no summary is at hand. Chunks inside have a budget of their
+        // own, as the stream around them is counted against the bag's.
         let decoder = zstd::Decoder::with_buffer(file).map_err(failed)?;
         let mut inside = *expansion;
         let source = Within { source: decoder, expansion };
@@ -296,6 +304,7 @@ fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<_> =
         entries.map(|e| e.path()).filter(|p| p.is_file() && test(p)).take(MAX_FILES).collect();
+    // `read_dir` has no order, and both readings of a bag must see the same one.
     files.sort();
     files
 }

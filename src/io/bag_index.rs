@@ -110,11 +110,13 @@ impl InfoTopic {
         let mut counts = vec![0; self.distinct.len()];
         self.entries.iter().for_each(|e| counts[e.1] += 1);
         let Some((common, agreeing)) =
+            // Of equals the first: `max_by_key` alone would give the last.
             counts.into_iter().enumerate().max_by_key(|(d, n): &(usize, usize)| (*n, usize::MAX - d))
         else {
             return 0;
         };
         let lost = self.entries.len() - agreeing;
+        // A camera that focuses changes its parameters for many messages; damage changes few.
         if lost == 0 || agreeing < 10 * lost {
             return 0;
         }
@@ -219,19 +221,23 @@ impl BagIndex {
             let what = format!("`{}`: {what}", bag.path.display());
             Err(CaptureError::Unsupported { what, remedy: remedy.into() })
         };
+        // MCAP holds ROS 1 messages as well. They are no CDR: each of them would be counted as damaged.
         if message.message_encoding == "ros1" {
             return refuse(
                 "ROS 1 messages",
                 "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
             );
         }
+        // Before the message is indexed: a small compressed bag may hold more of them than memory does.
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
             return refuse(
                 "a bag with so many messages",
                 "cut it with `ros2 bag convert` to the topics and times that are needed",
             );
         }
+        // MCAP counts unsigned; what i64 lacks room for lies beyond the year 2262.
         let log_nanos = i64::try_from(message.log_time_nanos).unwrap_or(i64::MAX);
+        // Not `entry`, which would copy the name for every message.
         if !self.topics.contains_key(message.topic) {
             let stat = TopicStat {
                 type_name: message.type_name.to_owned(),
@@ -246,6 +252,7 @@ impl BagIndex {
             other => Err(MessageError::Encoding(other.to_owned())),
         };
         if let Some(stat) = self.topics.get_mut(message.topic) {
+            // After decoding, because an image takes the count before it as its ordinal.
             stat.count += 1;
             stat.first_nanos = stat.first_nanos.min(log_nanos);
             stat.last_nanos = stat.last_nanos.max(log_nanos);
@@ -261,6 +268,7 @@ impl BagIndex {
         let (topic, data) = (message.topic, message.data);
         match message.type_name {
             "sensor_msgs/msg/Image" => {
+                // The front alone: pixels are read once it is known which views are kept.
                 let front: ImageFront = decode(data)?;
                 let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
                 self.add_image(
@@ -275,6 +283,7 @@ impl BagIndex {
             "sensor_msgs/msg/CompressedImage" => {
                 let front: CompressedFront = decode(data)?;
                 let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
+                // The size stands in the compressed data; the second reading checks it.
                 self.add_image(topic, stamp, log_nanos, frame, front.format, None);
             }
             INFO_TYPE => self.add_info(topic, decode(data)?)?,
@@ -290,6 +299,7 @@ impl BagIndex {
                 let child = m.child_frame_id.trim_start_matches('/').to_owned();
                 self.add_pose(topic, stamp, parent, Some(child), m.pose.checked());
             }
+            // Any of them may mark the end of a state; its recording time is all that counts.
             name if name.starts_with("std_msgs/") => {
                 self.entries += 1;
                 self.markers.entry(topic.to_owned()).or_default().push(log_nanos);
@@ -309,8 +319,10 @@ impl BagIndex {
         size: Option<(usize, usize)>,
     ) {
         self.entries += 1;
+        // Messages that cannot be decoded count too, as the second reading counts without decoding.
         let ordinal = self.topics.get(topic).map_or(0, |t| t.count);
         let images = self.images.entry(topic.to_owned()).or_default();
+        // One optical frame a topic: a stray would get the pose of another camera.
         if images.entries.is_empty() {
             images.frame = frame;
             images.encoding = encoding;
@@ -327,6 +339,7 @@ impl BagIndex {
             return Err(MessageError::Lens(info.d.len()));
         }
         self.entries += 1;
+        // Without the stamp, so that equal parameters have equal bytes.
         info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
         let infos = self.infos.entry(topic.to_owned()).or_default();
         // Bytes, as a NaN is not equal to itself.
@@ -346,8 +359,10 @@ impl BagIndex {
     fn add_transforms(&mut self, topic: &str, message: &TfMessage) {
         for t in &message.transforms {
             self.entries += 1;
+            // Old recordings write `/base_link`; tf2 knows frames without the slash.
             let child = t.child_frame_id.trim_start_matches('/');
             match (t.header.checked(), t.transform.checked()) {
+                // The topic may stand in a namespace, so its end decides.
                 (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => {
                     self.tf.add_static(&parent, child, pose)
                 }
@@ -367,6 +382,7 @@ impl BagIndex {
     ) {
         self.entries += 1;
         let poses = self.poses.entry(topic.to_owned()).or_default();
+        // The first message names the frames, also where its pose is invalid.
         if poses.samples.is_empty() && poses.invalid == 0 {
             poses.parent = parent.clone();
             poses.child.clone_from(&child);

@@ -35,8 +35,10 @@ impl TopicFacts {
     #[must_use]
     pub fn qos_yaml(&self) -> String {
         const KEEP_LAST: u8 = 1;
+        // rmw's infinite duration: 2^63 - 1 nanoseconds.
         let infinite = |indent: &str| format!("\n{indent}sec: 9223372036\n{indent}nsec: 854775807");
         let forever = infinite("    ");
+        // rmw's numbers: reliable 1, best effort 2; transient local 1, volatile 2.
         let (reliability, durability) =
             (if self.qos.reliable { 1 } else { 2 }, if self.qos.latched { 1 } else { 2 });
         format!(

@@ -78,6 +78,7 @@ impl BagWriter {
         if let Some(above) = folder.parent() {
             fs::create_dir_all(above).map_err(io(above))?;
         }
+        // Not `create_dir_all`, which would take a bag that is there for a new one.
         fs::create_dir(folder).map_err(|source| match source.kind() {
             std::io::ErrorKind::AlreadyExists => BagWriteError::Exists(folder.to_owned()),
             _ => BagWriteError::Io { path: folder.to_owned(), source },
@@ -128,6 +129,7 @@ impl BagWriter {
             self.channels.insert(topic.to_owned(), channel);
         }
         let Some(channel) = self.channels.get_mut(topic) else { return Ok(()) };
+        // MCAP has no times before the epoch.
         let time = u64::try_from(log_nanos).unwrap_or(0);
         let header = MessageHeader {
             channel_id: channel.id,
@@ -157,6 +159,7 @@ impl BagWriter {
             hash: definition.hash,
             messages: 0,
         };
+        // `ros2 bag play` offers the topic again by these two; both are text, the profile a YAML list in it.
         let metadata = BTreeMap::from([
             ("offered_qos_profiles".to_owned(), facts.qos_yaml()),
             ("topic_type_hash".to_owned(), definition.hash.to_owned()),
@@ -173,6 +176,7 @@ impl BagWriter {
     /// # Errors
     /// If the disk refuses.
     pub fn flush(&mut self) -> Result<(), BagWriteError> {
+        // This ends the open chunk, too: a reader cannot use half of one.
         self.writer.flush().map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
     }
 
@@ -182,6 +186,7 @@ impl BagWriter {
     /// If the disk refuses.
     pub fn finish(mut self) -> Result<u64, BagWriteError> {
         let mcap = |source| BagWriteError::Mcap { path: self.file.clone(), source };
+        // rosbag2 keeps its metadata in the file as well, for an .mcap without its folder.
         let inner = BTreeMap::from([("serialized_metadata".to_owned(), self.facts.body(0))]);
         self.writer
             .write_metadata(&Metadata { name: "rosbag2".to_owned(), metadata: inner })
@@ -193,6 +198,8 @@ impl BagWriter {
             .map_err(|source| BagWriteError::Io { path: self.file.clone(), source })?;
         let path = self.folder.join("metadata.yaml");
         let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
+        // A metadata.yaml is there whole or not at all: half of one would pass as damage, none says that the
+        // recording was not closed. `create_plain` follows no link planted under the foreseeable name.
         let temporary = self.folder.join(".metadata.yaml.part");
         let written = create_plain(&temporary)
             .and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));

@@ -21,6 +21,7 @@ pub fn pinhole(
     if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
         return refuse(format!("it says {width}x{height} pixels"));
     }
+    // `K` and `P` are those of the full image; binning and regions would change them.
     if info.binning_x > 1 || info.binning_y > 1 {
         return refuse(format!("binning {}x{} is not supported", info.binning_x, info.binning_y));
     }
@@ -29,7 +30,9 @@ pub fn pinhole(
     if !whole || roi.x_offset > 0 || roi.y_offset > 0 {
         return refuse("a region of interest is not supported".into());
     }
+    // Not always the last part: `.../image_rect/compressed`.
     let name = image_topic.rsplit('/').find(|part| part.contains("image")).unwrap_or(image_topic);
+    // An uncalibrated camera has zeros in `P`.
     let rectified = name.contains("rect") && info.p[0] > 0.0;
     let [fx, fy, cx, cy] =
         if rectified { [0, 5, 2, 6].map(|k| info.p[k]) } else { [0, 4, 2, 5].map(|k| info.k[k]) };

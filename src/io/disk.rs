@@ -9,6 +9,7 @@ pub fn free_bytes(folder: &Path) -> Option<u64> {
     let disk = nix::sys::statvfs::statvfs(folder).ok()?;
     // Some network and user file systems give no sizes at all.
     (disk.blocks() > 0).then_some(())?;
+    // POSIX counts blocks in fragments, whose size is not the block size everywhere.
     #[allow(
         clippy::useless_conversion,
         clippy::unnecessary_cast,

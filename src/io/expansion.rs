@@ -48,6 +48,7 @@ impl Expansion {
     /// # Errors
     /// Where that is far more than its bytes can hold, or all pieces together are beyond the budget.
     pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), ExpansionError> {
+        // Each piece by itself, too: one chunk must not claim what is meant for the whole bag.
         let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));
         if unpacked > most {
             return Err(ExpansionError::Piece { packed, unpacked, most });
@@ -71,6 +72,7 @@ pub struct Within<'a, R> {
 
 impl<R: Read> Read for Within<'_, R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // Counted as they come: a zstd stream need not state its size.
         let count = self.source.read(buffer)?;
         match self.expansion.left.checked_sub(count as u64) {
             Some(left) => self.expansion.left = left,

@@ -60,6 +60,7 @@ pub fn read_frame_run(
             max_m: config.depth_max_m,
         });
     }
+    // Before isolation, whose gates are multiples of the noise.
     let noise =
         measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
     let source = PoseSource::find(&index, &views.topics, config)?;
@@ -90,6 +91,7 @@ fn with_masks(
     }
     let mut capture = Capture { noise, ..Capture::of_states(2) };
     for (i, frame) in frames.into_iter().enumerate() {
+        // Frames in turn, so that both halves see the object from all sides.
         capture.states[i % 2].push(frame);
     }
     isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0))?;
@@ -129,6 +131,7 @@ fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMa
             return BTreeMap::new();
         }
     };
+    // The object rests, so one value stands for all, and single wrong readings do not count.
     let middle = |v: Vec<f64>| median(v.into_iter().filter(|x| x.is_finite()).collect());
     recording.joints.into_iter().filter_map(|j| Some((j.name, middle(j.position)?))).collect()
 }

@@ -119,14 +119,17 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
     if !image.format.contains("compressedDepth") {
         return depth_file(&image.data, 0.001);
     }
+    // compressed_depth_image_transport: a format number (unused), then A and B of the quantization.
     let Some((front, code)) = image.data.split_first_chunk::<12>() else {
         return broken("compressedDepth without its header");
     };
     let number = |at: usize| f32::from_le_bytes([front[at], front[at + 1], front[at + 2], front[at + 3]]);
     let (a, b) = (number(4), number(8));
+    // Old publishers name no codec: theirs is PNG.
     let words = if is_rvl(&image.format) { rvl_image(code)? } else { png16(code)? };
     let encoding = image.format.split(';').next().unwrap_or_default().trim();
     match encoding {
+        // Millimeters, as REP 118 has it.
         "16UC1" | "mono16" | "" => Ok(words.map(millimeters)),
         // Inverse depth in 16 bits, 0 = unknown (compressed_depth_image_transport).
         "32FC1" if a.is_finite() && b.is_finite() && a > 0.0 => {
@@ -233,6 +236,8 @@ fn word(p: &[u8], big: bool) -> u16 {
 }
 
 fn rows<T>(image: &Image, bytes: usize, mut pixel: impl FnMut(&[u8]) -> T) -> Result<Raster<T>, ImageError> {
+    // `step` may exceed the pixels' bytes, as drivers pad rows. CDR knows only how long `data` is:
+    // whether that fits the image is checked here.
     let (width, height, step) = (image.width as usize, image.height as usize, image.step as usize);
     check_size(width, height)?;
     if step < width * bytes {
@@ -272,15 +277,18 @@ fn is_rvl(format: &str) -> bool {
 
 /// Decodes a PNG or, where allowed, JPEG file, distinguished by their first bytes.
 fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageError> {
+    // By the first bytes: the format of a message is free text.
     let format = match data {
         [0xff, 0xd8, 0xff, ..] if jpeg_allowed => ImageFormat::Jpeg,
         [0xff, 0xd8, 0xff, ..] => return refused("JPEG", "depth and masks need PNG, as JPEG blurs them"),
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         _ => return broken("neither JPEG nor PNG by its first bytes"),
     };
+    // Before decoding: some bytes can state an image of gigabytes.
     if let Some((width, height)) = stated_size(data) {
         check_size(width, height)?;
     }
+    // A decoder would also unpack profiles and texts, which may hold anything.
     let bare = if format == ImageFormat::Png { Cow::Owned(bare_png(data)) } else { Cow::Borrowed(data) };
     let mut reader = ImageReader::with_format(std::io::Cursor::new(bare), format);
     let mut limits = Limits::default();

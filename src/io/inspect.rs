@@ -151,6 +151,7 @@ fn inspect_bag(
             seen.chosen = views.notes;
             seen.warnings = views.warnings;
         }
+        // A recording that cannot be used is shown all the same, with the reason.
         Err(error) => {
             seen.warnings = [bag.warnings.clone(), index.damage()].concat();
             seen.problem = Some(error.to_string());
@@ -194,6 +195,7 @@ fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
         name: name.to_owned(),
         type_name: stat.type_name.clone(),
         count: stat.count,
+        // n messages have n - 1 intervals.
         rate_hz: (stat.count > 1 && seconds > 0.0).then(|| (stat.count - 1) as f64 / seconds),
         details: details.join(", "),
     }

@@ -96,6 +96,7 @@ impl Reader<'_> {
             };
             format!("{}{foreign}", message.type_name)
         });
+        // Of what would be used, this is a loss; other topics are no concern.
         if !is_cdr {
             self.broken += usize::from([JOINT_STATE, WRENCH, POSE, TF].contains(&message.type_name));
             return;
@@ -137,6 +138,7 @@ impl Reader<'_> {
 
     fn stamp(&mut self, header: &Header, log_nanos: i64) -> i64 {
         match header.stamp.nanos() {
+            // Drivers that do not stamp leave 0.
             Some(nanos) if nanos > 0 => nanos,
             _ => {
                 self.unstamped += 1;
@@ -152,6 +154,7 @@ impl Reader<'_> {
                 continue;
             }
             let samples = self.joints.entry(name.clone()).or_default();
+            // JointState: each array has the length of `name` or is empty.
             let at = |values: &[f64]| if values.len() == state.name.len() { values[i] } else { f64::NAN };
             samples.stamps.push(stamp);
             samples.position.push(at(&state.position));
@@ -172,6 +175,7 @@ impl Reader<'_> {
         } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {
             self.broken += 1;
         } else if own.stamps.last().is_none_or(|last| stamp > *last) {
+            // Stamps of a track rise; a message that was sent again or came late is left out.
             own.stamps.push(stamp);
             own.track.force.push(force);
             own.track.moment.push(moment);
@@ -261,6 +265,7 @@ impl Reader<'_> {
                 ),
             ));
         }
+        // One zero for all streams, subtracted as integers: an f64 holds seconds since the epoch to 0.2 us.
         let starts = self.joints.values().filter_map(|s| s.stamps.iter().min());
         let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first()));
         let first = starts.min().copied().unwrap_or(0);

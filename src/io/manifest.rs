@@ -85,6 +85,7 @@ impl Manifest {
     pub fn read(folder: &Path) -> Option<Self> {
         let path = folder.join(MANIFEST);
         fs::symlink_metadata(&path).ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
+        // A damaged manifest counts as none: the folder is not replaced.
         serde_json::from_slice(&fs::read(path).ok()?).ok()
     }
 
@@ -100,10 +101,13 @@ impl Manifest {
             match there.remove(path) {
                 None => found.push(format!("{path} was removed")),
                 Some(Held::File { bytes })
+                    // The size first: reading the file is what costs.
                     if bytes == content.bytes && sha256(&folder.join(path))? == content.sha256 => {}
                 Some(_) => found.push(format!("{path} was edited")),
             }
         }
+        // Folders have no entry of their own. In sorted order the first path from `folder/` on shows whether
+        // it holds a file of ours; an empty folder that was added is a change.
         let holds_ours = |path: &String| {
             self.files
                 .range(format!("{path}/")..)

@@ -90,6 +90,8 @@ impl Channels {
 
     /// Learns from the body of a schema or channel record.
     fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), RecordError> {
+        // Both come again in further chunks and in the summary. The specification wants repetitions to be
+        // identical, so the last one may replace the first.
         if opcode == op::SCHEMA {
             let schema = SchemaRecord::read(body)?;
             self.schemas.insert(schema.id, schema.name);
@@ -202,9 +204,11 @@ fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, McapDamage> 
     }
     let opcode = front[0];
     let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
+    // The length is a claim of the file: refused before anything is read by it.
     if length > RECORD_LIMIT {
         return Err(McapDamage::LongRecord(length));
     }
+    // Grows with the bytes that come; a capacity of `length` would be allocated for a cut file, too.
     let mut body = Vec::new();
     source.by_ref().take(length).read_to_end(&mut body)?;
     let cut = (body.len() as u64) < length;
@@ -245,6 +249,7 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
         return None;
     }
     let start = summary_start(&tail[9..29]).ok()?;
+    // 0 says that the file has no summary.
     if start == 0 || start >= tail_at || tail_at - start > SUMMARY_LIMIT {
         return None;
     }
@@ -282,12 +287,14 @@ pub fn read_messages<R: Read, E>(
         let record = match next_record(&mut source) {
             Ok(Some(record)) => record,
             Ok(None) => return Ok(report.stopped_by(&McapDamage::NoEnd)),
+            // Records have no mark to find the next one by: behind a broken length all is lost.
             Err(why) => return Ok(report.stopped_by(&why)),
         };
         match record.opcode {
             // The summary that follows only repeats.
             op::DATA_END | op::FOOTER => return Ok(report),
             op::CHUNK => read_chunk(&record, channels, expansion, &mut report, visit)?,
+            // Half a schema, channel or message is of no use; half a chunk may hold whole messages.
             _ if record.cut => {}
             opcode => {
                 if let Err(why) = read_flat(opcode, &record.body, channels, &mut report, visit)? {
@@ -316,6 +323,7 @@ fn read_flat<E>(
                 Ok(message) => message,
                 Err(why) => return Ok(Err(why)),
             };
+            // Its channel stood in a chunk that was left out, and no summary repeats it.
             let Some(channel) = channels.channels.get(&message.channel_id) else {
                 report.orphans += 1;
                 return Ok(Ok(()));
@@ -332,6 +340,7 @@ fn read_flat<E>(
             })?;
             Ok(Ok(()))
         }
+        // Indexes, statistics, attachments, and opcodes of later versions, which a reader has to skip.
         _ => Ok(Ok(())),
     }
 }
@@ -345,6 +354,7 @@ fn read_chunk<E>(
 ) -> Result<(), E> {
     report.chunks += 1;
     let number = report.chunks;
+    // Chunks do not depend on each other: a bad one costs its own messages.
     let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {
@@ -384,6 +394,7 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
     if header.uncompressed_size > RECORD_LIMIT {
         return Err(McapDamage::LargeChunk(header.uncompressed_size));
     }
+    // What is stored as it is cannot unpack to more than the file has.
     if !header.compression.is_empty() {
         expansion.take(data.len() as u64, header.uncompressed_size)?;
     }
@@ -397,6 +408,7 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         "lz4" => unpack(lz4::Decoder::new(data), header.uncompressed_size, &mut content),
         other => Err(McapDamage::Compression(other.to_owned())),
     };
+    // The checksum is that of the whole chunk; of half a chunk only the records' form can be checked.
     if record.cut {
         return Ok(content);
     }
@@ -405,6 +417,8 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         return Err(McapDamage::Size { has: content.len(), expected: header.uncompressed_size });
     }
     let crc = crc32fast::hash(&content);
+    // 0 says that there is none. rosbag2 records so by default, so damage may come through: the decoders
+    // behind this check sizes and numbers themselves.
     if header.uncompressed_crc != 0 && crc != header.uncompressed_crc {
         return Err(McapDamage::Checksum { has: crc, expected: header.uncompressed_crc });
     }
@@ -412,6 +426,7 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
 }
 
 fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), McapDamage> {
+    // One byte beyond the stated size shows that there is more, and no more than that is unpacked.
     let read = decoder.and_then(|d| d.take(size + 1).read_to_end(content));
     read.map(|_| ()).map_err(McapDamage::Unpack)
 }

@@ -35,6 +35,7 @@ impl<'a> Fields<'a> {
     }
 
     fn number(&mut self, bytes: usize) -> Result<u64, RecordError> {
+        // MCAP is little-endian throughout.
         Ok(self.bytes(bytes)?.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)))
     }
 
@@ -160,6 +161,7 @@ impl<'a> ChunkRecord<'a> {
     /// What is damaged.
     pub fn read(body: &'a [u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
+        // First and last log time of the chunk: the messages carry their own.
         fields.bytes(16)?;
         let (uncompressed_size, uncompressed_crc) = (fields.number(8)?, fields.number(4)? as u32);
         let (compression, compressed_size) = (fields.text()?, fields.number(8)?);

@@ -84,6 +84,7 @@ pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMe
     *left -= bytes.len() as u64;
     let mesh = match extension.as_str() {
         "ply" => parse_ply(&bytes).map_err(MeshFault::from),
+        // Comments and names of materials may be in any encoding; what counts is ASCII.
         "obj" => parse_obj(&String::from_utf8_lossy(&bytes)).map_err(MeshFault::from),
         other => Err(MeshFault::Kind(other.to_owned())),
     };
@@ -94,6 +95,7 @@ pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMe
 
 fn check(mesh: &TriangleMesh) -> Result<(), MeshFault> {
     let count = mesh.vertices.len();
+    // A NaN compares as false with every bound, so no later check would see it.
     if let Some(i) = mesh.vertices.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
         return Err(MeshFault::NotFinite(i));
     }

@@ -43,6 +43,7 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
         for entry in fs::read_dir(&path).map_err(disk(&path))? {
             let entry = entry.map_err(disk(&path))?;
             let name = entry.file_name().to_string_lossy().into_owned();
+            // The entry's own type: a link is neither folder nor file, so none is followed.
             let kind = entry.file_type().map_err(disk(&entry.path()))?;
             if name.starts_with('.') {
                 continue;

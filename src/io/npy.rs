@@ -112,6 +112,7 @@ fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
         return Err(NpyFault::Order);
     }
     let (rows, columns) = shape(header)?;
+    // The shape is a claim of the header: nothing is allocated before the bytes are found to be there.
     let count = rows.checked_mul(columns).ok_or(NpyFault::Large)?;
     let values = decode(descr, &bytes[end..], count)?;
     Ok(NpyArray { rows, columns, values })
@@ -137,6 +138,7 @@ fn decode(descr: &str, data: &[u8], count: usize) -> Result<Vec<f64>, NpyFault> 
 /// Text of a value of the header's dictionary up to the next comma.
 fn field<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     let after = header.split_once(&format!("'{key}':"))?.1;
+    // Good for `descr` and `fortran_order`; the shape has commas of its own.
     Some(after.split([',', '}']).next()?.trim())
 }
 

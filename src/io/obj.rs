@@ -64,6 +64,7 @@ pub(super) fn parse_obj(text: &str) -> Result<TriangleMesh, ObjError> {
             return Err(ObjError::Large);
         }
     }
+    // Colors of some vertices could not be assigned to theirs.
     if mesh.colors.len() != mesh.vertices.len() {
         mesh.colors.clear();
     }
@@ -74,6 +75,7 @@ fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh)
     let values = words.take(7).map(str::parse).collect::<Result<Vec<f32>, _>>()?;
     let [x, y, z, rest @ ..] = values.as_slice() else { return Err(ObjFault::Coordinates) };
     mesh.vertices.push([*x, *y, *z].into());
+    // Three more values are a color (an extension that most writers share); a single one is a weight.
     if let [r, g, b] = rest {
         mesh.colors.push([r, g, b].map(|c| (c * 255.0).round().clamp(0.0, 255.0) as u8));
     }
@@ -83,12 +85,14 @@ fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh)
 fn obj_face<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh) -> Result<(), ObjFault> {
     let count = mesh.vertices.len() as i64;
     let corner = |word: &str| {
+        // vertex/texture/normal: the first is the vertex.
         let index: i64 = word
             .split('/')
             .next()
             .unwrap_or_default()
             .parse()
             .map_err(|source| ObjFault::Corner { word: word.to_owned(), source })?;
+        // OBJ counts from 1; negative numbers count back from the vertex given last.
         let index = if index < 0 { count + index } else { index - 1 };
         u32::try_from(index).ok().ok_or_else(|| ObjFault::Beyond { word: word.to_owned(), count })
     };

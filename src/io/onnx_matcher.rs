@@ -70,6 +70,7 @@ impl OnnxMatcher {
         }
         let confidence = outlet(CONFIDENCE);
         let wanted: Vec<OutletId> = [points0, points1].into_iter().chain(confidence).collect();
+        // What only further outputs need is not computed then.
         model.select_output_outlets(&wanted).map_err(|e| refused(chain(&e)))?;
         let formats = [format0, format1];
         let has_confidence = confidence.is_some();
@@ -137,10 +138,13 @@ impl OnnxMatcher {
 
     /// The model for images of these sizes.
     fn plan(&self, sizes: Sizes) -> TractResult<Plan> {
+        // A panic inside the runtime (`caught`) poisons the lock. The plans are whole all the same: one is
+        // added when it is finished.
         let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, plan)) = plans.iter().find(|(s, _)| *s == sizes) {
             return Ok(plan.clone());
         }
+        // The runtime optimizes for fixed sizes. Frames of a recording share them, so few plans will do.
         let mut model = self.model.clone();
         for k in [0, 1] {
             let [width, height] = sizes[k];
@@ -162,6 +166,7 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let file = crate::files::open(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
+    // A file that is too large is not read at all; one that grows meanwhile is cut a byte beyond the limit.
     file.take(if stated_bytes > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
         .read_to_end(&mut bytes)
         .map_err(fails)?;
@@ -185,6 +190,7 @@ enum RuntimeError {
 
 /// The runtime's result; its panics are errors.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
+    // The model is a file of the user: what it makes the runtime do must not end a run of an hour.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| RuntimeError::Panic)?;
     result.map_err(RuntimeError::Refusal)
 }

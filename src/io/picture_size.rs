@@ -5,6 +5,7 @@
 pub fn stated_size(file: &[u8]) -> Option<(usize, usize)> {
     match file {
         [0xff, 0xd8, ..] => jpeg_size(file),
+        // IHDR has to be the first chunk, so the size always stands here.
         [0x89, b'P', b'N', b'G', ..] => Some((big(file.get(16..20)?), big(file.get(20..24)?))),
         _ => None,
     }
@@ -30,7 +31,9 @@ fn jpeg_size(file: &[u8]) -> Option<(usize, usize)> {
             0xc0..=0xcf if ![0xc4, 0xc8, 0xcc].contains(&marker) => {
                 return Some((big(file.get(at + 7..at + 9)?), big(file.get(at + 5..at + 7)?)));
             }
+            // The end, or pixels before any frame.
             0xd9 | 0xda => return None,
+            // A length counts its own two bytes; a smaller one is damage, which must not stop the advance.
             _ => at += 2 + big(file.get(at + 2..at + 4)?).max(2),
         }
     }

@@ -101,6 +101,7 @@ pub fn decode_views(
     for ((state, _), frame) in chosen.iter().zip(decoded) {
         match frame {
             Ok(frame) => frames.push((*state, frame)),
+            // It holds for all frames: a list of lost ones would hide the one cause.
             Err(FrameError::Recording(error)) => return Err(error),
             Err(FrameError::Frame(why)) => lost.push(why),
         }
@@ -133,6 +134,7 @@ impl Payloads {
         let mut counts = [0; 3];
         let pixels = views.cameras.first().map_or(0, |c| c.intrinsics.width * c.intrinsics.height);
         let most = BYTES_BESIDE + BYTES_PER_PIXEL * pixels;
+        // Messages are counted as the index counted them: each of the topic, whatever its content.
         bag.read(&mut |message: &RawMessage| {
             for (place, topic) in topics.iter().enumerate() {
                 if topic.as_deref() == Some(message.topic) {
@@ -171,6 +173,8 @@ impl Decoder<'_> {
             Some(m) => Some(self.pixels(view, (2, m), codec::raw_mask, codec::compressed_mask)?.pixels),
             None => None,
         };
+        // Lens (2.3). Depth and masks take the nearest pixel: a mean
+        // across an edge is a surface that nobody saw.
         if let Some(map) = &self.maps[0] {
             rgb = map.color(&rgb);
             mask = mask.map(|m| map.nearest(&m, false));

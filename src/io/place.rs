@@ -67,8 +67,10 @@ impl Place {
     pub fn check(&self, kind: ResultKind, least_bytes: u64) -> Result<(), RunDirError> {
         let target = self.target()?;
         self.refuse(&target, kind)?;
+        // `out` itself may still have to be made.
         let there = target.ancestors().skip(1).find(|p| p.exists()).unwrap_or(Path::new("."));
         let unwritable = |source| RunDirError::Unwritable { folder: there.to_owned(), source };
+        // Permissions do not say it all (read-only mounts, quotas, network disks): making a folder does.
         let probe = free_sibling(there, target.file_name().unwrap_or_default(), "probe").map_err(
             |error| match error {
                 RunDirError::Disk { source, .. } => unwritable(source),
@@ -108,6 +110,7 @@ impl Place {
     /// Refuses a folder that is or holds an input.
     pub(super) fn spare_inputs(&self, folder: &Path) -> Result<(), RunDirError> {
         let Some(place) = own_place(folder) else { return Ok(()) };
+        // By whole components: `/a/bc` does not lie in `/a/b`.
         let held = |input: &&PathBuf| places(input).iter().any(|p| p.starts_with(&place));
         match self.inputs.iter().find(held) {
             Some(input) => Err(RunDirError::HoldsInput { folder: folder.to_owned(), input: input.clone() }),
@@ -128,6 +131,7 @@ pub(super) enum Standing {
 
 impl Standing {
     pub fn at(target: &Path, kind: ResultKind) -> Self {
+        // Of the entry itself: a link is refused, wherever it leads.
         match fs::symlink_metadata(target) {
             Err(_) => Self::Nothing,
             Ok(meta) if meta.is_symlink() => Self::Other("it is a link".to_owned()),
@@ -136,6 +140,7 @@ impl Standing {
                 Some(manifest) if manifest.command != kind => {
                     Self::Other(format!("it is a result of {}, not of {kind}", manifest.command))
                 }
+                // Every file is compared: what somebody edited cannot be made again.
                 Some(manifest) => match manifest.differences(target) {
                     Ok(changes) if changes.is_empty() => Self::Replaceable,
                     Ok(changes) => Self::Other(format!("since {kind} wrote it, {}", first(&changes))),
@@ -148,6 +153,7 @@ impl Standing {
 
     /// A folder without manifest.
     fn unknown(target: &Path) -> Self {
+        // Folders that were written before there were manifests come here, too, and are refused.
         let entries = match fs::read_dir(target) {
             Ok(entries) => entries,
             Err(error) => return Self::Other(format!("it cannot be read: {error}")),

@@ -13,9 +13,11 @@ use std::{
 /// # Errors
 /// If it is something else, or the system refuses.
 pub fn open_plain(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    // O_NONBLOCK: without it the opening of a pipe waits until somebody writes.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, nix::libc::O_NOFOLLOW | nix::libc::O_NONBLOCK);
     let file = options.open(path)?;
+    // The second look finds a link where the system has no O_NOFOLLOW.
     if file.metadata()?.is_file() && fs::symlink_metadata(path)?.is_file() {
         return Ok(file);
     }
@@ -31,6 +33,7 @@ pub fn create_plain(path: &Path) -> io::Result<File> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
+    // Not `create`: it would empty what was put there in the meantime, or follow a link.
     File::create_new(path)
 }
 

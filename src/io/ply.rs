@@ -204,6 +204,7 @@ impl Values<'_> {
     }
 
     fn next_index(&mut self, kind: Scalar) -> Result<u32, PlyFault> {
+        // By way of f64, which holds every u32.
         let x = self.next(kind)?;
         if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 {
             Ok(x as u32)
@@ -219,7 +220,9 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
     if !bytes.starts_with(b"ply") {
         return Err(PlyError::NoPly);
     }
+    // Within the first MiB: a mesh has no longer header, and a gigabyte is not searched for one.
     let end = bytes.windows(END.len()).take(1 << 20).position(|w| w == END).ok_or(PlyError::NoEnd)?;
+    // Behind the line's end, LF or CR LF: binary values follow at once.
     let body = bytes[end..].iter().position(|&b| b == b'\n').ok_or(PlyError::NoEnd)? + end + 1;
     let header = std::str::from_utf8(&bytes[..end]).map_err(PlyError::HeaderNotText)?;
     let (format, elements) = parse_header(header)?;
@@ -232,7 +235,9 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
         other => return Err(PlyError::Format(other.to_owned())),
     };
     let mut mesh = TriangleMesh::default();
+    // Elements without properties have no bytes: their rows would only cost time.
     for element in elements.iter().filter(|e| !e.properties.is_empty()) {
+        // Before the loop: the count is a claim of the header.
         let least = element.least_bytes(&values);
         if element.count.saturating_mul(least) > values.left() {
             return Err(PlyError::Short { name: element.name.clone(), count: element.count });
@@ -275,6 +280,7 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
             _ => {}
         }
     }
+    // Faces could mean either list.
     if elements.iter().filter(|e| e.name == "vertex").count() > 1 {
         return Err(PlyError::Twice);
     }
@@ -300,6 +306,7 @@ fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> 
                     (0..count).map(|_| values.next_index(property.value)).collect::<Result<_, _>>()?;
                 fan(&corners, &mut mesh.triangles)?;
             } else {
+                // Read to get past them: a row does not say how long it is.
                 for _ in 0..count {
                     values.next(property.value)?;
                 }
@@ -311,6 +318,7 @@ fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> 
             "x" => position[0] = value as f32,
             "y" => position[1] = value as f32,
             "z" => position[2] = value as f32,
+            // Only 8 bits: writers of floats do not agree whether white is 1 or 255.
             "red" | "green" | "blue" if property.value == Scalar::U8 => {
                 let channel =
                     ["red", "green", "blue"].iter().position(|c| *c == property.name).unwrap_or_default();

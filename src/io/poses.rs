@@ -33,6 +33,8 @@ impl PoseSource {
             let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
             usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
         };
+        // A pose topic may be that of anything, such as a robot's base:
+        // unasked it counts only where /tf is at rest.
         let topic = topics.pose.clone().or_else(|| if moves { None } else { only() });
         let mut source = Self {
             tf: index.tf.clone(),
@@ -46,6 +48,8 @@ impl PoseSource {
             let child = config
                 .pose_frame
                 .clone()
+                // PoseStamped names no child, and Odometry may leave it
+                // empty: then it is the camera that is posed.
                 .or(poses.child)
                 .filter(|c| !c.is_empty())
                 .unwrap_or_else(|| source.optical.clone());
@@ -55,6 +59,7 @@ impl PoseSource {
         }
         let chain = source.tf.chain(&source.optical);
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
+        // First, as a missing parent or a camera at rest are only the symptoms of this.
         if source.invalid(index) > 0
             && (!chain.moves || source.tf.chain(&source.optical).root == source.optical)
         {
@@ -84,6 +89,7 @@ impl PoseSource {
                 ),
             });
         }
+        // One view is no recording. Who names the world frame is taken to know.
         if !chain.moves && config.world_frame.is_none() {
             return Err(CaptureError::StaticCamera { frame: source.optical, root: chain.root });
         }

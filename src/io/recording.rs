@@ -42,13 +42,17 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
         Source::StartEnd(path) => dataset::open_start_end(path, config)?,
     };
     capture.name = source.object_name();
+    // What can be refused at once is, before the costly steps.
     check_depth(&capture, config)?;
     check_states_differ(&capture)?;
+    // The noise first (2.8): all gates behind it are multiples of it.
     measure_noise(&mut capture, config);
+    // Poses before isolation, which puts the points of all frames together.
     if config.refine_poses == RefinePoses::Auto {
         correct_poses(&mut capture);
     }
     isolate(&mut capture, config, &mut stage_rng(seed, "capture/isolate", 0))?;
+    // Denoising last: it works on the object's pixels and hides the noise that was measured.
     if config.denoise {
         let noise = capture.noise;
         capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
@@ -126,6 +130,7 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
     let mut chosen = Vec::new();
     for state in 0..2 {
         let of_state: Vec<usize> = (0..views.views.len())
+            // By recording time: markers of std_msgs have no stamp.
             .filter(|v| split.state(views.views[*v].log_nanos) == Some(state))
             .collect();
         if of_state.is_empty() {
@@ -227,6 +232,7 @@ fn correct_poses(capture: &mut Capture) {
     for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }
+    // State 0 is what the others' worlds are corrected to.
     for (state, world) in (1..).zip(&capture.poses.worlds) {
         capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
     }

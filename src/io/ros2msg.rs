@@ -47,6 +47,7 @@ fn representation_name(id: u8) -> &'static str {
 /// # Errors
 /// [`DecodeError`]; XCDR2 and parameter lists are refused.
 pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
+    // The second byte says the representation; the options behind it mean nothing in XCDR1.
     let [_, id, _, _, body @ ..] = payload else { return Err(DecodeError::Short(payload.len())) };
     match id {
         0 => cdr_encoding::from_bytes::<T, BigEndian>(body),
@@ -64,6 +65,7 @@ pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, DecodeError> {
     let body =
         cdr_encoding::to_vec::<T, LittleEndian>(message).map_err(|e| DecodeError::Body(e.to_string()))?;
+    // CDR_LE, no options.
     Ok([&[0, 1, 0, 0], body.as_slice()].concat())
 }
 
@@ -126,6 +128,7 @@ pub struct Image {
     /// Bytes per row.
     pub step: u32,
     /// Rows of `step` bytes.
+    // As one block: element by element a color image takes 100 times as long (2.9 ms instead of 0.03 ms).
     #[serde(with = "serde_bytes")]
     pub data: Vec<u8>,
 }
@@ -238,6 +241,7 @@ pub struct Quaternion {
 
 impl Default for Quaternion {
     fn default() -> Self {
+        // geometry_msgs defines this default; all zeros are no rotation.
         Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }
     }
 }
@@ -257,6 +261,7 @@ impl Transform {
     #[must_use]
     pub fn checked(&self) -> Option<crate::geometry::Pose> {
         let (t, q) = (self.translation, self.rotation);
+        // False for NaN, too.
         if ![t.x, t.y, t.z].iter().all(|v| v.abs() <= 1e6) {
             return None;
         }

@@ -103,6 +103,7 @@ impl RunDir {
     /// Something that may not be replaced; a disk that refuses. What stood there is then still there.
     pub fn commit(mut self) -> Result<Committed, RunDirError> {
         Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;
+        // Again, as hours may have passed: an input may have been moved there since.
         self.place.spare_inputs(&self.target)?;
         let old = self.move_away()?;
         if let Err(source) = fs::rename(&self.partial, &self.target) {

@@ -95,6 +95,7 @@ impl RunSummary {
         let mut poses = BTreeMap::from([(self.root.clone(), Pose::identity())]);
         let mut list = vec![(self.root.clone(), Pose::identity())];
         for (joint, position) in self.joints.iter().zip(positions) {
+            // The parent's pose is there always: joints stand in the order of the tree.
             if let Some(parent) = poses.get(&joint.parent).copied() {
                 let pose = parent * joint.parent_from_child(*position);
                 poses.insert(joint.child.clone(), pose);
@@ -114,9 +115,11 @@ impl RunSummary {
     /// twin's name.
     #[must_use]
     pub fn urdf_with_uris(&self, package: bool) -> String {
+        // A URDF on a topic has no folder of its own: RViz takes `file://` and `package://` alone.
         let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
         let base =
             if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
+        // A folder's name may hold `&` or a quote.
         let base = escape_xml(&base);
         self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
     }
@@ -177,6 +180,7 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
     let path = folder.join(format!("{}.urdf", report.name));
     let urdf = read(&path, URDF)?;
+    // Before the parser, which takes `nan` and `inf` for numbers.
     require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
     let robot = robot_of(&urdf).map_err(|e| fail(&path, e.to_string()))?;
     let children: Vec<&str> = robot.joints.iter().map(|j| j.child.link.as_str()).collect();
@@ -218,6 +222,7 @@ fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
         axis: Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)?,
         limits: [j.limit.lower, j.limit.upper],
         states: states?,
+        // `null` in the report: not determined. NaN keeps that apart from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
         origin_std_m: reported.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
         motion_std: reported.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
@@ -230,6 +235,7 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
     let mut reached = BTreeSet::from([root.to_owned()]);
     let mut list = Vec::with_capacity(joints.len());
     while !joints.is_empty() {
+        // None left that hangs on what was reached: a loop, or links apart from the root.
         let at = joints.iter().position(|j| reached.contains(&j.parent))?;
         let joint = joints.remove(at);
         reached.insert(joint.child.clone());

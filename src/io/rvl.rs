@@ -34,6 +34,7 @@ pub enum RvlError {
 /// [`RvlError`].
 pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, RvlError> {
     let mut nibbles = Nibbles { data, next: 0 };
+    // By the bytes at hand: `count` is what the message claims.
     let mut pixels = Vec::with_capacity(count.min(data.len().saturating_mul(8)));
     let mut previous = 0i32;
     while pixels.len() < count {
@@ -50,6 +51,8 @@ pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, RvlError> {
             return Err(RvlError::Empty);
         }
         for _ in 0..values {
+            // Zigzag puts 0, -1, 1, -2, ... on 0, 1, 2, 3, ...: small differences of both signs take one
+            // nibble. `previous` goes on across zeros, so a surface behind a hole costs little.
             let zigzag = nibbles.number()?;
             let delta = (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32);
             previous = previous.wrapping_add(delta);

@@ -21,6 +21,7 @@ pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
     let text =
         files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
     require_sound(&text).map_err(|e| format(e.into()))?;
+    // From the XML again: `urdf_rs` knows no thread, and a missing limit reads as 0 to 0 there.
     let facts = facts(&text).map_err(|e| format(e.into()))?;
     Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(UrdfFault::Seen(e.to_string())))?, text))
 }
@@ -35,6 +36,7 @@ fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, XmlError> {
         let range = limit
             .and_then(|l| Some((number(&l, "lower")?, number(&l, "upper")?)))
             .filter(|(low, high)| high > low);
+        // By the local name: the prefix of the namespace is the writer's choice.
         let thread = joint.children().find(|n| n.tag_name().name() == "thread");
         let pitch_m_per_rad = thread.and_then(|t| number(&t, "pitch_m_per_rad"));
         Some((joint.attribute("name")?.to_owned(), JointFacts { limit: range, pitch_m_per_rad }))

@@ -30,6 +30,7 @@ pub(super) fn first_free(
     let mut k = 0;
     loop {
         let path = path(k);
+        // Made, not looked for: between a look and the making another process could take the name.
         match make(&path) {
             Ok(()) => return Ok(path),
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < MAX_TRIES => k += 1,

@@ -50,6 +50,7 @@ impl Source {
 
     fn of_one(path: &Path) -> Result<Self, CaptureError> {
         exists(path)?;
+        // Datasets first, by files that no bag holds.
         if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
             return Ok(Self::Keyframes(path.to_owned()));
         }
@@ -75,6 +76,7 @@ impl Source {
                 check_count(count)?;
                 Ok(Self::States(states))
             }
+            // A folder with metadata.yaml is a bag itself, whatever its files are called.
             (Some(_), None) | (None, Some(_)) if !path.join("metadata.yaml").is_file() => {
                 Err(CaptureError::OneState { path: path.to_owned() })
             }
@@ -137,6 +139,7 @@ fn own_name(path: &Path) -> String {
 fn sanitize(name: &str) -> String {
     let clean: String =
         name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    // URDF, USD and ROS take no name that begins with a digit.
     if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
 }
 

@@ -59,6 +59,7 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         let report = |bag: &mut BagWriter, at: i64, pose: &Pose| {
             put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
+        // A pose on either side of the frame's stamp: a reader interpolates and never extrapolates.
         report(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
         let info = camera_info(stamp, &recording.intrinsics);
         put(&mut bag, COLOR_INFO, stamp, &info)?;
@@ -91,11 +92,12 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
     )?;
     let color = CompressedImage {
         header: header(stamp, OPTICAL),
+        // As compressed_image_transport writes it: encoding of the source, codec, encoding in the JPEG.
         format: "rgb8; jpeg compressed bgr8".into(),
         data: jpeg,
     };
     put(bag, COLOR, stamp, &color)?;
-    // compressedDepth: 12 bytes of quantisation, unused for 16UC1, then the PNG.
+    // compressedDepth: 12 bytes of quantization, unused for 16UC1, then the PNG.
     let mut png = Cursor::new(Vec::new());
     if let Some(image) = ImageBuffer::from_raw(width, height, frame.depth_mm.clone()) {
         DynamicImage::ImageLuma16(image).write_to(&mut png, ImageFormat::Png)?;

@@ -105,6 +105,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     put_twin(&folder, &object)?;
     let further = further_states(&object, config.further, config)?;
     for (k, state) in further.iter().enumerate() {
+        // Each further state is an object of its own: its state 1 is the one that is filmed.
         synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &film(state, 1, k + 2, config))?;
     }
     let truth = TruthFile {
@@ -198,6 +199,7 @@ fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     bytes.extend(mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).flat_map(f32::to_le_bytes));
     for triangle in &mesh.triangles {
         bytes.push(3);
+        // As `int`, which every reader knows; indices stay below 2^31.
         bytes.extend(triangle.iter().flat_map(|i| i.to_le_bytes()));
     }
     bytes
@@ -205,6 +207,7 @@ fn ply(mesh: &TriangleMesh) -> Vec<u8> {
 
 /// NumPy array of rows x, y, z, part.
 fn npy(seen: &[SeenSample]) -> Vec<u8> {
+    // The text is a Python dictionary, which NumPy evaluates: its spelling is fixed.
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 4), }}", seen.len());
     // Magic, version and length take 10 bytes; the header is filled up to a multiple of 64.
     let filled = (header.len() + 1 + 10).next_multiple_of(64) - 10;

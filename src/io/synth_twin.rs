@@ -30,8 +30,10 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
         mesh.vertices.iter().for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z).unwrap_or_default());
         mesh.triangles
             .iter()
+            // OBJ counts vertices from 1.
             .for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap_or_default());
         folder.put(&format!("truth/meshes/part_{k}.obj"), obj.as_bytes())?;
+        // Any body will do: the truth knows no masses, and a twin without bodies is refused.
         writeln!(
             text,
             "  <link name=\"{}\"><inertial><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><mass \

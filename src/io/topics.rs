@@ -66,6 +66,7 @@ impl TopicSummary {
             return None;
         }
         let (name, encoding) = (self.name.to_ascii_lowercase(), self.encoding.as_str());
+        // Before the encoding: label images are often 16UC1, as depth is.
         let named_mask = ["mask", "segment", "label"].iter().any(|w| name.contains(w));
         let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e))
             || encoding.contains("compressedDepth");
@@ -82,12 +83,16 @@ impl TopicSummary {
         let has = |words: &[&str]| i32::from(words.iter().any(|w| name.contains(w)));
         let raw = i32::from(self.type_name == IMAGE_TYPES[0]);
         match role {
+            // The stream's name counts most, then whether the driver's raw topic is meant, then raw before
+            // compressed. An infrared image is ruled out whatever else its name says.
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])
                     + raw
             }
             ImageRole::Depth => {
+                // Drivers publish depth in the depth camera's frame beside the
+                // aligned one, which alone fits the color.
                 8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"])
                     + 2 * has(&["image_raw", "image_rect"])
                     + raw
@@ -220,6 +225,7 @@ impl Chooser<'_> {
 
     /// The camera_info beside an image topic.
     fn info_of(&self, image: &str) -> Option<String> {
+        // camera_info stands beside the raw image; transports put theirs below it.
         let name = format!("{}/camera_info", parent(base(image)));
         self.topics
             .iter()

@@ -76,6 +76,7 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     let [root] = roots[..] else {
         return Err(UrdfFault::Roots(roots.len()));
     };
+    // Parents first. Each pass keeps the order of the file, so that results do not depend on names.
     let mut sorted: Vec<TwinJoint> = Vec::with_capacity(joints.len());
     let mut reached = vec![false; robot.links.len()];
     reached[root] = true;
@@ -110,6 +111,7 @@ fn link(link: &urdf_rs::Link) -> TwinLink {
         name: link.name.clone(),
         mass_kg: i.mass.value,
         center_of_mass: Point3::from(frame.translation.vector),
+        // URDF gives the inertia in the inertial frame; a twin holds it in that of the link.
         inertia: r.matrix() * inertia * r.matrix().transpose(),
     }
 }
@@ -133,6 +135,7 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
     let axis =
         Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| UrdfFault::NoAxis(name.clone()));
     let dynamics = joint.dynamics.as_ref();
+    // A joint without limits reads as 0 to 0; those of a continuous joint hold effort and velocity only.
     let limited = joint.joint_type != urdf_rs::JointType::Continuous && joint.limit.upper > joint.limit.lower;
     Ok(TwinJoint {
         name: name.clone(),

@@ -63,6 +63,7 @@ pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let robot = robot_of(&text).map_err(format)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(robot.links.len());
+    // One budget for all meshes: a short URDF may name a large file ten thousand times.
     let mut left = MESH.bytes;
     for link in &robot.links {
         links.push(TreeLink {
@@ -82,6 +83,7 @@ pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
 /// # Errors
 /// No URDF, too deep, or more than [`LINKS`] links or joints.
 pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, UrdfFault> {
+    // Before the parser, which goes down by recursion: deep nesting would end the process.
     check_xml(text)?;
     let robot = urdf_rs::read_from_string(text).map_err(|e| UrdfFault::Robot(e.to_string()))?;
     let count = robot.links.len().max(robot.joints.len());
@@ -110,6 +112,7 @@ fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<Triang
         let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
         let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left)
             .map_err(VisualError::Mesh)?;
+        // URDF scales a mesh in the mesh's own frame, before the visual's origin moves it.
         if let Some(scale) = scale {
             for p in &mut mesh.vertices {
                 p.coords.component_mul_assign(&Vector3::from(scale.0).cast());
@@ -123,11 +126,13 @@ fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<Triang
 /// The path of a mesh below the URDF's folder.
 fn relative(filename: &str) -> Result<&Path, UrdfFault> {
     let path = match filename.strip_prefix("package://") {
+        // No ROS installation is asked where the package is: the URDF's folder stands for it.
         Some(rest) => rest.split_once('/').map_or("", |(_, path)| path),
         None if filename.contains("://") => return Err(UrdfFault::MeshElsewhere(filename.to_owned())),
         None => filename,
     };
     let path = Path::new(path);
+    // A twin from elsewhere must not have other files of this machine read.
     let inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
     if inside && !path.as_os_str().is_empty() {
         Ok(path)
@@ -154,9 +159,11 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJo
     };
     let axis = match Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9) {
         Some(axis) => axis,
+        // A fixed joint has no axis; writers leave it out or put zeros there.
         None if kind == JointType::Fixed => Vector3::x_axis(),
         None => return Err(UrdfFault::NoAxis(joint.name.clone())),
     };
+    // 1 and 0 are the defaults of URDF.
     let mimic = joint.mimic.as_ref().map(|m| Mimic {
         joint: m.joint.clone(),
         multiplier: m.multiplier.unwrap_or(1.0),
@@ -175,6 +182,7 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJo
 }
 
 fn pose(origin: &urdf_rs::Pose) -> Pose {
+    // URDF turns about fixed axes, x first: Rz Ry Rx, which is nalgebra's order, too.
     let [roll, pitch, yaw] = origin.rpy.0;
     Pose::from_parts(Translation3::from(origin.xyz.0), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }

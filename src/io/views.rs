@@ -154,6 +154,7 @@ impl Views {
                 (Some(partners), Some(topic)) => match partners[i] {
                     Some(m) => Some(entries(topic)[m].clone()),
                     None => {
+                        // Without its mask a frame's background would pass as the object.
                         no_mask += 1;
                         continue;
                     }
@@ -199,6 +200,7 @@ impl Views {
             );
             return Err(CaptureError::NoFrames { state, reason });
         }
+        // Messages lie in the order of their recording, which need not be that of their stamps.
         matched.sort_by_key(|m| (m.color.stamp_nanos, m.color.ordinal));
         Ok(matched)
     }
@@ -239,6 +241,7 @@ impl Views {
                 depth = distortion;
                 self.check_alignment(index, &intrinsics, &other)?;
             } else {
+                // No camera_info of depth to compare; the optical frames are compared all the same.
                 self.check_alignment(index, &intrinsics, &intrinsics)?;
             }
             self.cameras.push(Camera { intrinsics, color, depth });
@@ -283,6 +286,7 @@ impl Views {
         if color_frame == depth_frame {
             return Ok(());
         }
+        // Stamp 0 and no gap: only a static transform can answer.
         match index.tf.lookup(color_frame, depth_frame, 0, 0) {
             Ok(pose)
                 if pose.translation.vector.norm() <= FRAME_TOLERANCE
@@ -319,6 +323,7 @@ impl Views {
         for m in matches {
             let stamp = m.color.stamp_nanos;
             let camera = match infos.distinct.len() {
+                // One camera holds for all frames, also where its camera_info was sent once.
                 1 => 0,
                 _ => nearest(&info_stamps, stamp).map_or(0, |i| by_stamp[i].1),
             };
@@ -342,6 +347,7 @@ impl Views {
         let invalid = poses.invalid(index);
         let first = first_failure.map(|e| e.to_string());
         if self.views.is_empty() {
+            // The cause: that no pose was found is its symptom.
             if invalid > 0 {
                 return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
             }

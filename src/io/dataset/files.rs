@@ -113,9 +113,11 @@ pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose,
     }
     let m = Matrix4::from_row_slice(matrix);
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+    // Poses are written with few digits, but a scale or a mirror is no rounding.
     if (r.transpose() * r - Matrix3::identity()).amax() > 1e-3 || r.determinant() < 0.0 {
         return refuse(path, format!("the pose of `{}` is no rigid motion", name.escape_debug()));
     }
+    // (2.1)
     let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
     let rotation = UnitQuaternion::from_rotation_matrix(&nearest_rotation(&(r * flip)));
     Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))

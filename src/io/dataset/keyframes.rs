@@ -89,6 +89,7 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
                 );
             }
         };
+        // It becomes part of file names.
         if !id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
             return refuse(path, format!("`{}` is no frame name", id.escape_debug()));
         }
@@ -135,6 +136,7 @@ fn read_frame(
     let depth_file = image_path(folder, "depth_filtered", entry);
     let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
         .map_err(|e| image_error(&depth_file, e))?;
+    // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
     let mask = match optional(image_path(folder, "mask", entry)) {

@@ -64,6 +64,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), Captur
         std::fs::read_dir(&folder).map_err(|source| CaptureError::Read { path: folder.clone(), source })?;
     let mut files: Vec<_> =
         entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "npz")).collect();
+    // `read_dir` has no order, and the order of matches is part of what a run computes.
     files.sort();
     let mut places = BTreeMap::new();
     for (state, frames) in capture.states.iter().enumerate() {
@@ -116,6 +117,7 @@ fn read_matches(
     for member in members(archive)? {
         let file = member.unpack()?;
         let (descr, payload) = npy_payload(&file)?;
+        // An array of objects: its payload is a pickle.
         if !descr.ends_with('O') {
             return Err(MatchesError::Type(descr.escape_debug().to_string()));
         }
@@ -141,6 +143,7 @@ fn add_pair(
         let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
         // One array may be mentioned often.
         *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
+        // Keys come with and without the prefix, as those of the keyframes.
         Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
     };
     let ((place_a, pixels_a), (place_b, pixels_b)) = (side(a)?, side(b)?);
@@ -151,6 +154,7 @@ fn add_pair(
     let (zero, one, pixels_0, pixels_1) = match (place_a.0, place_b.0) {
         (0, 1) => (place_a, place_b, pixels_a, pixels_b),
         (1, 0) => (place_b, place_a, pixels_b, pixels_a),
+        // Matches within a state show no motion.
         _ => return Ok(0),
     };
     let inside = |p: &[f64; 2], (_, _, w, h): (usize, usize, usize, usize)| {

@@ -72,6 +72,7 @@ pub struct Member<'a> {
 /// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
     let broken = || NpzError::Broken;
+    // The end record has 22 bytes and up to 65,535 of a comment behind it.
     let search = archive.len().saturating_sub(22 + 65_535);
     let end =
         archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or(NpzError::NoZip)?;
@@ -86,16 +87,19 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         let field16 = |offset| u16_at(archive, at + offset).ok_or_else(broken);
         let field32 = |offset| u32_at(archive, at + offset).ok_or_else(broken);
         let (flags, method) = (field16(8)?, field16(10)?);
+        // From the directory: a member that was written as a stream has zeros in its own header.
         let (packed, size, local) = (field32(20)?, field32(24)?, field32(42)?);
         let (name_len, extra_len, comment_len) = (field16(28)?, field16(30)?, field16(32)?);
         let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
         let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
+        // Bit 0: encrypted. All ones: ZIP64, where the size stands elsewhere.
         if flags & 1 != 0 || [packed, size, local].contains(&(u32::MAX as usize)) {
             return Err(NpzError::Member(name));
         }
         if archive.get(local..local + 4) != Some(&LOCAL) {
             return Err(broken());
         }
+        // Lengths of the local header, which may differ from those of the directory.
         let skip = u16_at(archive, local + 26)
             .zip(u16_at(archive, local + 28))
             .map(|(n, e)| 30 + n + e)
@@ -106,6 +110,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         at += 46 + name_len + extra_len + comment_len;
     }
     places.sort();
+    // Members that share bytes would unpack a small archive many times over.
     if let Some(pair) = places.windows(2).find(|pair| pair[1].0 < pair[0].1) {
         return Err(NpzError::Shared(pair[0].2.clone(), pair[1].2.clone()));
     }
@@ -124,6 +129,7 @@ impl Member<'_> {
             0 => content.extend_from_slice(self.data),
             8 => {
                 let decoder = flate2::read::DeflateDecoder::new(self.data);
+                // One byte beyond the stated size shows that there is more.
                 _ = decoder.take(self.size + 1).read_to_end(&mut content)?;
             }
             other => return Err(NpzError::Compression(other)),
@@ -138,6 +144,7 @@ impl Member<'_> {
 /// Where it is no such file.
 pub fn npy_payload(file: &[u8]) -> Result<(String, &[u8]), NpzError> {
     let front = file.strip_prefix(b"\x93NUMPY").ok_or(NpzError::NoArray)?;
+    // Version 1 has a length of 16 bits, 2 and 3 one of 32.
     let (length, at) = match front.first() {
         Some(1) => (u16_at(front, 2), 4),
         Some(2 | 3) => (u32_at(front, 2), 6),

@@ -153,6 +153,7 @@ struct Machine<'a> {
     at: usize,
     nodes: Vec<Node>,
     stack: Vec<Id>,
+    // A map: a key may be any number, and a vector as long as that would be for the file to size.
     memo: BTreeMap<usize, Id>,
     /// Values that were put on the stack.
     mentions: usize,
@@ -161,10 +162,14 @@ struct Machine<'a> {
 impl Machine<'_> {
     fn run(&mut self) -> Result<Id, PickleError> {
         loop {
+            // Mentions count, not values: by the memo a short file can mention one array a million times.
             if self.mentions > PICKLE_VALUES {
                 return Err(PickleError::Large);
             }
             let op = self.take(1)?[0];
+            // Names in Python's pickletools: `.` STOP, 0x80 PROTO, 0x95 FRAME, `q` BINPUT, `r`
+            // LONG_BINPUT, 0x94 MEMOIZE, `h` BINGET, `j` LONG_BINGET, `(` MARK, `0` POP. An unknown
+            // instruction ends the reading: nothing says how long it is.
             match op {
                 b'.' => return self.pop(),
                 0x80 => _ = self.take(1)?,
@@ -190,6 +195,9 @@ impl Machine<'_> {
     }
 
     fn literal(&mut self, op: u8) -> Result<Node, PickleError> {
+        // `N` NONE, 0x88 NEWTRUE, 0x89 NEWFALSE, `K` BININT1, `M` BININT2, `J` BININT, 0x8a LONG1,
+        // `G` BINFLOAT, `X` and 0x8c, 0x8d BINUNICODE of three widths, `B`, `C`, 0x8e BINBYTES,
+        // `]` `)` `}` empty containers, `c` GLOBAL.
         Ok(match op {
             b'N' => Node::None,
             0x88 => Node::Int(1),
@@ -203,9 +211,11 @@ impl Machine<'_> {
                     return Err(PickleError::Broken("a number has more than 64 bits"));
                 }
                 let value = self.little(n)?;
+                // No bytes stand for 0; the shift has to stay below 64.
                 let spare = 64 - 8 * n.max(1) as u32;
                 Node::Int((value << spare) as i64 >> spare)
             }
+            // The one big-endian number of the format.
             b'G' => Node::Float(f64::from_bits(self.little(8)?.swap_bytes())),
             b'X' | 0x8c | 0x8d => Node::Str(String::from_utf8_lossy(self.counted(op)?).into_owned()),
             b'B' | b'C' | 0x8e => Node::Bytes(self.counted(op)?.to_vec()),
@@ -223,6 +233,8 @@ impl Machine<'_> {
 
     /// Instructions that take values off the stack.
     fn combine(&mut self, op: u8) -> Result<(), PickleError> {
+        // `a` APPEND, `e` APPENDS, `s` SETITEM, `u` SETITEMS, `t` TUPLE, 0x85 to 0x87 TUPLE1 to 3,
+        // 0x93 STACK_GLOBAL, `R` REDUCE, `b` BUILD.
         match op {
             b'a' | b'e' => {
                 let items = if op == b'a' { vec![self.pop()?] } else { self.pop_to_mark()? };
@@ -268,6 +280,7 @@ impl Machine<'_> {
             return Err(PickleError::Broken("a call of what is no function"));
         };
         let node = match name.as_str() {
+            // NumPy 2 renamed `core`. Shape, type and values come with BUILD.
             "numpy.core.multiarray._reconstruct" | "numpy._core.multiarray._reconstruct" => {
                 self.push(Node::None);
                 let data = self.pop()?;
@@ -278,6 +291,7 @@ impl Machine<'_> {
                 let Some(Node::Str(code)) = code else {
                     return Err(PickleError::Broken("a NumPy type without a code"));
                 };
+                // The byte order comes with BUILD, too.
                 Node::Dtype(format!("|{}", short(code)?))
             }
             other => return Err(PickleError::Call(other.escape_debug().to_string())),
@@ -296,6 +310,7 @@ impl Machine<'_> {
             .ok_or(PickleError::Broken("a state that is no short tuple"))?
             .to_vec();
         let node = match &self.nodes[id] {
+            // (version, byte order, ...)
             Node::Dtype(code) => match state.get(1).map(|s| &self.nodes[*s]) {
                 Some(Node::Str(order)) => {
                     Node::Dtype(format!("{}{}", short(order)?, code.get(1..).unwrap_or_default()))
@@ -303,6 +318,7 @@ impl Machine<'_> {
                 _ => return Err(PickleError::Broken("a NumPy type without byte order")),
             },
             Node::Array { .. } => {
+                // (version, shape, type, whether column-major, values)
                 let [_, shape, dtype, fortran, data] = state[..] else {
                     return Err(PickleError::Broken("an array with an unknown state"));
                 };
@@ -369,6 +385,7 @@ impl Machine<'_> {
         let key = match op {
             b'q' => usize::from(self.take(1)?[0]),
             b'r' => self.u32()?,
+            // MEMOIZE takes the next free number.
             _ => self.memo.len(),
         };
         if let Some(top) = self.stack.last() {

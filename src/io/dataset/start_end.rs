@@ -52,6 +52,7 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let Some((part, first)) = found.iter().find_map(|part| Some((part, part.kept.first()?))) else {
         return refuse(folder, "it has no frame");
     };
+    // All images have one size, so the memory is known before any of them is decoded.
     let size = image_size(&part.color(first))?;
     config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
     for (state, part) in found.iter().enumerate() {
@@ -72,6 +73,7 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
     let numbers = |v: &Value| -> Vec<f64> {
         let rows = v.as_array().into_iter().flatten();
         rows.flat_map(|row| row.as_array().into_iter().flatten())
+            // `pose_from_opengl` and `camera` refuse NaN, and name the frame.
             .map(|n| n.as_f64().unwrap_or(f64::NAN))
             .collect()
     };
@@ -116,6 +118,7 @@ impl Part {
         }
         let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
             .map_err(|e| image_error(&depth_file, e))?;
+        // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
         let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
         limit_depth(&mut depth_m, config);
         Ok(RgbdFrame {

@@ -80,6 +80,7 @@ pub struct Marker {
     /// Color of each point; empty: that of the marker.
     pub colors: Vec<Color>,
     /// Unused here.
+    // CDR has no field names: a field that is left out would shift all behind it.
     pub texture_resource: String,
     /// Unused here.
     pub texture: CompressedImage,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Transform, Vector3};
 
 /// A covariance, row-major 6x6.
+// Nested, because serde has no arrays of more than 32 elements; CDR lays both out alike.
 pub type Covariance = [[f64; 6]; 6];
 
 /// `nav_msgs/msg/Odometry`.

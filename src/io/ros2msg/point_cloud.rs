@@ -55,6 +55,7 @@ impl PointCloud2 {
         let mut data = Vec::with_capacity(points.len() * POINT_BYTES as usize);
         for (point, [r, g, b]) in points {
             point.iter().for_each(|v| data.extend(v.to_le_bytes()));
+            // 0x00RRGGBB in little-endian order, as PCL and RViz read it out of the float.
             data.extend([*b, *g, *r, 0]);
         }
         let width = points.len() as u32;
