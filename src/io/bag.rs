@@ -181,7 +181,7 @@ impl Bag {
             if !file.is_file() {
                 missing.push(name.escape_debug().to_string());
             } else if !seen.insert(fs::canonicalize(&file).unwrap_or_else(|_| file.clone())) {
-                // By the canonical path: `a.mcap` and `./a.mcap` are one file, whose messages would come twice.
+                // By the canonical path: messages of `a.mcap` would come again as those of `./a.mcap`.
                 return refuse(format!(
                     "relative_file_paths names `{}` twice; name every file once",
                     name.escape_debug()
