@@ -36,12 +36,14 @@ pub fn offer<J: Job>(
         result_service: reliable(DEPTH),
         cancel_service: reliable(DEPTH),
         feedback_publisher: reliable(DEPTH),
+        // rcl_action latches the status as well: a client that joins later learns of the goal.
         status_publisher: latched(1),
     };
     let server = participant
         .node()
         .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
         .map_err(|e| NodeError::network(&format!("offering {}", J::NAME), e))?;
+    // Outside of the spinner: a goal takes minutes, in which parameters and discovery go on.
     tokio::spawn(serve(AsyncActionServer::new(server), job));
     Ok(())
 }
@@ -64,6 +66,7 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
                         // Nobody asked for it; the server would wait for ever.
                         server.abort_executing_goal(old.goal).await.ok();
                     }
+                    // Before it is accepted, as the handle is used up by that.
                     let Some(request) = server.get_new_goal(new.clone()) else { continue };
                     match accept::<J>(&server, new).await {
                         Ok(goal) => {
@@ -131,6 +134,8 @@ async fn execute<J: Job>(
             },
             cancel = server.receive_cancel_request() => {
                 let Ok(cancel) = cancel else { continue };
+                // A cancel may name other goals, or all: only ours can be confirmed.
+                // The work ends after its present step.
                 let ours = cancel.contains_goal(&goal.goal_id());
                 if ours {
                     work.cancel();

@@ -140,6 +140,7 @@ impl Drop for ReadSession {
 }
 
 fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // A panic elsewhere leaves whole values here: each is replaced, never changed in steps.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -196,9 +197,12 @@ impl Core {
     /// Works until it is stopped or everybody is gone.
     pub async fn run(mut self, mut inbox: Inbox) {
         self.publish();
+        // Recordings are flushed and the snapshot is fresh also while nothing comes.
         let mut tick = tokio::time::interval(Duration::from_millis(200));
         loop {
             tokio::select! {
+                // In this order: a command is not kept waiting by images, and
+                // transforms come before the images they place.
                 biased;
                 command = inbox.commands.recv() => match command {
                     Some(Command::Stop(done)) => {
@@ -253,6 +257,7 @@ impl Core {
         change: impl FnOnce(&mut Self) -> Result<(), CollectError>,
     ) -> Result<(), CollectError> {
         let shared = Arc::clone(&self.shared);
+        // Held during the change: a run that begins to read now waits for it.
         let read = guard(&shared.read);
         if *read {
             return Err(CollectError::Read);
@@ -263,6 +268,7 @@ impl Core {
     }
 
     fn reset(&mut self, session: &Path) -> Result<(), CollectError> {
+        // The new folder before the old one is given up: where it is refused, all stays as it is.
         let lock = SessionLock::take(session)?;
         self.watch = self.watch.take().map(MotionWatch::renewed);
         self.cloud = PreviewCloud::new(self.cloud_points);
@@ -304,6 +310,7 @@ impl Core {
             },
             Turn::Finish(state) => self.end(state),
             Turn::Moved(state) => {
+                // The watch confirms motion some views after it began; those may show it.
                 self.collector.drop_held();
                 self.end(state);
             }
@@ -319,6 +326,7 @@ impl Core {
 
     /// Closes what is open, so that nothing is lost.
     fn close(&mut self) {
+        // A bag without metadata.yaml is still read, but with a warning.
         if let Phase::Collecting(state) = self.collector.phase()
             && let Err(error) = self.collector.finish(state)
         {

@@ -111,6 +111,7 @@ impl Collector {
     pub fn new(settings: CollectorSettings, session: &Path) -> Self {
         let with_masks = settings.topics.mask.is_some();
         let mut tf = LiveTf::default();
+        // From the start: a pose on /tf before the first one of the topic would count as well.
         tf.overridden = settings.pose_frame.clone().filter(|_| settings.topics.pose.is_some());
         Self {
             sync: Synchronizer::new(settings.slop_nanos, settings.queue, with_masks),
@@ -181,6 +182,7 @@ impl Collector {
         }
         let bag = StateBag::create(&self.session, state, self.settings.topics.clone())?;
         self.before = (self.finished[state].take(), std::mem::take(&mut self.keyframes[state]));
+        // What waits was taken before the state began.
         self.waiting.clear();
         self.held.clear();
         self.bag = Some(bag);
@@ -201,6 +203,7 @@ impl Collector {
             });
         }
         let kept = self.keyframes[state].len();
+        // An empty recording must not take the place of an earlier one of this state.
         if kept == 0 {
             let why = self.why_nothing();
             self.abandon(state)?;
@@ -275,6 +278,7 @@ impl Collector {
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
         let tf = std::mem::take(&mut self.tf);
+        // Cameras and transforms are no part of a session; some of them are published once.
         let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
         *self = Self { tf, infos, counts: counts.after_reset(), ..Self::new(self.settings.clone(), session) };
         match bag {
@@ -328,6 +332,7 @@ impl Collector {
         if let Err(error) = &seen {
             self.problem = Some(error.to_string());
             self.phase = Phase::Idle;
+            // A closed bag after an error would look whole: without its metadata.yaml it does not.
             self.bag = None;
         }
         seen
@@ -335,6 +340,7 @@ impl Collector {
 
     fn image(&mut self, role: usize, picture: Picture) {
         let Some((stamp, _)) = picture.header().checked() else { return };
+        // Color leads: depth and masks of a jump come with it.
         if role == 0 {
             if stamp < self.newest_nanos.saturating_sub(JUMP_NANOS) {
                 let back = stamp_secs(self.newest_nanos - stamp);
@@ -347,6 +353,7 @@ impl Collector {
         }
         for set in self.sync.push(role, stamp, picture) {
             if self.waiting.len() == self.settings.queue {
+                // The oldest set goes: its transform is the least likely to come still.
                 self.waiting.pop_front();
                 self.counts.without_pose += 1;
             }
@@ -374,6 +381,8 @@ impl Collector {
     /// A pose is a transform whose child may only be known once an image came.
     fn sample_of_pose(&mut self, header: Header, child: Option<String>, transform: Transform) {
         let Some(child) = child.or_else(|| self.optical()) else { return };
+        // /tf may hold the same frame, by another estimator; two
+        // sources would be interpolated into each other.
         self.tf.overridden = Some(child.clone());
         self.tf.add_one(&TransformStamped { header, child_frame_id: child, transform });
     }
@@ -464,6 +473,7 @@ impl Collector {
         };
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {
             self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
+            // Now, as LiveTf forgets after some seconds and the view may be held longer.
             let around = self.tf.around(optical, view.stamp_nanos);
             self.held.push_back(Held { view, around, now_nanos });
             self.write_held(self.settings.hold)?;

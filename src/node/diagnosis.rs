@@ -58,6 +58,7 @@ impl Job for Diagnoser {
         goal: &DiagnoseGoal,
     ) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, GoalError> {
         let request = self.request(goal)?;
+        // Before the work: a twin that cannot be read fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
         let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
         let mut progress = JointProgress::new(joints);
@@ -93,9 +94,11 @@ impl Diagnoser {
             twin,
             runs: paths(&goal.runs),
             held_out: paths(&goal.held_out),
+            // An earlier diagnosis stays.
             out: free_folder(&self.shared.snapshot().session, "gap"),
             name: None,
             force: false,
+            // A message has no absent fields: a client that gives no gravity sends zeros.
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,

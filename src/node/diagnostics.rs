@@ -99,6 +99,7 @@ fn input_status(
     seconds: f64,
 ) -> DiagnosticStatus {
     let rate_hz = (now.received - last.received) as f64 / seconds;
+    // `lost` may fall: a message that was counted as lost came late.
     let bad = (now.lost - last.lost.min(now.lost))
         + (now.malformed - last.malformed)
         + (now.overrun - last.overrun);

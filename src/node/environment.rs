@@ -43,6 +43,7 @@ impl Environment {
         let domain = match get("ROS_DOMAIN_ID") {
             None => 0,
             Some(text) => {
+                // DDS makes UDP ports of the domain: 7400 + 250 per domain has to stay below 65,536.
                 text.trim().parse().ok().filter(|d| *d <= 232).ok_or(EnvironmentError::Domain(text))?
             }
         };
@@ -59,6 +60,8 @@ impl Environment {
             match (get("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref(), get("ROS_LOCALHOST_ONLY").as_deref()) {
                 (_, Some("1")) | (Some("LOCALHOST"), _) => true,
                 (Some("SUBNET" | "SYSTEM_DEFAULT"), _) | (None, Some("0")) => false,
+                // ROS 2 would talk to the subnet. DDS has no authentication here, so
+                // the network is opened only on request.
                 (None, _) => true,
                 (Some(other), _) => {
                     warnings.push(format!(
@@ -89,6 +92,8 @@ impl Environment {
         let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));
         match parameter {
             "cyclone" => ServiceMapping::Cyclone,
+            // rmw_cyclonedds puts the request's identity before the
+            // body, Fast DDS into the sample's metadata.
             "auto" if cyclone => ServiceMapping::Cyclone,
             _ => ServiceMapping::Enhanced,
         }

@@ -46,6 +46,7 @@ impl InputCount {
         let mut inner = self.inner();
         inner.snapshot.received += 1;
         let malformed = std::mem::take(&mut inner.malformed_since);
+        // DDS numbers the samples of each writer without gaps, so a gap is a loss.
         let last = inner.last.get(&publisher).copied();
         match last {
             Some(last) if sequence > last => {
@@ -56,6 +57,7 @@ impl InputCount {
                 inner.snapshot.lost = inner.snapshot.lost.saturating_sub(1);
                 return;
             }
+            // A publisher that starts again is a new one: without a bound such would fill the memory.
             None if inner.last.len() >= MAX_PUBLISHERS => inner.last.clear(),
             None => {}
         }

@@ -82,10 +82,12 @@ impl Subscriber<'_> {
         wrap: impl Fn(M) -> Sample + Send + 'static,
     ) -> Result<(), NodeError> {
         let count = Arc::new(InputCount::default());
+        // Images have a queue of their own, so that they cannot crowd out the transforms that place them.
         let images = matches!(role, "color" | "depth" | "mask");
         let sink = if images { self.outbox.images.clone() } else { self.outbox.small.clone() };
         let overrun = Arc::clone(&count);
         self.participant.subscribe(topic, qos, Arc::clone(&count), move |message: M| {
+            // Never waits: a busy core costs images, which are counted, and not the middleware's thread.
             if let Err(TrySendError::Full(_)) = sink.try_send(wrap(message)) {
                 overrun.overrun();
             }
@@ -124,6 +126,8 @@ pub fn subscribe(
     let (images, infos) = (named(&p.image_qos, depth), named(&p.info_qos, depth));
     let mut s = Subscriber { participant, outbox, inputs: Vec::new() };
     let (tf, tf_static) = (s.participant.resolve("/tf"), s.participant.resolve("/tf_static"));
+    // Explicit profiles: the library's default is best effort with a depth of 1. Best effort fits every
+    // publisher, reliable does not, and a mismatch is silent. tf2 publishes reliably, and /tf_static latched.
     s.add("tf", &tf, &reliable(TF_DEPTH), Sample::Transforms)?;
     s.add("tf_static", &tf_static, &latched(TF_DEPTH), Sample::StaticTransforms)?;
     s.image("color", &topics.color, p.color_transport == "raw", &images, Sample::Color)?;
@@ -145,6 +149,7 @@ pub fn subscribe(
         None => {}
     }
     let mut inputs = s.inputs;
+    // The library subscribes to /clock as builtin_interfaces/Time, which no publisher of ROS 2 matches.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
         let (clock, commands) = (Arc::clone(clock), outbox.commands.clone());

@@ -80,6 +80,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
         let (send, news) = mpsc::channel(NEWS);
         let (events, listener) = std::sync::mpsc::channel();
         let to_client = send.clone();
+        // Two threads: the work must not wait for a slow client, and the pipeline knows no async.
         std::thread::spawn(move || {
             let (start, mut last) = (Instant::now(), None::<Instant>);
             for event in listener {
@@ -106,6 +107,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
 
     /// Waits for news.
     pub async fn next(&mut self) -> News<R, F> {
+        // The channel closes without an end only if the thread of the work panicked.
         let lost = || News::Ended(Finished::Failed("the work ended without a word".into()));
         self.news.recv().await.unwrap_or_else(lost)
     }

@@ -46,6 +46,7 @@ impl Keyframes {
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
         }
+        // Against all views kept, not the last: a camera that comes back shows nothing new.
         let known = |p: &Pose| {
             let away = (p.translation.vector - world_from_camera.translation.vector).norm();
             away < rule.translation_m && p.rotation.angle_to(&world_from_camera.rotation) < rule.rotation_rad

@@ -81,6 +81,7 @@ fn inside(session: &Path, folder: &Path) -> PathBuf {
 }
 
 fn write(path: &Path, note: &impl Serialize) {
+    // After a crash the old note is there or the new one, and no half of one.
     let temporary = path.with_extension("json.part");
     let written = serde_json::to_string_pretty(note)
         .map_err(io::Error::from)

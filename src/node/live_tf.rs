@@ -60,6 +60,7 @@ impl LiveTf {
             self.forget_after(i64::MIN);
         }
         self.newest_nanos = self.newest_nanos.max(stamp);
+        // One parent a frame, as in tf2: what moves now is static no longer.
         self.fixed.remove(&child);
         self.buffer.add(&parent, &child, stamp, pose);
         let samples = self.moving.entry(child).or_default();
@@ -96,6 +97,7 @@ impl LiveTf {
     /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not
     /// be interpolated towards them.
     pub fn forget_after(&mut self, stamp_nanos: i64) {
+        // Made anew: the buffer can forget what is old, not what is late.
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
             if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
@@ -147,6 +149,7 @@ impl LiveTf {
                 (Some(samples), _) => {
                     let before = samples.range(..=stamp_nanos).next_back();
                     let after = samples.range(stamp_nanos..).next();
+                    // A sample at the very stamp is both; it is written once.
                     let same = before.map(|e| e.0) == after.map(|e| e.0);
                     found.extend(before.into_iter().chain(after.filter(|_| !same)).map(|(_, t)| t.clone()));
                     before.or(after).map(|(_, t)| t.header.frame_id.clone())

@@ -39,6 +39,7 @@ impl Log for Logger {
             Level::Info => "INFO",
             Level::Debug | Level::Trace => "DEBUG",
         };
+        // Names in it may come from the network, and a terminal obeys control characters.
         let text: String =
             record.args().to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         writeln!(std::io::stderr(), "[{level}] [{seconds:.6}] [{name}]: {text}").ok();

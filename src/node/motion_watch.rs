@@ -164,6 +164,7 @@ impl MotionWatch {
             };
             return Turn::Moved(state);
         }
+        // What shows motion once may be noise: it is neither held against later views nor acted on.
         if !moved {
             self.remember(view);
         }
@@ -189,6 +190,7 @@ impl MotionWatch {
     fn moved(&self, view: &Small) -> bool {
         let (mut compared, mut through) = (0, 0);
         for reference in &self.references {
+            // Both ways: a part that left is looked through in the new view, one that came in the old view.
             for (from, to) in [(reference, view), (view, reference)] {
                 let (n, t) = from.looked_through_by(to);
                 compared += n;
@@ -214,6 +216,7 @@ impl Small {
             height: HEIGHT,
             fx: full.fx * scale[0],
             fy: full.fy * scale[1],
+            // Integer coordinates are pixel centers, so a scale is one about -0.5.
             cx: (full.cx + 0.5) * scale[0] - 0.5,
             cy: (full.cy + 0.5) * scale[1] - 0.5,
         };
@@ -236,11 +239,13 @@ impl Small {
             let c = &self.camera;
             let p = other_from_self * nalgebra::Point3::new((u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z);
             let c = &other.camera;
+            // Behind the other camera, or so near that no depth camera measures.
             if p.z < 0.05 {
                 continue;
             }
             let (u, v) = (c.fx * p.x / p.z + c.cx, c.fy * p.y / p.z + c.cy);
             let Some(nearest) = other.nearest(u, v) else { continue };
+            // In front of the expected place something hides it: that point says nothing and is not compared.
             let tolerance = THROUGH_M + THROUGH_SHARE * p.z;
             if f64::from(nearest) > p.z + tolerance {
                 through += 1;

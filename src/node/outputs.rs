@@ -108,6 +108,7 @@ impl Outputs {
         loop {
             tokio::select! {
                 changed = twins.changed() => {
+                    // The sender is gone with the rest of the node.
                     if changed.is_err() {
                         return;
                     }
@@ -127,6 +128,7 @@ impl Outputs {
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
                     }
                 }
+                // Repeated though nothing moves: tf2 forgets transforms after ten seconds.
                 _ = fast.tick() => {
                     let twin = twins.borrow().clone();
                     if let Some(twin) = twin {
@@ -141,6 +143,7 @@ impl Outputs {
                     let done = twins.borrow().is_some();
                     let status = self.status_of(&snapshot, shared.is_read(), done);
                     log_failure(self.status.async_publish(status).await, "status");
+                    // The largest of all messages: only when it changed.
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
                         let frame_id = snapshot.world_frame.unwrap_or_default();
@@ -169,6 +172,7 @@ impl Outputs {
             .filter(|_| self.settings.publish_tf)
         {
             log_failure(
+                // One message with all: a late reader gets the last one of each publisher.
                 self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await,
                 "/tf_static",
             );

@@ -79,6 +79,7 @@ fn nodes(
                 flatten(inner, "", found);
             }
         } else {
+            // Namespaces may be nested groups or stand in the key: `a: {b: ...}` or `/a/b: ...`.
             nodes(inner, &format!("{path}/{}", key.trim_matches('/')), node, found)?;
         }
     }

@@ -271,6 +271,7 @@ impl Parameters {
                 ),
             );
         }
+        // It is joined to out_folder, which a slash or `..` would lead out of.
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         if !self.session.chars().all(plain) || self.session.starts_with('.') {
             return refuse("session", format!("`{}` is no plain folder name", self.session.escape_debug()));
@@ -290,6 +291,7 @@ fn coerce(default: &Value, value: Value) -> Result<Value, WrongType> {
         _ => "something else",
     };
     match (default, &value) {
+        // `-p still_secs:=2` is a whole number in YAML.
         (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
         (Value::Number(_), Value::Number(v)) if !v.is_f64() => Ok(value),
         (Value::String(_), Value::String(_)) | (Value::Bool(_), Value::Bool(_)) => Ok(value),

@@ -47,6 +47,7 @@ impl PreviewCloud {
                 let point = [point.x as f32, point.y as f32, point.z as f32];
                 self.cells.entry(self.cell(&point)).or_insert((point, pixels.color.pixels[i]));
             }
+            // Row by row, so that the map is never much larger than it may be.
             self.shrink();
         }
     }

@@ -76,6 +76,7 @@ fn own_sockets() -> Vec<SocketAddrV4> {
 
 /// Inode and address of a line of `/proc/net/udp`.
 fn socket(line: &str) -> Option<(&str, SocketAddrV4)> {
+    // sl, local address, remote address, st, queues, timer, retransmits, uid, timeout, inode.
     let mut fields = line.split_whitespace();
     let (ip, port) = fields.nth(1)?.split_once(':')?;
     // The kernel writes the four bytes as one number of this machine.

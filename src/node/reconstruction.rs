@@ -51,6 +51,7 @@ impl Job for Reconstructor {
         self: &Arc<Self>,
         goal: &ReconstructGoal,
     ) -> Result<Work<ReconstructResult, ReconstructFeedback>, GoalError> {
+        // First: no state may begin between the look at the states and the run.
         let read = self.shared.read_session();
         let request = self.request(goal)?;
         let this = Arc::clone(self);
@@ -59,6 +60,7 @@ impl Job for Reconstructor {
             move |event, elapsed| progress.take(event).then(|| progress.feedback(elapsed)),
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
+                // The bags are read to the end: the next state may begin while the result is taken up.
                 drop(read);
                 this.finish(&request.out, result)
             },
@@ -76,6 +78,7 @@ impl Reconstructor {
         let recordings = snapshot.both()?;
         let mut config = self.config.clone();
         if goal.parts > 0 {
+            // A message has no absent fields: 0 leaves it to the parameter.
             config.run.parts = Some(goal.parts as usize);
         }
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };

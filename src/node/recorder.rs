@@ -49,6 +49,7 @@ pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
 async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     let p = &start.parameters;
     let topics = inputs::topics(&start.arguments, &start.identity, p);
+    // Before the network: a folder that cannot be used ends the command at once.
     let mut bag = BagWriter::create(folder)?;
     let mut participant = start.join()?;
     let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
@@ -67,11 +68,13 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
             }
             Some(sample) = inbox.small.recv() => Some(sample),
             Some(sample) = inbox.images.recv() => Some(sample),
+            // A jump of the time concerns only who waits for partners; a recording holds what came.
             Some(_) = inbox.commands.recv() => None,
         };
         if let Some(sample) = sample {
             write(&mut bag, &topics, &sample, clock.now_nanos())?;
         }
+        // By the machine's clock: that of /clock may stand still.
         if flushed.elapsed() >= FLUSH_EVERY {
             bag.flush()?;
             flushed = Instant::now();
@@ -88,6 +91,7 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
 
 /// Writes a message under its topic, whether it makes sense or not: that is for the reader to judge.
 fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) -> Result<(), BagWriteError> {
+    // The profiles that a replay offers: best effort fits no reliable reader, so transforms are reliable.
     const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
     const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
     const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };

@@ -104,6 +104,7 @@ impl RosArgs {
             "--params-file" => self.parameters.push(ParameterSource::File(value("FILE")?.into())),
             "--log-level" => self.log_level = Some(log_level(&value("LEVEL")?)?),
             "-e" | "--enclave" => self.enclave = Some(value("ENCLAVE")?),
+            // Unused, but their values must not pass as options.
             "--log-config-file" | "--log-file-name" => {
                 self.unknown.push(format!("{option} {}", value("FILE")?))
             }
@@ -124,6 +125,7 @@ impl RosArgs {
     /// # Errors
     /// If they are no names.
     pub fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
+        // By the default name: `node:__node:=other` names the node before it is renamed.
         let find = |keys: [&str; 2]| {
             self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name))
         };

@@ -135,6 +135,7 @@ impl Picture {
         let (name, sized) = match self {
             Self::Raw(m) => {
                 let side = |n: u32| (1..=MAX_SIDE).contains(&(n as usize));
+                // CDR only knows the length of `data`; that it is the image's is to be checked.
                 let whole = (m.step as usize).checked_mul(m.height as usize) == Some(m.data.len());
                 (&m.encoding, side(m.width) && side(m.height) && whole)
             }
@@ -149,6 +150,7 @@ impl Picture {
 /// A header with a stamp, a frame and a stamp after the epoch.
 fn stamped(header: &Header) -> Result<(), Refusal> {
     match header.checked() {
+        // Drivers that do not stamp send 0; all such images would seem to belong together.
         Some((stamp, frame)) if stamp > 0 && !frame.is_empty() => Ok(()),
         _ => Err(Refusal::Header),
     }

@@ -42,6 +42,7 @@ impl ServiceContext {
         if self.commands.send(command(answer)).await.is_err() {
             return Err(CollectError::Ending);
         }
+        // The core ended without an answer.
         answered.await.unwrap_or(Err(CollectError::Ending))
     }
 
@@ -144,6 +145,7 @@ where
         loop {
             match server.async_receive_request().await {
                 Ok((id, request)) => {
+                    // One request after the other: two begins of a state cannot overtake each other.
                     let response = answer(request).await;
                     if let Err(error) = server.async_send_response(id, response).await {
                         log::warn!("{name}: the answer was not sent: {error}");

@@ -57,6 +57,7 @@ pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     let arguments = without_stray(arguments)?;
     let identity = arguments.identity(DEFAULT_NAME)?;
     let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
+    // The settings of a run, too: a wrong one would show after minutes of collecting.
     settings::run_settings(&parameters, &inputs::topics(&arguments, &identity, &parameters))?;
     Ok(unknown)
 }
@@ -87,6 +88,7 @@ impl Start {
     pub fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
         let identity = arguments.identity(name)?;
+        // Before the environment, whose warnings are the first things to log.
         logger::start(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
@@ -107,6 +109,7 @@ impl Start {
     pub fn join(&self) -> Result<Participant, NodeError> {
         let participant =
             Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
+        // After joining: only then are the sockets open that are looked at.
         reach::check(&self.environment)?;
         Ok(participant)
     }
@@ -115,11 +118,13 @@ impl Start {
 /// Runs a future on the node's threads.
 pub(super) fn in_runtime<T>(work: impl Future<Output = Result<T, NodeError>>) -> Result<T, NodeError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
+        // Work is done on threads of its own; these move messages.
         .worker_threads(2)
         .enable_all()
         .build()
         .map_err(|source| NodeError::System { what: "starting the threads", source })?;
     let done = runtime.block_on(work);
+    // The tasks of subscriptions and services wait for messages for ever.
     runtime.shutdown_timeout(Duration::from_secs(1));
     done
 }
@@ -134,10 +139,12 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         Arc::new(move || free_folder(&out, &name))
     };
     let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
+    // The folder before the network: a second node on it ends before it disturbs the first.
     let lock = SessionLock::take(&first)?;
     let mut participant = start.join()?;
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
+    // The core: the one owner of the collector, on a thread of its own, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
     let core = Core::new(
@@ -152,6 +159,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
+    // What clients can call. Only the last twin and report count, hence channels of one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
         config: resolved.config,
@@ -168,9 +176,11 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
     action::offer(&mut participant, mapping, Arc::clone(&diagnoser))?;
+    // Input last, when all that it leads to is there.
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
+    // Latched topics go with their publisher: what an earlier node made is published again.
     if let Some(twin) = last_twin(&first) {
         reconstructor.twins.send_replace(Some(Arc::new(twin)));
     }
@@ -184,6 +194,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     log::info!("ending");
     quiet();
     let (done, ended) = oneshot::channel();
+    // The core closes the open bag; a disk that hangs does not keep the node.
     commands.send(Command::Stop(done)).await.ok();
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();

@@ -14,5 +14,6 @@ pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
         name.to_owned()
     };
     let numbered = |k: usize| out.join(if k == 0 { base.clone() } else { format!("{base}_{k}") });
+    // A session is never written over: the next free number is taken.
     (0..).map(numbered).find(|p| !p.exists()).unwrap_or_else(|| out.join(base))
 }

@@ -46,6 +46,7 @@ impl SessionLock {
         let file =
             open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true).truncate(false))
                 .map_err(fails)?;
+        // The system frees this lock with the process, however it ends; a file that only exists would stay.
         match file.try_lock() {
             Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
             Err(TryLockError::WouldBlock) => Err(SessionLockError::InUse(folder.to_owned())),
@@ -59,6 +60,7 @@ impl Drop for SessionLock {
     fn drop(&mut self) {
         let names = fs::read_dir(&self.folder)
             .map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());
+        // x
         if names.is_ok_and(|names| names == [LOCK_FILE]) {
             fs::remove_file(self.folder.join(LOCK_FILE)).ok();
             fs::remove_dir(&self.folder).ok();

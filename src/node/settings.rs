@@ -25,6 +25,7 @@ pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>,
     }
     p.settings.iter().try_for_each(|assignment| layers.set(assignment))?;
     let text = |s: &String| (!s.is_empty()).then(|| Value::from(s.as_str()));
+    // Topics as they were remapped: the bags hold these names.
     let assigned = [
         ("color_topic", "capture.topics.color", text(&topics.color)),
         ("depth_topic", "capture.topics.depth", text(&topics.depth)),
@@ -60,6 +61,7 @@ pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> Co
             rotation_rad: p.keyframe_rotation_deg.to_radians(),
             most: count(p.max_keyframes),
         },
+        // Where people end a state themselves, none of its views shows motion.
         hold: if p.automatic_states { HELD_VIEWS } else { 0 },
     }
 }

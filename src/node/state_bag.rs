@@ -84,6 +84,7 @@ impl StateBag {
         posed: Option<&str>,
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
+        // Latched in a replay: once is enough, unless one of them changed.
         if fixed != self.fixed {
             self.message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
             self.fixed = fixed;
@@ -114,6 +115,7 @@ impl StateBag {
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
         let (posed, plain): (Vec<_>, Vec<_>) = match (&self.topics.pose, posed) {
+            // A reader must not find the pose twice, on /tf and on its own topic.
             (Some(_), Some(child)) => around.into_iter().partition(|t| t.child_frame_id == child),
             _ => (Vec::new(), around),
         };

@@ -67,6 +67,7 @@ impl<T> Synchronizer<T> {
 
     /// Takes an image of a kind; the sets that it completes, in the order of their stamps.
     pub fn push(&mut self, role: usize, stamp_nanos: i64, image: T) -> Vec<Matched<T>> {
+        // A kind whose partners stay away must not fill the memory.
         if self.queues[role].len() == self.depth {
             self.queues[role].pop_front();
             self.unmatched[role] += 1;
@@ -85,6 +86,8 @@ impl<T> Synchronizer<T> {
     fn settle(&mut self) -> Vec<Matched<T>> {
         let stamps = |queue: &VecDeque<(i64, T)>| queue.iter().map(|e| e.0).collect::<Vec<_>>();
         let color = stamps(&self.queues[0]);
+        // The rule of recordings, asked anew for each image: queues are
+        // short, and the same sets come out of the bag.
         let partners: Vec<Option<Vec<Option<usize>>>> = (0..ROLES)
             .map(|r| {
                 (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))
@@ -138,6 +141,7 @@ impl<T> Synchronizer<T> {
 
     /// What can still become of a color image with respect to one kind.
     fn fate(&self, role: usize, stamp: i64, partner: Option<usize>) -> Fate {
+        // Images of one kind are taken to come in the order of their stamps.
         let passed = self.newest[role].is_some_and(|n| n > stamp + self.slop_nanos);
         match partner {
             Some(p) if self.queues[role].get(p).is_some_and(|e| e.0 == stamp) => Fate::Settled,

@@ -68,6 +68,7 @@ pub fn root_transform(
 #[must_use]
 pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
+    // RViz keeps markers until they are deleted: those of an earlier twin with more joints would stay.
     let clear = Marker {
         header: header.clone(),
         ns: NAMESPACE.into(),
@@ -165,6 +166,7 @@ impl Drawn<'_> {
     fn uncertainty(&self) -> Vec<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let reach = 0.5 * AXIS_LENGTH_M;
+        // NaN is a deviation that is not determined; the label says that, a circle cannot.
         let known = |v: f64| if v.is_finite() { v } else { 0.0 };
         let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
         let turn = |k: usize| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64;
@@ -206,6 +208,7 @@ impl Drawn<'_> {
 
 /// A unit vector at right angles to an axis.
 fn across(axis: &Vector3<f64>) -> Vector3<f64> {
+    // Far from the axis: a product of nearly parallel vectors is mostly rounding.
     let helper = if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     axis.cross(&helper).normalize()
 }

@@ -67,6 +67,7 @@ impl View {
         info_topic: &str,
         topics: [&str; 3],
     ) -> Result<Pixels, ViewError> {
+        // The lens is left to the pipeline, which undistorts; here it is enough that it can be read.
         let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
         let color = self.checked(topics[0], &intrinsics, color.color())?;
