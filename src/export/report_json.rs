@@ -452,6 +452,7 @@ fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
 
 /// The first states that show the lowest and the highest position.
 fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
+    // Equal bit for bit: the ends of the interval are positions of states.
     model.observed_interval(joint).map(|q| model.states.iter().position(|s| s[joint] == q).unwrap_or(0))
 }
 

@@ -37,6 +37,7 @@ pub(super) fn guarded<T>(
     doing: &'static str,
     work: impl FnOnce() -> Result<T, EngineError>,
 ) -> Result<T, EngineError> {
+    // An engine that failed is not asked again, so that nobody sees what a panic left half done.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(ToString::to_string));

@@ -68,6 +68,7 @@ pub(super) fn losses(
     let sdf = sdf_loss(&tsdf, &floats(piece.targets.clone(), [n, 4], &device))
         / (batch.rays * batch.samples_per_ray) as f32;
     let lit = piece.lit_rays.len() * piece.per_ray;
+    // The color network would get a tensor without rows.
     if lit == 0 {
         return (sdf, Tensor::zeros([1], &device));
     }

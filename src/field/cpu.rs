@@ -83,6 +83,7 @@ impl CpuEngine {
             second.len()
         );
         let floats = params.table.len();
+        // A checkpoint has no such flags; moments show where a gradient was.
         let moved = |(m, v): (&[f32], &[f32])| m.iter().chain(v).any(|&x| x != 0.0);
         let awake = params.levels.iter().flat_map(|l| {
             let range = l.offset..l.offset + l.entries * FEATURES;
@@ -202,6 +203,7 @@ impl CpuEngine {
         let tables = table.into_iter().zip(first).zip(second).zip(awake);
         let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
         levels.reverse(); // fine levels take longest
+        // One level a task: several large ones in one piece of work would leave threads idle.
         levels.into_par_iter().with_max_len(1).for_each(
             |(((l, layout), gradient), (((table, first), second), awake))| {
                 let level = LevelGeometry::new(layout);
@@ -288,6 +290,7 @@ fn encode(isa: InstructionSet, params: &FieldParams, plan: &Plan, features: &mut
     if columns == 0 {
         return;
     }
+    // Level by level: one table stays in the cache while many points read it.
     let tasks: Vec<_> = features
         .chunks_exact_mut(FEATURES * columns)
         .zip(&params.levels)

@@ -219,8 +219,7 @@ impl<'a> Query<'a> {
         }
         b.encoded = encoded;
         self.networks(b);
-        // Forward mode: three tangents go with the value through both layers. Backward would take sixteen
-        // passes, one an output.
+        // Forward mode: three tangents, one a coordinate, go with the value through both layers.
         slopes.map(|slope| {
             let mut hidden = vec![0.0; b.hidden.len()];
             self.network.geometry[0].apply_linear(
@@ -271,6 +270,7 @@ impl<'a> Query<'a> {
                 inputs[row * cols + i] = value;
             }
         }
+        // Row 0 of the outputs is the distance, the others are the features.
         inputs[VIEW_COEFFICIENTS * cols..][..COLOR_FEATURES * cols].copy_from_slice(&b.outputs[cols..]);
         let hidden = self.network.hidden();
         b.first.resize(hidden * cols, 0.0);

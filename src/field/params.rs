@@ -103,6 +103,7 @@ impl FieldParams {
 
 /// Uniform in `[-bound, bound)`.
 fn uniform(rng: &mut impl Rng, bound: f32) -> f32 {
+    // 24 bits, which a single float holds exactly.
     ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound
 }
 

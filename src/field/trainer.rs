@@ -146,6 +146,7 @@ impl FieldTrainer {
             self.judge_rays();
         }
         let config = &self.config;
+        // One number for the step; each ray derives a stream from it.
         let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
         let sampler = Sampler {
             pool: &self.pool,

@@ -48,6 +48,7 @@ impl Plain for bool {
         slot[0] = u8::from(*self);
     }
     fn get(slot: &[u8]) -> Self {
+        // Any byte makes a bool: a damaged file gives no invalid value.
         slot[0] != 0
     }
 }

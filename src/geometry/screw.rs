@@ -34,6 +34,7 @@ impl Screw {
         let w = log_so3(&motion.rotation);
         let angle_rad = w.norm();
         let t = motion.translation.vector;
+        // A turn this small shows no line: the motion counts as a translation (docs/method.md 1.4).
         if angle_rad < MIN_ANGLE_RAD {
             let direction = Unit::try_new(t, 1e-12)?;
             return Some(Self { direction, point: Point3::origin(), angle_rad: 0.0, advance_m: t.norm() });

@@ -262,6 +262,7 @@ impl ArticulatedModel {
     pub fn motion(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
         let motions = others.iter().map(|s| s[joint] - first[joint]);
+        // Of equally far states the first.
         motions.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or_default()
     }
 
@@ -269,6 +270,7 @@ impl ArticulatedModel {
     #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &[f64]) -> Pose {
         match self.joints.iter().position(|j| j.child == link) {
+            // The root's frame is the world's.
             None => Pose::identity(),
             Some(j) => {
                 self.world_from_link(self.joints[j].parent, positions)

@@ -172,6 +172,7 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
             parent_from_joint,
             axis: part.axis,
             limit: Limit {
+                // From 0, the position in state 0, which is not among these.
                 lower: part.positions.iter().copied().fold(0.0, f64::min),
                 upper: part.positions.iter().copied().fold(0.0, f64::max),
                 effort: config.effort,

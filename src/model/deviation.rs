@@ -45,6 +45,7 @@ impl Deviations {
         let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
         let variance = |k: usize| -> f64 {
             let block: Matrix3<f64> = covariance.fixed_view::<3, 3>(k, k).into();
+            // What is left after projection are the variances across the axis.
             (across * block * across).trace()
         };
         let motion = if turns { GUESSED_TURN_RAD } else { GUESSED_SLIDE_SHARE * extent_m };

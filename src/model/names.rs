@@ -58,6 +58,7 @@ fn is_xml_char(c: char) -> bool {
 /// JSON for a `<script>` of a page: nothing in it ends the script, and it means the same.
 #[must_use]
 pub fn script_json(json: &str) -> String {
+    // In JSON a `<` stands within strings alone, where the escape means the same.
     json.replace('<', "\\u003c")
 }
 
@@ -70,6 +71,7 @@ pub fn identifier(name: &str) -> Cow<'_, str> {
         return Cow::Borrowed(name);
     }
     let word = |c: char| if is_word(c) { c.to_string() } else { format!("_{:x}_", u32::from(c)) };
+    // The first `_` also serves names that begin with a digit.
     Cow::Owned(format!("_{}", name.chars().map(word).collect::<String>()))
 }
 

@@ -41,6 +41,7 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             }
             let positions = steps(model, &joint, lower, upper);
             let moving = model.links[joint.child].collision.clone();
+            // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
                 let poses = relative_poses(model, j, other, &state, &positions);
                 // The parent is known to be clear; another part may truly stand in the way, unless it is only
@@ -197,6 +198,7 @@ fn cut(piece: ConvexSolid, path: &[ConvexSolid], config: &ConvexConfig) -> Vec<C
     let grown: Vec<Plane> =
         piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + config.gap_m, ..p }).collect();
     let bounds = piece.bounds();
+    // Along the solid's own axes, so that cuts run with its faces.
     let axes = piece.axes();
     let (mut lo, mut hi) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for moved in path {
@@ -247,6 +249,7 @@ fn without_box(
         kept.extend(
             solid
                 .clipped(&plane)
+                // Simulators refuse hulls that are smaller or thinner.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
         rest = solid.clipped(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });

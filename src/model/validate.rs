@@ -59,6 +59,7 @@ impl Findings {
 }
 
 fn names(model: &ArticulatedModel, found: &mut Findings) {
+    // Links and joints together: USD and MJCF need one name each.
     let all = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
     let mut seen = BTreeSet::new();
     for name in std::iter::once(&model.name).chain(all.clone()) {
@@ -103,6 +104,7 @@ fn inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
     }
     if !inertia.iter().all(|x| x.is_finite()) {
         found.add(subject, "the inertia is not finite");
+        // The rules below compute with these numbers.
         return;
     }
     let scale = inertia.norm();

@@ -89,6 +89,7 @@ impl Rendered {
                     continue;
                 }
                 let i = y * width + x;
+                // Inverse depth is linear in the image, depth is not.
                 let depth_m = 1.0 / (p.2 + (q.2 - p.2) * share);
                 let surface_m = f64::from(self.depth_m[i]);
                 let hidden = style.occlusion != Occlusion::Ignore && surface_m > 0.0 && surface_m < depth_m;

@@ -161,6 +161,7 @@ fn facets(
             continue;
         }
         let cut = in_front(&whole);
+        // Cut at the near plane, a triangle has up to four corners: a fan.
         for i in 2..cut.len() {
             facets.push(Facet { corners: [cut[0], cut[i - 1], cut[i]].map(corner), item: index });
         }

@@ -60,6 +60,7 @@ struct Rule {
 
 impl Rule {
     fn at(taken: i32, rate: f64) -> Self {
+        // In double precision: at first 1 - b2^t is a thousandth.
         let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
         Self {
             rate: (rate / (1.0 - b1.powi(taken))) as f32,

@@ -71,6 +71,7 @@ impl Consistency<'_> {
     /// `L_s = sum w v rho(sum_i P_i sdf'(y_i) - sdf(x)) / sum w`, on all samples; `probabilities` are those
     /// of the samples.
     pub(crate) fn sdf_loss(&self, probabilities: &[f32]) -> LossTerm {
+        // A batch without a sample near the surface has no loss, in place of NaN.
         let total: f64 = self.batch.weights.iter().sum::<f64>().max(1e-12);
         let parts = self.parts();
         let chunk = |(chunk, p): (usize, &[f32])| {

@@ -68,6 +68,7 @@ impl Cell {
 
     /// Turns a gradient by the interpolated features into one by the normalised position.
     pub(crate) fn by_position(&self, grid: &[f32], by_features: &[f32]) -> [f32; 3] {
+        // The features are contracted first: one number a corner is left to differentiate.
         let corner: [f32; 8] = std::array::from_fn(|k| {
             let node = self.node(k);
             grid[node * FEATURES..(node + 1) * FEATURES].iter().zip(by_features).map(|(g, d)| g * d).sum()

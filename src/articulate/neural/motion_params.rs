@@ -55,6 +55,7 @@ impl Motions {
             Pose::from_parts(t.into(), m.rotation)
         };
         let mut parts: Vec<Pose> = world.iter().map(normalised).collect();
+        // Still to 1e-9 by the checks, and exactly from here on.
         parts[0] = Pose::identity();
         let moments = Moments::new(6 * parts.len());
         Self { parts, moments }

@@ -133,6 +133,7 @@ pub(crate) fn occupancy_loss(
         };
         // docs/method.md (12.17).
         let error = predicted - target;
+        // Most points; visibility is asked only where it counts.
         if error == 0.0 {
             return (0.0, 0.0);
         }

@@ -106,6 +106,7 @@ impl<'a> ArticulationTrainer<'a> {
         check_motions(start.motions, parts)?;
         check_labels(start.labels, parts)?;
 
+        // A registration is near the goal: fewer and smaller steps.
         let (main_steps, motion_rate) = match start.motions {
             None => (config.identity_steps, config.identity_motion_rate),
             Some(_) => (config.refine_steps, config.refine_motion_rate),
@@ -133,6 +134,7 @@ impl<'a> ArticulationTrainer<'a> {
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
         Ok(Self {
             occupied: [OccupiedVoxels::of(&volumes[0]), OccupiedVoxels::of(&volumes[1])],
+            // A ray of median noise has the weight 1.
             typical_sigma_m: problem.states.map(|s| median_sigma_m(&s)),
             matches: problem.matches.to_vec(),
             labels,
@@ -257,6 +259,7 @@ impl<'a> ArticulationTrainer<'a> {
     /// Losses and gradients of both states at fresh samples.
     fn evaluate(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
         let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
+        // By the number of the step: a continued run draws what an uninterrupted one would.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
         let [r0, r1] = &mut rngs;
         let (a, b) = rayon::join(

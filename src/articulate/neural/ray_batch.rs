@@ -87,6 +87,7 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
             return i;
         }
     }
+    // Rounding may leave a rest, and weights may all be 0.
     weights.len() - 1
 }
 

@@ -40,6 +40,7 @@ impl Dense {
     /// are zero.
     fn init(shape: (usize, usize), used: (usize, usize), rng: &mut impl Rng) -> Self {
         let bound = 1.0 / (used.0 as f32).sqrt();
+        // Drawn for what is used alone: the padding does not shift the initial values.
         let mut draw = || ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound;
         let mut layer = Self::zeros(shape);
         for i in 0..used.0 {

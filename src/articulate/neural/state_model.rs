@@ -86,6 +86,7 @@ impl Volume<'_> {
             Reading::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
         };
         let (d, g) = grid.sample_with_gradient(&self.scene.world(&(point * stretch)));
+        // The gradient from meters to normalized units.
         (f64::from(d), g.cast::<f64>() * (stretch / self.scene.scale))
     }
 }

@@ -56,6 +56,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
         ("distance grid", model.sdf.dims, model.sdf.values.len()),
         ("visibility grid", model.visible.dims, model.visible.values.len()),
     ] {
+        // Interpolation needs two nodes a side, and voxels are numbered by 32 bits.
         if dims.iter().any(|d| *d < 2)
             || dims.iter().product::<usize>() != values
             || values > u32::MAX as usize

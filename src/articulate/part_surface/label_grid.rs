@@ -21,6 +21,7 @@ pub fn label_grid(tsdf: &Grid3<f32>, points: &[Point3<f64>], labels: &[u8], reac
     out.values.par_chunks_mut(layer).enumerate().for_each(|(z, values)| {
         for (i, value) in values.iter_mut().enumerate() {
             let node = z * layer + i;
+            // NaN, where nothing was observed, is not near either.
             if f64::from(tsdf.values[node].abs()) < reach_m {
                 *value = nearest.nearest(&tsdf.position(node)).map_or(NO_LABEL, |(i, _)| labels[i]);
             }

@@ -139,6 +139,7 @@ fn triple(text: &str) -> Vector3<f64> {
 }
 
 fn pose(node: Node) -> Pose {
+    // As URDF has it, a missing origin is the identity.
     let origin = child(node, "origin");
     let read = |name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple);
     let (xyz, rpy) = (read("xyz"), read("rpy"));
@@ -208,6 +209,7 @@ fn joint(node: Node) -> JointText {
                 offset: read("offset", 0.0),
             }
         }),
+        // By the local name, whatever prefix stands for the namespace.
         threaded: node.children().any(|n| n.tag_name().name() == "thread"),
     }
 }

@@ -31,6 +31,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
     let name = &joint.name;
     match joint.axis {
         None => found.warn(Rule::Joint, name, "has no <axis>; x is taken"),
+        // The rules of numbers report an axis without length.
         Some(axis) if axis.norm() > 0.0 && (axis.norm() - 1.0).abs() > 1e-4 => {
             found.error(Rule::Joint, name, format!("the axis has length {}", axis.norm()))
         }

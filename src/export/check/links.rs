@@ -21,6 +21,7 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         found.error(Rule::Tree, "robot", "has no link");
     }
     for link in &description.links {
+        // A link without shapes is a mere frame and needs no mass.
         let bare = link.visuals.is_empty() && link.collisions.is_empty();
         match &link.inertial {
             None if !bare => {
@@ -75,6 +76,7 @@ fn inertia(link: &str, inertial: &InertialText, found: &mut Findings) {
         None if inertial.inertia.contains(&None) => {
             found.error(Rule::Inertia, link, "the inertia lacks an element")
         }
+        // Impossible tensors are reported by `sound`.
         Some(tensor) if impossible_inertia(&tensor).is_none() => {
             let least = principal_moments(&tensor)[0];
             if least <= 0.0 {

@@ -70,6 +70,7 @@ pub(super) fn check(
                     }
                     points
                 }
+                // As polyhedra, so that one test of overlap serves all shapes.
                 primitive => {
                     corners(primitive).into_iter().filter(|p| p.iter().all(|x| is_number(*x))).collect()
                 }
@@ -272,6 +273,7 @@ fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool 
 
 /// Rules of a visual mesh: normals, material, texture.
 fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found: &mut Findings) {
+    // Of these formats an OBJ alone has materials.
     if !file.to_ascii_lowercase().ends_with(".obj") {
         return;
     }

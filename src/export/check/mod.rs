@@ -34,12 +34,14 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     for path in urdfs {
         all.extend(check_urdf(folder, path));
     }
+    // By level first, in the order of the fields of `CheckFinding`.
     all.sort();
     all
 }
 
 fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     let mut found = Findings::of(path);
+    // Bytes that are no UTF-8 are replaced: the rules then find what is wrong with them.
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
     let description = match Description::parse(&text) {
         Ok(description) => description,

@@ -88,9 +88,11 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
     for (_, attributes, count, range, rule) in ATTRIBUTES.iter().filter(|a| a.0 == tag) {
         for attribute in *attributes {
             let Some(text) = node.attribute(*attribute) else { continue };
+            // Nothing reads the axis of a joint that does not move, and writers put zeros there.
             let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
             let range = if *range == Direction && still { Place } else { *range };
             if let Some(why) = wrong(text, *count, range) {
+                // A finding stays one short line, whatever the file holds.
                 let shown: String = text.chars().take(60).collect();
                 let message = format!("the {attribute} of <{tag}> is '{}'; {why}", shown.escape_debug());
                 bad.push(BadNumber {

@@ -34,6 +34,7 @@ pub fn exported<'a>(
     let model = &joint.diagnosis.model;
     joint.diagnosis.findings.iter().filter_map(move |finding| {
         let effect = catalogue[finding.index].as_ref();
+        // What happened in one run is no property of the joint.
         let term = model.terms.iter().find(|t| t.effect == finding.index && !effect.is_of_one_run())?;
         let expression = effect.in_format(format, &term.p, &model.plant);
         Some(Exported { finding, effect, p: &term.p, expression })

@@ -38,6 +38,7 @@ pub fn urdf(
 ) -> Result<(String, Vec<ExportNote>), XmlError> {
     let document = parse_xml(text)?;
     let (mut edits, mut notes) = (Vec::new(), Vec::new());
+    // A twin that was diagnosed before holds such elements.
     let mut foreign = text.contains("<gap:");
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
@@ -52,6 +53,7 @@ pub fn urdf(
             notes.push(note(Format::Urdf, file, joint, &effect));
         }
         foreign |= !elements.is_empty();
+        // Where no effect changed a number the element stays as it was written.
         let changed = (dynamics != old).then_some(dynamics);
         edits.extend(
             joint_of(&document, &joint.joint)
@@ -83,6 +85,7 @@ pub(crate) fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
 
 /// The joint of this name among the children of `<robot>`, where it has content to change.
 fn joint_of<'a>(document: &'a Document<'a>, name: &str) -> Option<Node<'a, 'a>> {
+    // Children of `<robot>` only: a `<transmission>` has elements with the names of joints, too.
     let is_it = |n: &Node| n.has_tag_name("joint") && n.attribute("name") == Some(name) && n.has_children();
     document.root_element().children().find(is_it)
 }

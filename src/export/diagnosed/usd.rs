@@ -64,6 +64,7 @@ fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Optio
     let open = start + text[start..].find("\n        {\n")? + 11;
     let end = open + text[open..].find("\n        }")? + 1;
     let (drive, per_rad) = if turns { ("angular", 1f64.to_radians()) } else { ("linear", 1.0) };
+    // PhysX alone has a friction of its own for standing still.
     let mut values = vec![
         (format!("physxJointAxis:{drive}:staticFrictionEffort"), held.friction + held.breakaway_excess),
         (format!("physxJointAxis:{drive}:dynamicFrictionEffort"), held.friction),
@@ -144,6 +145,7 @@ fn numbers(tuple: &str) -> Option<Vec<f64>> {
 }
 
 fn quaternion_of(tuple: &str) -> Option<nalgebra::UnitQuaternion<f64>> {
+    // USD writes the real part first.
     let &[w, x, y, z] = numbers(tuple)?.as_slice() else { return None };
     nalgebra::UnitQuaternion::try_new(nalgebra::Quaternion::new(w, x, y, z), 1e-9)
 }

@@ -49,6 +49,7 @@ impl InstructionSet {
         #[cfg(target_arch = "x86_64")]
         {
             let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            // The AVX-512 kernels use `avx2::add_pair` as well.
             if avx2 && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
                 sets.push(Self(Kind::Avx512));
             }

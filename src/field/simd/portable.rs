@@ -11,6 +11,7 @@ pub(super) struct Portable;
 /// `a * b + c`: fused where the baseline has it.
 #[inline(always)]
 fn fma(a: f32, b: f32, c: f32) -> f32 {
+    // Without the instruction a fused product would be a call of the math library.
     if cfg!(target_arch = "aarch64") { a.mul_add(b, c) } else { a * b + c }
 }
 

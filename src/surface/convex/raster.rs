@@ -109,6 +109,7 @@ impl Raster {
         let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
         let columns = (0..self.columns).map(|x| (0..self.rows).map(|y| y * self.columns + x).collect());
         let lines: Vec<Vec<usize>> = rows.chain(columns).collect();
+        // Apart from what was seen: a closed gap must not justify the next.
         let mut closed = vec![false; stop.len()];
         let is_hidden = |gap: &[usize]| {
             gap.iter().filter(|g| hidden(&self.middle(**g))).count() as f64 >= HIDDEN * gap.len() as f64
@@ -149,6 +150,7 @@ impl Raster {
 
     /// A place given in cells, in the patch's plane.
     fn back(&self, x: f64, y: f64) -> Point2<f64> {
+        // The last cells may reach beyond the patch.
         let p = self.lower + Vector2::new(x * self.cell_m, y * self.cell_m).inf(&self.side);
         Point2::from(self.direction * p.x + Vector2::new(-self.direction.y, self.direction.x) * p.y)
     }
