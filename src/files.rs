@@ -45,6 +45,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
 /// As [`open`]; a file beyond the limit.
 pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
+    // One byte beyond the limit shows a file that is too large, also one that grows while it is read.
     open(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit.bytes {
         return Err(io::Error::new(

@@ -114,6 +114,7 @@ pub struct InspectArgs {
     Parameters: `artitwin node --ros-args -p parts:=2`; all of them stand in launch_configs/ros/node.yaml.")]
 pub struct NodeArgs {
     /// Arguments of ROS 2: --ros-args -r FROM:=TO -p NAME:=VALUE --params-file FILE --log-level LEVEL
+    // `--ros-args` and what follows are read by the node, not as options.
     #[arg(value_name = "ROS_ARGS", trailing_var_arg = true, allow_hyphen_values = true)]
     pub arguments: Vec<String>,
 }

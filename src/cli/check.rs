@@ -20,6 +20,7 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();
     text.push_str(&format!("{errors} errors, {} warnings\n", found.len() - errors));
     terminal::print(&text)?;
+    // Warnings are what some importer reads otherwise; with --strict all of them count.
     let failed = errors > 0 || (args.strict && !found.is_empty());
     Ok(if failed { Exit::Failed } else { Exit::Done })
 }

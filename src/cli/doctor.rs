@@ -25,6 +25,7 @@ const DISK_WANTED: u64 = 2 << 30;
 pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
     let engine = settings.resolve()?.config.run.engine;
     let adapters = field::adapters();
+    // Before the engine is refused: the report shows why.
     terminal::print(&report(&Machine::detect(), &adapters))?;
     let name = engine_name(engine, &adapters).map_err(|e| CliError::Machine(e.to_string()))?;
     terminal::print(&format!("engine     {name}\n"))?;
@@ -93,6 +94,7 @@ fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> R
         (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),
         (Engine::Burn, _) => Ok("burn on the CPU".to_owned()),
         (Engine::Gpu, Ok(found)) if found.is_empty() => Err(EngineUnfit::NoAdapter),
+        // wgpu lists renderers in software as adapters, too.
         (Engine::Gpu, Ok(found)) if found.iter().all(|a| a.contains("(Cpu,")) => {
             Ok("burn on a software adapter, which is slower than the cpu engine".to_owned())
         }

@@ -32,6 +32,7 @@ impl Machine {
             vector_instructions: vector_instructions(),
             threads: thread::available_parallelism().ok().map(Into::into),
             memory_total: kibibytes(&memory, "MemTotal"),
+            // MemAvailable, not MemFree: caches are given up on request.
             memory_available: kibibytes(&memory, "MemAvailable"),
             disk_free: free_bytes(Path::new(".")),
         }

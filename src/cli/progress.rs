@@ -40,6 +40,7 @@ impl Progress {
                 listen(&receiver, &ended, &mut lines);
                 return lines.outcome;
             }
+            // Bars for people; a log cannot be redrawn and gets lines.
             if io::stderr().is_terminal() {
                 listen(&receiver, &ended, &mut Bars::default());
             } else {
@@ -74,6 +75,7 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
     loop {
         match events.recv_timeout(PATIENCE) {
             Ok(event) => listener.report(&event, start.elapsed()),
+            // Senders outlive the run (the handler of Ctrl-C keeps one), so its end is a flag.
             Err(RecvTimeoutError::Timeout) if !ended.load(Ordering::Acquire) => {}
             Err(_) => return listener.end(),
         }
@@ -94,6 +96,7 @@ impl<W: Write> Listener for JsonLines<W> {
             return;
         }
         let written = serde_json::to_string(event).map_err(io::Error::from);
+        // Each line at once, for whoever follows the run through a pipe.
         let written = written.and_then(|line| writeln!(self.out, "{line}").and_then(|()| self.out.flush()));
         // Once the reader went away nobody is left to report to; the run goes on.
         if let Err(error) =

@@ -32,6 +32,7 @@ pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
     }
+    // Before anything is printed, so that no bar is drawn over it.
     progress.finish().map_err(CliError::Events)?;
     let outcomes = outcomes?;
     let total = outcomes.len();
@@ -81,6 +82,7 @@ fn reconstruct(
                  out one or the other",
             ));
         }
+        // The error of a single run is that of the command, with its own exit code.
         return Ok(vec![Ok(run::reconstruct(&request(args.bags.clone()), &monitor)?)]);
     };
     let requests: Vec<ReconstructRequest> = args.bags.iter().map(|bag| request(vec![bag.clone()])).collect();
@@ -90,6 +92,7 @@ fn reconstruct(
 /// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
 fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
     ctrlc::set_handler(move || {
+        // A step may take long: who asks twice does not want to wait.
         if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(Exit::Cancelled as i32);
         }

@@ -26,6 +26,7 @@ pub fn outcome(outcome: &Outcome) -> String {
 }
 
 fn joint(joint: &JointSummary) -> String {
+    // Adding 0 takes the sign off a minus zero.
     let triple = |v: [f64; 3], digits: usize| v.map(|x| format!("{:.digits$}", x + 0.0)).join(", ");
     let axis = triple(joint.axis_in_world, 4);
     match joint.kind {

@@ -37,6 +37,7 @@ impl Config {
             other => unusable("articulation", other),
         })?;
         ranges(self).into_iter().try_for_each(|(key, value, low, high)| match value {
+            // False for NaN.
             v if v >= low && v <= high => Ok(()),
             v => Err(outside(key, v, low, high)),
         })

@@ -74,6 +74,7 @@ impl Layers {
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
     pub fn text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
         let layer: Value = parse_yaml(text).map_err(|error| syntax(name.to_owned(), &error))?;
+        // The parser gives no places of values, so keys are looked up in the text.
         let lines = key_lines(text);
         self.add(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),
@@ -115,6 +116,7 @@ impl Layers {
     /// # Errors
     /// [`ConfigError::Value`] with key and origin of a value that does not fit.
     pub fn resolve<T: Serialize + DeserializeOwned>(self) -> Result<Resolved<T>, ConfigError> {
+        // Once, from all layers: an explicit default stays explicit.
         let config: T = serde_norway::from_value(self.merged.clone())
             .map_err(|error| self.culprit::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
@@ -135,6 +137,7 @@ impl Layers {
 
     /// The value that alone makes the defaults unreadable, else the reason without its place.
     fn culprit<T: DeserializeOwned>(&self, reason: &str) -> ConfigError {
+        // The parser names no key: each value that was given is tried alone on the defaults.
         for (key, origin) in &self.origins {
             let Some(value) = get(&self.merged, key) else { continue };
             let mut alone = self.defaults.clone();
@@ -201,12 +204,14 @@ fn merge(
 ) -> Result<(), ConfigError> {
     let origin = (target.origin)(path);
     let Value::Mapping(group) = schema else {
+        // A list is one value: its entries do not merge with those of a lower layer.
         check_leaf(&origin, path, &layer, 0)?;
         target.origins.insert(path.to_owned(), origin);
         *merged = layer;
         return Ok(());
     };
     let given = match layer {
+        // A group without entries, `train:` alone, is null in YAML.
         Value::Null => return Ok(()),
         Value::Mapping(given) => given,
         _ if path.is_empty() => {
@@ -246,6 +251,7 @@ fn check_leaf(origin: &str, key: &str, value: &Value, depth: usize) -> Result<()
     };
     match value {
         _ if depth > MAX_DEPTH => refuse("nested too deeply"),
+        // YAML has `.nan` and `.inf`, which pass as any number.
         Value::Number(n) if n.as_f64().is_some_and(|v| !v.is_finite()) => refuse("not a finite number"),
         Value::Sequence(items) => items.iter().try_for_each(|v| check_leaf(origin, key, v, depth + 1)),
         Value::Tagged(tagged) => check_leaf(origin, key, &tagged.value, depth + 1),

@@ -11,6 +11,7 @@ pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
         let content = line.trim_start();
         let Some(key) = key(content) else { continue };
         let indent = line.len() - content.len();
+        // Block style: what is indented no further than a group ends it.
         while open.last().is_some_and(|(i, _)| *i >= indent) {
             open.pop();
         }

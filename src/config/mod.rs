@@ -70,6 +70,7 @@ impl Config {
     /// If there is none of that name.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         let mut layers = Layers::new(&Self::default())?;
+        // By the same way as on the command line, so that both give the same settings.
         layers.preset(name)?;
         Ok(layers.resolve()?.config)
     }

@@ -12,6 +12,7 @@ pub fn hint(key: &str, valid: &[String]) -> String {
     };
     let near = valid.iter().filter(|_| key.len() <= MAX_KEY);
     match near.map(|v| (distance(v), v)).min() {
+        // Two slips, or a third of a long key; what is farther is no slip.
         Some((d, nearest)) if d <= 2.max(key.len() / 3) => format!("did you mean {nearest}?"),
         _ => "`artitwin config show` lists the valid ones".to_owned(),
     }

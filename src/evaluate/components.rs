@@ -6,6 +6,7 @@ use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
 /// Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
 pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+    // Textures split vertices at their seams: by position they are one.
     let welded = weld(mesh, 0.0);
     let mut parent: Vec<u32> = (0..welded.vertices.len() as u32).collect();
     for &[a, b, c] in &welded.triangles {

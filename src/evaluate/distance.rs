@@ -52,6 +52,7 @@ impl MeshDistance {
             return;
         }
         let mut halves = [index + 1, node.next].map(|i| (self.gap_squared(i, point), i));
+        // The nearer half first: what is found in it mostly spares the other.
         halves.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (gap, half) in halves {
             if gap < *best {
@@ -79,6 +80,7 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
     let axis = (upper - lower).imax();
     let middle = triangles.len() / 2;
     let key = |t: &[Point3<f64>; 3]| t.iter().map(|p| p[axis]).sum::<f64>();
+    // At the median: the depth stays logarithmic, whatever the mesh.
     triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
     let (left, right) = triangles.split_at_mut(middle);
     nodes[index].count = 0;
@@ -89,6 +91,8 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
 
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
 fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
+    // By the region that the point projects to: corner a, corner b,
+    // edge ab, corner c, edge ac, edge bc, inside.
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -117,6 +121,7 @@ fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
     let sum = va + vb + vc;
+    // A triangle without area has no inside.
     if sum > 0.0 { a + ab * (vb / sum) + ac * (vc / sum) } else { *a }
 }
 

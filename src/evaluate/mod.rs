@@ -130,6 +130,7 @@ pub fn run(
     let known = Truth::read(truth)?;
     let mut trials = Vec::with_capacity(runs.len());
     for folder in runs {
+        // One run at a time is in memory; only its numbers stay.
         let files = RunFiles::read(folder, options.min_component)?;
         trials.push(compare(&folder.display().to_string(), &known, &files, options)?);
     }

@@ -64,6 +64,7 @@ fn numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f64>)> {
         let name = |metric: &str| format!("{metric} ({})", joint.part);
         out.push((name("Axis Ang"), "deg", joint.axis_deg));
         if turns {
+            // The tables print this number in units of 0.1 m.
             out.push((name("Axis Pos"), "0.1 m", joint.axis_mm.map(|mm| mm / 100.0)));
             out.push((name("Part Motion"), "deg", joint.motion_deg));
         } else {

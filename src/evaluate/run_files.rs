@@ -105,6 +105,7 @@ impl RunFiles {
         };
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
         let kind = name(joint.kind);
+        // A screw may be written as a pair of joints with a link between them that has no mesh.
         let carrier =
             self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
         match (kind, carrier.map(|c| name(c.kind))) {
@@ -118,6 +119,7 @@ fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
     let entries =
         fs::read_dir(folder).map_err(|source| EvaluateError::Disk { path: folder.to_owned(), source })?;
     let name = |p: &PathBuf| p.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    // The `.ros.urdf` is the same twin with `package://` paths.
     let is_urdf = |p: &PathBuf| name(p).ends_with(".urdf") && !name(p).ends_with(".ros.urdf");
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {

@@ -26,6 +26,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
         let (mut u, mut v) = (unit(), unit());
+        // The other half of the parallelogram is folded back, which keeps the density even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }

@@ -113,6 +113,7 @@ impl Truth {
                 meshes: [mesh(0, &name)?, mesh(1, &name)?],
             });
         }
+        // Motions are given in the world, in which one part stands still.
         if parts.iter().filter(|p| p.joint.is_none()).count() != 1 {
             return Err(EvaluateError::Invalid {
                 path,

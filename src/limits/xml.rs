@@ -42,6 +42,7 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 /// # Errors
 /// [`XmlError`] but for [`XmlError::Parse`].
 pub fn check_xml(text: &str) -> Result<(), XmlError> {
+    // A scan of the tags alone: it needs no stack and stops at the first one too many.
     let (mut at, mut depth, mut elements) = (0, 0usize, 0);
     while let Some(start) = text[at..].find('<').map(|k| at + k) {
         let rest = &text[start..];
@@ -51,11 +52,13 @@ pub fn check_xml(text: &str) -> Result<(), XmlError> {
         } else if rest.starts_with("<![CDATA[") {
             rest.find("]]>")
         } else if rest.starts_with("<!ENTITY") {
+            // Entities of entities expand a text of a kilobyte to gigabytes; no model needs one.
             return Err(XmlError::Entities { line: line() });
         } else if rest.starts_with("<!") {
             // Declarations may hold others.
             Some(1)
         } else if rest.starts_with("</") {
+            // An end without a beginning is for the parser to refuse.
             depth = depth.saturating_sub(1);
             rest.find('>')
         } else if rest.starts_with("<?") {

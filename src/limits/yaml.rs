@@ -69,6 +69,7 @@ struct Scanner<'a> {
 
 impl<'a> Scanner<'a> {
     fn new(text: &'a str) -> Self {
+        // Boxed before it is initialized, as it must not move afterwards.
         let mut parser = Box::new(MaybeUninit::<unsafe_sys::yaml_parser_t>::uninit());
         // SAFETY: `initialize` writes the whole parser (it can fail only by ending the process for want of
         // memory); the text is borrowed as long as the parser lives.

@@ -48,7 +48,6 @@ impl NodeClock {
     /// Takes a simulated time; whether it went back.
     pub fn set(&self, time: Time) -> bool {
         let (Some(simulated), Some(nanos)) = (&self.simulated, time.nanos()) else { return false };
-        // is a restart or a replay from the start.
         let before = simulated.swap(nanos, Ordering::Relaxed);
         before != UNKNOWN && nanos < before.saturating_sub(JUMP_NANOS)
     }

@@ -14,6 +14,7 @@ use crate::{
 /// Refuses what no recording could make right; the name of the twin.
 pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     request.config.check().map_err(|e| e.with_origin(&request.origins))?;
+    // By names and folders alone; nothing is decoded yet.
     let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     let states = io::state_count(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     if states > 2 && request.config.seeks_consistency() {

@@ -64,6 +64,7 @@ pub(super) fn align(
     config: &Config,
     stages: &mut Stages,
 ) -> Result<Vec<Aligned>, RunError> {
+    // Of the states as they were recorded: only scale and center are taken from it.
     let scene = bounds(capture)?;
     let mut all = vec![Aligned::default()];
     for state in 1..capture.states.len() {
@@ -91,6 +92,7 @@ fn align_state(
     let steps = matcher.map(|_| pairs(frames, &config.matching));
     let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
+    // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lift(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |_| {
         drift(state, frames, &matches, scene, &capture.noise, config)
@@ -137,6 +139,7 @@ fn refined(
     let StateAlignment { state1_from_state0: world_from_world0, by, cells } = alignment;
     let mut drift =
         Drift { world_from_world0, covariance: None, note: Note::new(NoteCode::WorldFrameDiffers, "") };
+    // Surfaces are compared where they project to: they must be near each other already.
     let mut near = frames[1].to_vec();
     drift.undo(&mut near);
     let only_object = by == AlignedBy::LargestPart;

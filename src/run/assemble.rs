@@ -88,6 +88,7 @@ impl<'a> ColorLookup<'a> {
 fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], colors: &[ColorLookup]) {
     let color = |p: &nalgebra::Point3<f32>| {
         let place = |s: usize| if s == 0 { p.cast::<f64>() } else { motions[s] * p.cast::<f64>() };
+        // By fusion's weight: how often and how well the state's views saw the place.
         let seen = |s: usize| {
             states[s].labels.nearest(&place(s)).map_or(0.0, |i| {
                 if states[s].labels.values[i] == NO_LABEL { 0.0 } else { states[s].weight.values[i] }

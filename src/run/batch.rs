@@ -29,11 +29,13 @@ pub fn reconstruct_all(
         Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
     let work = || {
         loop {
+            // The next object to whoever is free: one takes seconds, another many minutes.
             let i = next.fetch_add(1, Ordering::Relaxed);
             let Some(request) = requests.get(i) else { return };
             let own = monitor.of_object(&names[i]);
             let result = own.check().map_err(RunError::from).and_then(|()| reconstruct(request, &own));
             if let Err(error) = &result {
+                // At once, as the others may go on for hours.
                 own.report(Event::Failed { message: chain(error) });
             }
             if let Some(slot) = results.lock().unwrap_or_else(PoisonError::into_inner).get_mut(i) {
@@ -60,6 +62,7 @@ fn names(requests: &[ReconstructRequest]) -> Result<Vec<String>, ConfigError> {
     };
     let names: Vec<String> = requests.iter().map(name).collect();
     for (i, name) in names.iter().enumerate() {
+        // They would take each other's place in the output folder.
         if let Some(j) = names[..i].iter().position(|n| n == name) {
             return Err(ConfigError::SameName {
                 name: name.clone(),

@@ -114,10 +114,12 @@ impl Checkpoint {
     pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
         let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
         let made_parent = folder.parent().is_some_and(|out| !out.as_os_str().is_empty() && !out.exists());
+        // A link would have all stages written to where it leads.
         if fs::symlink_metadata(folder).is_ok_and(|found| !found.is_dir()) {
             return Err(CheckpointError::Foreign { path: folder.to_owned() });
         }
         fs::create_dir_all(folder).map_err(fails)?;
+        // Before the lock is made: with a lock in it, a folder of somebody else would count as one of ours.
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
         }
@@ -172,6 +174,7 @@ impl Checkpoint {
         let path = self.file(stage)?;
         let mut too_large = false;
         let written = write_whole(&path, |file| {
+            // Filled in at the end, when length and checksum are known; zeros are no header.
             file.write_all(&[0; HEADER_BYTES])?;
             let mut payload = Summed { inner: &mut *file, sum: self.sum(stage), length: 0 };
             let outcome = postcard::to_io(value, &mut payload).map(|_| ()).map_err(io::Error::other);
@@ -231,6 +234,7 @@ impl Checkpoint {
         for name in file_names(&self.folder).map_err(fails)?.iter().filter(|n| is_ours(n)) {
             fs::remove_file(self.folder.join(name)).map_err(fails)?;
         }
+        // The lock last: until then the folder is ours.
         fs::remove_file(self.folder.join(LOCK_FILE)).map_err(fails)?;
         fs::remove_dir(&self.folder).map_err(fails)
     }
@@ -272,6 +276,7 @@ impl Checkpoint {
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
         let mut head = [0; HEADER_BYTES];
         file.read_exact(&mut head)?;
+        // Summed before it is decoded: a damaged length could ask the decoder for any amount of memory.
         let mut summed = Summed { inner: io::sink(), sum: self.sum(stage), length: 0 };
         io::copy(&mut file, &mut summed)?;
         if head != header(self.digest, summed.length, summed.sum.value()) {

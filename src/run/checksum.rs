@@ -42,6 +42,7 @@ impl Checksum {
     pub fn value(&self) -> u64 {
         let mut last = *self;
         last.word(self.pending);
+        // `pending` is filled up with zeros: the length distinguishes them from zeros that were added.
         mix(last.state ^ self.length)
     }
 

@@ -152,6 +152,7 @@ struct Recorded {
 /// Reads all runs and holds some of them out.
 fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> Result<Recorded, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
+    // Before any bag is read: a name of no link is found at once.
     for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
         moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
     }
@@ -159,6 +160,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
     let mut read = Recorded { recordings: Vec::new(), off_axis: Vec::new(), warnings: Vec::new() };
     let is_held = |p: &Path| request.held_out.iter().any(|h| h == p);
+    // A held-out run may be among the runs or beside them; it is read once.
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
@@ -355,6 +357,7 @@ fn split(
     let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
     for (recording, held) in recordings {
         let mut log = recording.joint(name, names, warnings)?;
+        // The others of a chain load this joint by their recorded motion.
         if !chain.is_empty() {
             let mut all = motions(tree, &moving, recording, hold)
                 .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
@@ -365,6 +368,7 @@ fn split(
     }
     if held_out.is_empty() && fitted.len() == 1 {
         let log = fitted.remove(0);
+        // By time, not at random: neighboring samples are alike, and the proof would see what was fitted.
         let cut = log.time_s.len() * 2 / 3;
         fitted.push(log.part(0, cut));
         held_out.push(log.part(cut, log.time_s.len()));

@@ -58,6 +58,7 @@ pub fn diagnose_frames(
     }
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {
+        // A reconstructed twin errs by what its run folder reports: effects within that are not named.
         twin.own = own;
     }
     let place = request.place(&text, recordings);
@@ -89,12 +90,14 @@ pub fn diagnose_frames(
         let motion = find(request, &tree, &text, monitor)?;
         files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
         json = report::merged(serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?, &json);
+        // Where frames show no gap, the motion decides.
         if verdict == Verdict::None {
             verdict = motion.verdict;
         }
         summary = format!("by frames, {summary}by motion, {}", motion.summary);
         warnings.extend(motion.warnings);
     }
+    // One page without other files, so that it can be sent.
     let page = page(&summary, &twin, &runs, &diagnosis)?;
     json["warnings"] = serde_json::to_value(&warnings).map_err(|e| failed("report", &e))?;
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;

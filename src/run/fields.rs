@@ -103,6 +103,7 @@ impl Training<'_> {
         let stopped = loop {
             match self.advance(&mut trainer, &mut kept) {
                 Ok(stopped) => break stopped,
+                // No further engine is left, and the same steps would fail again.
                 Err(_) if self.on_cpu() => {
                     return Err(failed(FieldError::NotFinite { step: trainer.done() }));
                 }
@@ -113,6 +114,7 @@ impl Training<'_> {
             }
         };
         if let Some(c) = self.checkpoint {
+            // Also when training is done: a stop in a later stage then finds the field.
             c.save(&file, &kept)?;
         }
         stopped.map_or(Ok(()), Err)?;
@@ -142,6 +144,7 @@ impl Training<'_> {
                     return Err(failure(trainer));
                 }
             }
+            // A device can be lost with what it holds; the CPU engine cannot.
             if !self.on_cpu() && trainer.done() >= kept.done + KEEP_EVERY {
                 *kept = sound(trainer)?;
             }

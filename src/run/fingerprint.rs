@@ -54,6 +54,7 @@ impl Fingerprint {
         } else {
             files.push(String::new())
         }
+        // `read_dir` has no order.
         files.sort();
         let mut sum = Checksum::default();
         let mut total = 0;
@@ -89,6 +90,7 @@ impl Fingerprint {
     pub fn digest(&self) -> u64 {
         let mut sum = Checksum::default();
         for text in self.0.iter().flat_map(|(name, value)| [name, value]) {
+            // With lengths, so that no two lists of texts run together to the same bytes.
             sum.update(&(text.len() as u64).to_le_bytes());
             sum.update(text.as_bytes());
         }

@@ -29,6 +29,7 @@ pub(super) fn joints(
         (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
     let mut joints = kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint);
+    // (8.13) Errors of state 0's cameras move all that is seen as one, so no residual shows them.
     if let Some(noise) = poses.noise(0) {
         for joint in joints.iter_mut().map(|j| &mut j.joint) {
             joint.evidence.covariance +=

@@ -138,6 +138,7 @@ impl Monitor {
                 Event::Artifact { .. } => {}
             }
         }
+        // A listener that went away does not end the run.
         self.events.send(event).ok();
     }
 

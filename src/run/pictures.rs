@@ -70,6 +70,7 @@ fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
     };
     let (sum, count) =
         frame.rgb.iter().enumerate().filter_map(squares).fold((0.0, 0), |(sum, n), s| (sum + s, n + 1));
+    // The floor keeps the ratio finite where both are the same.
     (count > 0).then(|| 10.0 * (255.0 * 255.0 / (sum / f64::from(3 * count)).max(1e-9)).log10())
 }
 
@@ -92,6 +93,7 @@ fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
         |f: &RgbdFrame| f.depth_m.iter().enumerate().filter(|(i, d)| **d > 0.0 && f.is_object(*i)).count();
     let mut order: Vec<(usize, usize)> = frames.iter().enumerate().map(|(i, f)| (size(f), i)).collect();
     order.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+    // Neighbors in time show the same side.
     let apart = frames.len() / 6;
     let mut chosen: Vec<usize> = Vec::new();
     for (_, i) in order {

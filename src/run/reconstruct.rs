@@ -20,9 +20,11 @@ use crate::{
 /// If the request cannot be fulfilled, which is reported before any work, a stage fails or the monitor asks
 /// to stop; nothing stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
+    // What cannot work is refused before anything is decoded.
     let name = checked_name(request)?;
     let matcher = matcher(&request.config)?;
     let fingerprint = fingerprint(request)?;
+    // Opened also where nothing is to be kept: its lock keeps a second run of this name away.
     let checkpoint = match begin(request, &name, &fingerprint, monitor)? {
         Beginning::Stands(outcome) => return Ok(outcome),
         Beginning::Open(checkpoint) => checkpoint,
@@ -43,21 +45,27 @@ fn reconstruct_files(
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint));
+    // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
         io::open(&request.sources, &config.capture, config.run.seed)
             .map_err(|e| RunError::stage("capture", e))
     })?;
+    // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
+    // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
     let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
+    // The model to files in memory.
     let files = stages.kept("export", None, |_| {
         Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export))
     })?;
+    // The files as a simulator would read them.
     let found = stages.run("check", None, |_| {
         Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect()))
     })?;
     let report = Report::new(&twin.model, facts(request, fingerprint, &capture, &twin, &images, &stages));
+    // All at once, under the final name.
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
     Ok(Outcome {

@@ -52,14 +52,20 @@ pub fn reconstruct_twin(
     config: &Config,
     stages: &mut Stages,
 ) -> Result<Twin, RunError> {
+    // All states in the world frame of state 0 (docs/method.md 2.8, 4, 5).
     let aligned = align(capture, matcher, config, stages)?;
+    // Behind the alignment, as the box holds the object in all states.
     let scene = Scene::of(capture, config)?;
+    // The surface of each state by itself (docs/method.md 3).
     let states = observe(&capture.states, aligned, &scene, stages)?;
+    // Parts and motions, state 0 with each other state (docs/method.md 6, 7).
     let found = find_parts(&states, &scene, stages)?;
+    // Motions become joints in a tree, each with its evidence (docs/method.md 8).
     let joints = stages.kept("joints", None, |_| {
         Ok::<_, RunError>(joints(&states, &capture.poses, &found.articulation, &scene))
     })?;
     let model =
+        // Surfaces of the parts from all states, links, masses, limits (docs/method.md 9, 10).
         stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, joints, &scene))?;
     check(&model)?;
     Ok(twin(model, &states, found, &scene, stages))
@@ -93,6 +99,7 @@ fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, 
         Some(format!("field of state {state} finished by the cpu engine: {why}"))
     };
     Twin {
+        // The first part is the static one.
         starts: articulation.starts[1..].to_vec(),
         registered,
         part_count,

@@ -101,6 +101,7 @@ fn surface(
     let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
         Ok::<_, RunError>(fuse(frames, &scene.bounds, &scene.band, &scene.noise, config.nodes))
     })?;
+    // A field that was trained for consistency alone does not make the surface.
     let field = field.filter(|_| config.source == SurfaceSource::Field);
     stages.kept(&stage, None, |_| {
         state_surface(frames, &volume, field, &scene.bounds, &scene.band, &scene.noise, config)

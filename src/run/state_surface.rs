@@ -39,7 +39,9 @@ impl Band {
         let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
         let one_reading_m = noise.sigma_m(depth_m);
         Self {
+            // docs/method.md (3.1).
             truncation_m: config.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
+            // A reading's weight is relative to one at 1 m (3.2), and the object is farther or nearer.
             min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,
         }
     }
@@ -80,6 +82,8 @@ pub fn fuse(
         frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
     let views = object_views(frames, &weights, &roles);
     views.iter().for_each(|view| volume.integrate(view, noise));
+    // Once more near the surface, by the views that see a node's side (3.4): those of the other
+    // side of a thin panel would push it outwards.
     volume.face(&views, noise);
     volume
 }
@@ -113,9 +117,11 @@ pub fn state_surface(
         Some(field) => paint(&mut mesh, field),
         None => volume.paint(&mut mesh),
     }
+    // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
     let nodes = Grid3::over(scene, config.distance_nodes, ());
     let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
+    // What was seen empty is outside, whatever an open mesh says.
     let sdf = signed_distance(&mesh, &nodes, Some(&free), &DistanceOptions::default()).map_err(failed)?;
     let samples = mesh_samples(&mesh, config.points);
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })

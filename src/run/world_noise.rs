@@ -16,6 +16,7 @@ pub(super) fn world_covariance(
     axis: &Vector3<f64>,
     point: &Point3<f64>,
 ) -> SMatrix<f64, 7, 7> {
+    // One camera moves the mean by its share.
     let share = 1.0 / frames.len().max(1) as f64;
     let mut errors = Matrix6::zeros();
     for k in 0..3 {
@@ -24,6 +25,8 @@ pub(super) fn world_covariance(
     }
     let of_camera = |f: &RgbdFrame| {
         let lever = point.coords - f.world_from_camera.translation.vector;
+        // A_i of (8.13). Rows: direction, point, motion; columns: translation, turn. The
+        // motion stays: all states move with the world.
         let mut by = SMatrix::<f64, 7, 6>::zeros();
         by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(axis));
         by.fixed_view_mut::<3, 3>(3, 0).copy_from(&Matrix3::identity());
