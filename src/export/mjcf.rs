@@ -99,8 +99,7 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 fn push_assets(text: &mut String, link: &Link) {
     let name = escape(&link.name);
     if !link.visual.is_empty() {
-        // MuJoCo drops the texture of a mesh file's material: it is named here, as PNG, the only format that
-        // it reads.
+        // MuJoCo drops the texture of a mesh file: it is named here, as PNG, the only format it reads.
         let file = escape(&visual_path(link));
         writeln!(
             text,
@@ -152,6 +151,7 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
         let solid = escape(&solid_name(link, k));
         writeln!(text, "{pad}  <geom class=\"collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
     }
+    // In the order of `joint_order`, which the keyframes have.
     for below in model.joints.iter().filter(|j| j.parent == index) {
         push_body(text, model, below.child, Some(below), depth + 1);
     }

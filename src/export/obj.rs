@@ -30,8 +30,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
     }
     writeln!(text, "usemtl {name}").ok();
     for (t, corners) in look.mesh.triangles.iter().zip(&look.triangles) {
-        // Indices count from 1. A vertex has another texture place and normal in each chart, and one
-        // position.
+        // Indices count from 1. A vertex has one position, and a texture place and normal in each chart.
         let [a, b, c] = [0, 1, 2].map(|k| format!("{}/{}/{}", t[k] + 1, corners[k] + 1, corners[k] + 1));
         // Writing to a string cannot fail.
         writeln!(text, "f {a} {b} {c}").ok();
@@ -56,8 +55,7 @@ pub fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
         push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
-        // A face without area has no normal; with any unit vector the faces below still find theirs by
-        // number.
+        // A face without area gets some normal, so that those of the others keep their numbers.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
         push(&mut text, "vn", normal.as_slice(), 4);
     }

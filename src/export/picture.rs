@@ -184,6 +184,7 @@ impl Picture {
     }
 
     fn data_uri(&self) -> Result<String, PictureError> {
+        // Encoders take sides of 32 bits, and none of 0.
         let fit = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
         let bytes = self.width.checked_mul(self.height).and_then(|n| n.checked_mul(3));
         let (Some(width), Some(height), true) =

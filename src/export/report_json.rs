@@ -360,6 +360,7 @@ impl Report {
 fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointReport {
     let none = vec![0.0; model.joints.len()];
     let first = model.states.first().unwrap_or(&none);
+    // Axis and origin in the world, as they stand in state 0.
     let world_from_joint = model.world_from_link(joint.parent, first) * joint.parent_from_joint;
     let axis = world_from_joint.rotation * joint.axis.into_inner();
     let unit = unit(joint.kind);
@@ -368,6 +369,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let extent_m = model.extent_m();
     let direction = Unit::new_normalize(axis);
     let deviation = Deviations::of(&e.covariance, &direction, joint.kind.turns(), extent_m);
+    // No deviation is known to more than some digits.
     let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
     let l = &joint.limit;
     JointReport {

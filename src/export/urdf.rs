@@ -153,8 +153,7 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
 }
 
 fn push_mesh(text: &mut String, path: &str) {
-    // The vertices are in the link frame already, so that no importer has an origin or a scale to read
-    // otherwise.
+    // The vertices are in the link frame already: there is no origin or scale to read otherwise.
     let path = escape(path);
     writeln!(
         text,

@@ -195,6 +195,7 @@ fn color_losses(
     let d_first = dense(&scratch.d_first, hidden, cols);
     gradient.accumulate(isa, 2, d_first, inputs, cols);
     backward.color[0].apply(isa, d_first, &mut scratch.d_features, cols, Epilogue::Linear);
+    // Back to the columns of the block; those without color weight keep a gradient of 0.
     for feature in 0..GEOMETRY_OUTPUTS - 1 {
         let d = &mut d_outputs[(feature + 1) * block.cols..(feature + 2) * block.cols];
         for (&column, &value) in scratch.columns.iter().zip(&scratch.d_features[feature * cols..]) {

@@ -61,6 +61,7 @@ impl Piece {
             }
             piece.lit_rays.extend((count > 0).then_some(ray));
         }
+        // Behind the samples of lit rays, which the color network takes as one rectangle.
         for i in rest {
             piece.push(batch, i);
         }

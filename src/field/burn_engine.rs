@@ -67,8 +67,7 @@ impl BurnEngine {
                 failure: OnceLock::new(),
                 last_read: Mutex::new(state),
             };
-            // A device works behind its queue: without waiting, a failed upload would show in some later
-            // step.
+            // A device has a queue: without waiting, a failed upload would show in a later step.
             engine.device.sync().map_err(|e| failed("received the parameters", e))?;
             Ok(engine)
         })
@@ -298,6 +297,7 @@ fn check_shape(state: &EngineState) -> Result<(), EngineError> {
     let mut offset = 0;
     for (k, l) in params.levels.iter().enumerate() {
         let addressable = if l.hashed {
+            // A hash is cut to the table by its low bits.
             l.entries.is_power_of_two()
         } else {
             l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries)

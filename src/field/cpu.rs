@@ -194,8 +194,7 @@ impl CpuEngine {
         let d_features = &self.d_features;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
         let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
-        // One task a level: nobody else adds to its table, so that additions need no atomics and keep their
-        // order.
+        // One task a level adds to its table, so that additions need no atomics and keep their order.
         let gradients = split(&mut self.table_gradient, &sizes);
         let table = split(&mut self.params.table, &sizes);
         let (first, second) = (split(&mut self.first, &sizes), split(&mut self.second, &sizes));

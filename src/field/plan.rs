@@ -64,8 +64,7 @@ impl Plan {
                         .filter(|&i| batch.targets[i] != SdfTarget::Ignore || batch.color_weights[i] != 0.0)
                         .map(|i| i as u32),
                 );
-                // A ray with more samples than a block is a block by itself: its color is a sum over all of
-                // them.
+                // A ray with more samples than a block is one by itself: its color is a sum over all.
                 if sample.len() - start <= BLOCK_POINTS || before == start {
                     continue;
                 }

@@ -144,6 +144,7 @@ fn frame_rays(
         for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
             let (origin, direction) = view.ray(pixel as u32);
             let depth_m = frame.depth_m[pixel];
+            // As far as what the pixel shows instead; without a depth the ray counts as empty.
             let to = if depth_m > 0.0 { f64::from(depth_m) } else { FAR_M };
             occupancy.intervals(&origin, &direction, NEAR_M, to, &mut intervals);
             if !intervals.is_empty() {

@@ -107,6 +107,7 @@ pub fn line_distance_m(a: (&Point3<f64>, &Vector3<f64>), b: (&Point3<f64>, &Vect
     let offset = b.0 - a.0;
     let normal = a.1.cross(b.1);
     let sin = normal.norm();
+    // Nearly parallel lines: both numbers of the quotient are rounding.
     if sin < PARALLEL_SIN { offset.cross(a.1).norm() } else { offset.dot(&normal).abs() / sin }
 }
 

@@ -131,8 +131,7 @@ pub fn build(
     for (i, link) in model.links.iter_mut().enumerate() {
         link.inertial = inertial(link, i, config);
     }
-    // The sweep needs the paths cut: whatever touches at rest would end it at once. Friction needs the
-    // masses.
+    // Before the sweep, which whatever touches at rest would end at once.
     clear_paths(&mut model, &config.collision);
     for j in 0..model.joints.len() {
         let swept = swept_interval(&model, j);

@@ -70,8 +70,7 @@ fn pull_on(
     match kind {
         JointKind::Prismatic => (axis.dot(&weight), inertial.mass_kg, 1.0),
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-            // Inertia about the axis: that about the center of mass, and the mass at its distance (parallel
-            // axes).
+            // Inertia about the axis: that about the center of mass and the distance (parallel axes).
             let across = arm.cross(axis).norm();
             let turned = world_from_link.rotation.inverse() * axis;
             (

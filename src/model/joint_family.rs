@@ -47,6 +47,7 @@ impl TypeScores {
 
     /// The families that were fitted, with their scores.
     pub fn iter(&self) -> impl Iterator<Item = (JointFamily, f64)> {
+        // `ALL` has the order of the variants, by which the scores are stored.
         JointFamily::ALL.into_iter().zip(self.0).filter_map(|(joint, score)| Some((joint, score?)))
     }
 }

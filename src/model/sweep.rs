@@ -126,6 +126,7 @@ fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f
     let axis = joint.axis.into_inner();
     let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
     let lever_m = match joint.kind {
+        // All points of a slide move alike.
         JointKind::Prismatic => 1.0,
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
             model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max)
@@ -252,6 +253,7 @@ fn without_box(
                 // Simulators refuse hulls that are smaller or thinner.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
+        // What lies beyond this side is left out of the next cuts: the pieces do not overlap.
         rest = solid.clipped(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept

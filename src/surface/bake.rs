@@ -75,6 +75,7 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
                 let p = nalgebra::Point2::new(x as f64 + 0.5, y as f64 + 0.5);
                 let b = [(c[1] - p).perp(&(c[2] - p)) / turn, (c[2] - p).perp(&(c[0] - p)) / turn];
                 let weights = [b[0], b[1], 1.0 - b[0] - b[1]];
+                // A texel on a shared side belongs to both triangles.
                 if weights.iter().any(|w| *w < -1e-9) {
                     continue;
                 }

@@ -252,6 +252,7 @@ impl Band {
         let (plane, count) = (nx * ny, nx * ny * nz);
         let mut band =
             Self { triangle: vec![NO_SEED; count], seeds: vec![false; count], inside: vec![false; count] };
+        // Each task fills layers of its own, by the triangles that reach them.
         let lists = triangles_of_tasks(surface, nz.div_ceil(LAYERS_PER_TASK));
         let size = plane * LAYERS_PER_TASK;
         let chunks = band

@@ -22,8 +22,7 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
                 &mut nearest[row],
             );
         }
-        // Along y, within the same layer. Squared distances are whole numbers, which single precision holds
-        // exactly.
+        // Along y, within the layer. Squares are whole numbers, which single precision holds exactly.
         let mut line = Line::new(ny);
         for x in 0..nx {
             let columns = |seed: u32| (seed as usize % nx) as f32 - x as f32;

@@ -51,6 +51,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     for layer in layers {
         mesh.vertices.extend(layer.positions);
     }
+    // Beside unknown nodes edges were cut that no triangle uses.
     if flags.par_iter().with_min_len(1 << 14).any(|&f| f == UNKNOWN) {
         super::drop_unused_vertices(&mesh)
     } else {
@@ -118,6 +119,7 @@ fn layer_triangles(
 ) -> Vec<[u32; 3]> {
     let [nx, ny, _] = dims;
     let plane = nx * ny;
+    // Where the vertex of each edge of a cell is numbered: in which layer, and how far from the cell's slot.
     let slots: Vec<(bool, usize)> = CUBE_TABLE
         .edges
         .iter()

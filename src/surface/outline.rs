@@ -19,8 +19,7 @@ pub(crate) fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
         chain.pop();
         chain
     };
-    // The lower chain from left to right, the upper one back (Andrew 1979); each leaves its last corner to
-    // the other.
+    // The lower chain, then the upper one back (Andrew 1979); each leaves its last corner to the other.
     let mut hull = half(&mut sorted.iter());
     hull.extend(half(&mut sorted.iter().rev()));
     hull

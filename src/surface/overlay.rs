@@ -81,6 +81,7 @@ impl Rendered {
         };
         let (du, dv) = (q.0 - p.0, q.1 - p.1);
         let length2 = du * du + dv * dv;
+        // Each pixel once: a faded line would be mixed in twice where strokes overlap.
         for y in range(p.1, q.1, height) {
             for x in range(p.0, q.0, width) {
                 let (u, v) = (x as f64 - p.0, y as f64 - p.1);

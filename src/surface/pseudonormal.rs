@@ -41,8 +41,7 @@ impl Pseudonormals {
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
-                // By the angle at the corner: the sum does not depend on how a flat face is cut into
-                // triangles.
+                // By the angle at the corner: it does not matter how a flat face is cut into triangles.
                 let (u, v) = (c[(k + 1) % 3] - c[k], c[(k + 2) % 3] - c[k]);
                 vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
             }

@@ -79,8 +79,7 @@ pub fn render(
         .enumerate()
         .flat_map(|(i, item)| facets(item, i as u16, intrinsics, world_from_camera, shading))
         .collect();
-    // Each task draws its own rows: no two threads share a pixel, and the order of the items decides between
-    // equal depths.
+    // Each task draws its own rows: no two threads share a pixel, and of equal depths the first item stays.
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
     for (f, facet) in facets.iter().enumerate() {
         let v = facet.corners.map(|c| c.v);
@@ -196,8 +195,7 @@ fn fill(
 ) {
     let [a, b, c] = &facet.corners;
     let area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
-    // A triangle seen edge-on covers nothing. The signed area makes the weights below positive inside for
-    // both windings.
+    // A triangle seen edge-on covers nothing. By the signed area both windings have positive weights inside.
     if area == 0.0 || !area.is_finite() {
         return;
     }

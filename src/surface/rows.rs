@@ -61,9 +61,8 @@ impl RowCamera {
         let k = &self.intrinsics;
         let (left, right) = (k.cx + 0.5, k.width as f64 - 0.5 - k.cx);
         let (top, bottom) = (k.cy + 0.5, k.height as f64 - 0.5 - k.cy);
-        // Each is `at least zero` inside the view.
-        // The sides of the image as half spaces through the camera, half a pixel around the outer pixels'
-        // centers.
+        // Each is `at least zero` inside the view. The sides of the image as half spaces through the camera,
+        // and the near plane.
         let planes = [
             Vector3::new(k.fx, 0.0, left),
             Vector3::new(-k.fx, 0.0, right),

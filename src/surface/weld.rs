@@ -59,8 +59,7 @@ fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     };
     let mut order: Vec<([i64; 3], u32)> =
         vertices.iter().enumerate().map(|(i, p)| ([p.x, p.y, p.z].map(key), i as u32)).collect();
-    // By cell and then by number: each run begins with the first vertex of its cell. A hash map would have no
-    // order.
+    // By cell and then by number: each run begins with the first vertex of its cell.
     order.sort_unstable();
     let mut representative = vec![0; vertices.len()];
     let mut first = 0;

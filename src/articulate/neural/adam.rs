@@ -128,6 +128,7 @@ impl FieldMoments {
         );
         let slabs = parameters.into_par_iter().zip(moments).zip(self.touched.par_chunks(SLAB));
         slabs.for_each(|(((p, g), (m, v)), touched)| {
+            // The surface touches few of the cube's nodes.
             for (node, _) in touched.iter().enumerate().filter(|(_, t)| **t) {
                 let at = node * FEATURES..(node + 1) * FEATURES;
                 rule.apply(&mut p[at.clone()], &mut g[at.clone()], &mut m[at.clone()], &mut v[at]);

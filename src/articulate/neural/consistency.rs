@@ -58,6 +58,7 @@ impl Consistency<'_> {
             return (discount.offset, vec![0.0; p.len()]);
         }
         let seen: Vec<f64> = images.iter().map(|y| f64::from(u8::from(self.target.visible(y)))).collect();
+        // docs/method.md (12.14).
         let both: f64 = seen.iter().zip(p).map(|(s, p)| s * f64::from(*p)).sum();
         // Without this gradient no point gains by joining a motion that takes it out of sight.
         let pass = if self.config.visibility_gradient { discount.slope } else { 0.0 };

@@ -28,6 +28,7 @@ impl LossTerm {
     /// Joins the terms of consecutive chunks of points.
     pub(crate) fn concat(chunks: Vec<Self>, parts: usize) -> Self {
         let mut all = Self::zero(0, parts);
+        // In the order of the points, whichever thread was first.
         for chunk in chunks {
             all.value += chunk.value;
             all.by_probabilities.extend(chunk.by_probabilities);

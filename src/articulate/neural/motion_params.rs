@@ -120,6 +120,7 @@ impl MotionGradient {
         }
         let motion = &motions.parts[part];
         // y = R x + t: dy = w x (R x) + dt.   x = R^T (y - t): dx = -R^T (w x (y - t) + dt).
+        // docs/method.md (12.12).
         let (lever, force) = match way {
             Way::Forward => (motion.rotation * point.coords, *by_image),
             Way::Backward => (point.coords - motion.translation.vector, -(motion.rotation * by_image)),

@@ -151,8 +151,7 @@ impl Objective<'_> {
             by_motions: MotionGradient::zero(parts),
             total: 0.0,
         };
-        // What the segmentation is asked: ray samples, starts of matches, candidates for occupancy and for
-        // collision.
+        // Where it is asked: ray samples, starts of matches, candidates of occupancy and of collision.
         let samples = batch.rays.points.iter().enumerate().map(|(i, p)| (i as u64, *p));
         let near = queries.push(batch.noise, 0, samples);
         let starts = batch.matches.iter().enumerate();

@@ -185,6 +185,7 @@ impl SegmentationField {
                 for (p, row) in points.iter().zip(x.chunks_exact_mut(INPUTS)) {
                     Cell::of(self.nodes, *p).gather(&self.grid, row);
                     row[FEATURES..FEATURES + 3].copy_from_slice(p);
+                    // The memory may be that of an earlier pass.
                     row[FEATURES + 3..].fill(0.0);
                 }
                 self.layers[0].forward(x, h1, true);

@@ -32,6 +32,7 @@ impl MeshText {
                     let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
                     mesh.points.push(Point3::new(at(0), at(1), at(2)));
                     mesh.bad_number |= values.iter().skip(3).any(|x| !x.is_finite());
+                    // Three values behind the position are a color.
                     mesh.vertex_colors |= values.len() >= 6;
                 }
                 Some("vn") => {

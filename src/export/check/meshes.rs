@@ -114,8 +114,7 @@ fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     }
     let extreme =
         |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
-    // The hull of some corners lies inside that of all: a thinned mesh can hide an overlap and cannot invent
-    // one.
+    // The hull of some corners lies inside that of all: it can hide an overlap and cannot invent one.
     let some: Vec<Point3<f64>> = directions(DIRECTIONS).filter_map(extreme).collect();
     convex_hull(&some)
 }
@@ -191,6 +190,7 @@ fn mesh_of(
             found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
             MeshText::stl(bytes)?
         }
+        // PyBullet refuses a whole model for one GLB or PLY.
         other => {
             found.error(
                 Rule::Format,
@@ -287,6 +287,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
             "has vertex colors: most importers drop them, Newton splits the mesh; bake a texture",
         );
     }
+    // Names in an OBJ and in its material file are relative to their folder.
     let beside =
         |name: &str| file.rsplit_once('/').map_or_else(|| name.to_owned(), |(f, _)| format!("{f}/{name}"));
     let Some(material_file) = &mesh.material_file else { return };

@@ -106,6 +106,7 @@ fn check_within(
             }
         }
     }
+    // Along the path of every joint that leads; those that follow it go with it.
     let carrying = placement.nearest_above(|link| !solids[link].is_empty());
     for (j, joint) in description.joints.iter().enumerate().filter(|(j, _)| placement.leader[*j].is_none()) {
         sweep(

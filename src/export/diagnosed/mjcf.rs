@@ -164,6 +164,7 @@ impl Writer<'_> {
                 let [sine, cosine] = a.numbers.tilt.unwrap_or_default();
                 match index.and_then(|i| tilted(self.tree, i, sine, cosine)) {
                     Some(pose) => a.parent_from_joint = pose,
+                    // At no turn does gravity load the joint so.
                     None => effect.expression = Expression::NotExpressible,
                 }
             }

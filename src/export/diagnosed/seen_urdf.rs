@@ -112,6 +112,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
     if let JointKind::Screw { pitch_m_per_rad } = law.kind
         && pitch_m_per_rad.abs() > LEAST_PITCH
     {
+        // Declared at the element itself, as the root need not know this namespace.
         let space = "xmlns:artitwin=\"urn:artitwin:urdf\"";
         let thread =
             format!("<artitwin:thread {space} type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>");
@@ -120,6 +121,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
             old.map_or_else(|| (before_end(text, node), thread.clone()), |n| (n.range(), thread.clone())),
         );
     }
+    // The frame moved: what hangs on the child moves back and stays where it was.
     if shift.norm() == 0.0 {
         return;
     }

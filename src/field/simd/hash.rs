@@ -209,6 +209,7 @@ fn trilinear<S: Lanes>(s: S, scale: f32, [fx, fy, fz]: [S::F; 3], v: [S::F; 8]) 
     let (y0, y1) = (lerp(x[0], x[1], fy), lerp(x[2], x[3], fy));
     let gx = lerp(lerp(dx[0], dx[1], fy), lerp(dx[2], dx[3], fy), fz);
     let gy = lerp(s.sub(x[1], x[0]), s.sub(x[3], x[2]), fz);
+    // A unit coordinate has `scale` spacings.
     let k = s.splat(scale);
     [lerp(y0, y1, fz), s.mul(gx, k), s.mul(gy, k), s.mul(s.sub(y1, y0), k)]
 }
@@ -239,8 +240,7 @@ pub(super) fn scatter<S: Lanes>(
                 cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
             let weights = corner_weights(s, cell.frac);
             for c in 0..8 {
-                // Two lanes may meet at one entry: they are added one after the other, in the order of the
-                // points.
+                // Lanes may meet at one entry: they are added one by one, in the order of the points.
                 s.store_int(index[c].as_mut_ptr(), cell.corners[c]);
                 s.store(weight[c].as_mut_ptr(), weights[c]);
             }
