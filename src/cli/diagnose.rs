@@ -46,5 +46,6 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         outcome.summary,
         outcome.folder.join("report.html").display()
     ))?;
+    // Too little was recorded to say anything: done, but degraded.
     Ok(if outcome.verdict == Verdict::Insufficient { Exit::Degraded } else { Exit::Done })
 }

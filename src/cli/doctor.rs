@@ -47,6 +47,7 @@ fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> Str
         std::env::consts::ARCH,
         machine.processor.clone().unwrap_or_else(unknown),
     );
+    // Said, not refused: what a run takes depends on the recording.
     let short = |have: Option<u64>, wanted| {
         if have.is_some_and(|h| h < wanted) { "; this may be too little" } else { "" }
     };

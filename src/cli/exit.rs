@@ -98,6 +98,7 @@ impl CliError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
+            // Wrong settings are wrong usage, whichever layer finds them.
             Self::Config(_)
             | Self::Run(RunError::Config(_))
             | Self::Usage(_)

@@ -14,5 +14,6 @@ use crate::io;
 pub fn run(args: &InspectArgs) -> Result<Exit, CliError> {
     let found = io::inspect(&args.bag)?;
     terminal::print(&found.to_text())?;
+    // A script can ask by the exit code.
     Ok(if found.is_usable() { Exit::Done } else { Exit::Failed })
 }

@@ -28,6 +28,7 @@ impl Machine {
         let cpu = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let memory = fs::read_to_string("/proc/meminfo").unwrap_or_default();
         Self {
+            // Linux on ARM gives no model name; the report then says `unknown`.
             processor: field(&cpu, "model name").map(str::to_owned),
             vector_instructions: vector_instructions(),
             threads: thread::available_parallelism().ok().map(Into::into),

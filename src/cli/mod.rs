@@ -31,6 +31,7 @@ use terminal::{print_line, written};
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
+    // Not `parse`, which would end the process by itself, with a code of its own.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {

@@ -135,6 +135,7 @@ impl<W: Write> Listener for Lines<W> {
             }
             Event::Step { stage, done, total, .. } | Event::Count { stage, done, total } => {
                 let (began, shown) = self.stages.entry(stage.clone()).or_insert((at, at));
+                // A stage of a thousand steps would fill the log.
                 if at < *shown + LINE_INTERVAL {
                     return;
                 }
@@ -262,6 +263,7 @@ fn time_left(spent: Duration, done: usize, total: usize) -> String {
     if done == 0 || done > total {
         return String::new();
     }
+    // By the mean of all steps: single ones vary.
     let seconds = (spent.as_secs_f64() * (total - done) as f64 / done as f64).round() as u64;
     if seconds < 60 {
         format!(", {seconds} s left")

@@ -60,6 +60,7 @@ fn reconstruct(
     events: &Sender<Event>,
     stop: &Arc<AtomicBool>,
 ) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
+    // Before the handler is set: a wrong option ends the command at once.
     let resolved = args.resolve()?;
     let request = |sources: Vec<PathBuf>| ReconstructRequest {
         sources,

@@ -16,5 +16,6 @@ pub fn run(args: &RecordArgs) -> Result<Exit, CliError> {
     if recorded.dropped > 0 {
         terminal::print_line(&format!("warning: {} messages were lost or dropped", recorded.dropped));
     }
+    // The bag is whole, but not all that was sent: done, but degraded.
     Ok(if recorded.dropped > 0 { Exit::Degraded } else { Exit::Done })
 }

@@ -31,6 +31,7 @@ impl ReconstructArgs {
     pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
+        // The last layer, so that an option wins over the same key by --set.
         let options = [
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
             ("--seed", "run.seed", self.seed.map(Value::from)),
@@ -62,6 +63,7 @@ impl ReconstructArgs {
 
 fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
     let resolved: Resolved<Config> = layers.resolve()?;
+    // With the origin of the value: the file and line, or the option.
     resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
     Ok(resolved)
 }

@@ -12,6 +12,7 @@ pub fn print(text: &str) -> Result<(), CliError> {
 
 /// What became of writing to standard output, all the way: what is left in the buffer is written too.
 pub fn written(outcome: io::Result<()>) -> Result<(), CliError> {
+    // A full disk shows only when the buffer is written; `head` ends before us, which is no failure.
     match outcome.and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
         _ => Ok(()),

@@ -15,11 +15,13 @@ impl Config {
     /// [`ConfigError::Unusable`] with the key of the first one.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.run.check()?;
+        // Before the run: it would be found out only when frames are matched.
         if self.matching.onnx.is_some() && !cfg!(feature = "onnx") {
             let reason = "this binary was built without ONNX models; build it with `cargo build --release \
                 --features onnx`";
             return Err(unusable("matching.onnx", reason));
         }
+        // Groups with rules of their own say what is wrong; here it gets its key.
         self.capture.check().map_err(|error| match error {
             CaptureError::Setting { key, reason } => unusable(key, reason),
             other => unusable("capture", other),

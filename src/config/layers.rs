@@ -88,6 +88,7 @@ impl Layers {
     /// If it has another form, or as [`Self::text`].
     pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let malformed = || ConfigError::Assignment { text: assignment.to_owned() };
+        // At the first `=`: a value may hold others.
         let (key, text) = assignment.split_once('=').ok_or_else(malformed)?;
         if key.trim().is_empty() || text.trim().is_empty() {
             return Err(malformed());
@@ -121,6 +122,7 @@ impl Layers {
             .map_err(|error| self.culprit::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
         let origin = |key: String| {
+            // A list or an optional group is set as a whole, so its entries have the origin of the whole.
             let origin = nearest_ancestor(&self.origins, &key).map_or("default", String::as_str).to_owned();
             (key, origin)
         };
@@ -210,6 +212,7 @@ fn merge(
         *merged = layer;
         return Ok(());
     };
+    // A group in the defaults: each of its keys has a default of its own.
     let given = match layer {
         // A group without entries, `train:` alone, is null in YAML.
         Value::Null => return Ok(()),
@@ -318,6 +321,7 @@ fn show(value: &Value) -> String {
             )
         }
         Value::Number(n) if n.is_f64() => match n.as_f64() {
+            // Single precision widens to digits that nobody wrote.
             Some(v) if f64::from(v as f32).to_bits() == v.to_bits() => format!("{:?}", v as f32),
             _ => n.to_string(),
         },

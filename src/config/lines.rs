@@ -9,6 +9,7 @@ pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
     let mut open: Vec<(usize, String)> = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let content = line.trim_start();
+        // By lines, without a parser: what is missed has the place of the group around it.
         let Some(key) = key(content) else { continue };
         let indent = line.len() - content.len();
         // Block style: what is indented no further than a group ends it.
@@ -24,10 +25,12 @@ pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
 
 /// The key at the start of a line.
 fn key(content: &str) -> Option<&str> {
+    // Comments, entries of lists and flow style: no key of a block.
     if content.starts_with(['#', '-', '{', '[']) {
         return None;
     }
     let (key, rest) = content.split_once(':')?;
+    // A colon without a space is part of a value, as in a time or a path.
     (rest.is_empty() || rest.starts_with([' ', '\t'])).then(|| key.trim().trim_matches(['"', '\'']))
 }
 

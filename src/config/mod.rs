@@ -84,6 +84,7 @@ impl Config {
     /// Whether the run needs neural fields.
     #[must_use]
     pub fn trains_fields(&self) -> bool {
+        // For surfaces, or for the consistency between states.
         self.surface.source == SurfaceSource::Field || self.seeks_consistency()
     }
 }

@@ -3,6 +3,7 @@
 use super::error::ConfigError;
 
 /// Name and text of every preset.
+// Built in, so that the program needs no files beside it.
 pub const PRESETS: [(&str, &str); 4] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),

@@ -62,6 +62,7 @@ pub enum Init {
 impl RunConfig {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         match self.parts {
+            // One part has no joint: an object at rest is found by evidence.
             Some(parts) if !(2..=MAX_PARTS).contains(&parts) => Err(ConfigError::Unusable {
                 key: "run.parts".to_owned(),
                 reason: format!("{parts} parts; give 2 to {MAX_PARTS}, the static part included"),

@@ -72,6 +72,7 @@ pub fn compare(
 ) -> Result<Evaluation, EvaluateError> {
     let wanted: Vec<(&TruePart, &TrueJoint)> =
         truth.parts.iter().filter_map(|p| Some((p, p.joint.as_ref()?))).collect();
+    // The part of the root stands still and is matched with the static one.
     let movable = run.parts.len() - 1;
     let cost: Vec<Vec<f64>> = wanted.iter().map(|(part, joint)| costs(part, joint, run)).collect();
     let count = wanted.len().max(movable);
@@ -92,6 +93,7 @@ pub fn compare(
     for (&i, &k) in &found {
         surfaces.push((wanted[i].0.name.clone(), Some(wanted[i].0), run.parts[k + 1].clone()));
     }
+    // The whole surface too: it does not depend on how parts were found and matched.
     surfaces.push(("whole".into(), None, run.parts.concat()));
     let mut mesh = BTreeMap::new();
     for state in [0, 1] {
@@ -101,6 +103,7 @@ pub fn compare(
             mesh.insert(key, row);
         }
     }
+    // Links without a mesh are half of a screw, no parts.
     let parts_found =
         run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
     Ok(Evaluation { run: name.to_owned(), parts_true: truth.parts.len(), parts_found, joints, mesh })
@@ -112,6 +115,7 @@ fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
     let points = &part.meshes[0].vertices;
     let states = run.states.len();
     let in_state = |part: usize, (k, motion): (usize, &Pose)| {
+        // By what the motions do to the true part: shapes need not be found well for that.
         displacement_m(points, motion, &run.motion(part, k + 1)).unwrap_or(f64::MAX)
     };
     let over_all = |part: usize| {

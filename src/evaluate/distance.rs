@@ -83,6 +83,7 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
     // At the median: the depth stays logarithmic, whatever the mesh.
     triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
     let (left, right) = triangles.split_at_mut(middle);
+    // No leaf after all: the first half follows at once, the second where `next` says.
     nodes[index].count = 0;
     build(nodes, left, first);
     nodes[index].next = nodes.len();

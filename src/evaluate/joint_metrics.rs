@@ -59,6 +59,8 @@ impl JointRow {
     pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
         let kind = run.kind(found);
         let axis = run.axis(found);
+        // By the true type, as in the tables: a wrong type shows in
+        // `type_right`, not in which numbers there are.
         let turns = truth.kind != "prismatic";
         let motion = |t: &Pose, m: &Pose| {
             let slide_mm = 1000.0 * (m.translation.vector - t.translation.vector).norm();

@@ -28,6 +28,8 @@ pub fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, u
             }
         }
     }
+    // Every set with as many members as the fewer side has is an
+    // assignment; the cheapest one is read backwards.
     let full = (0..best.len()).filter(|s| s.count_ones() as usize == few);
     let mut set = full.min_by(|a, b| best[*a].total_cmp(&best[*b]))?;
     let mut pairs = Vec::with_capacity(few);

@@ -127,6 +127,7 @@ pub fn run(
     if !(1..=MAX_SAMPLES).contains(&options.samples) {
         return Err(EvaluateError::Samples(options.samples));
     }
+    // Once for all trials.
     let known = Truth::read(truth)?;
     let mut trials = Vec::with_capacity(runs.len());
     for folder in runs {

@@ -40,6 +40,7 @@ impl Published {
     /// The published metrics of some trials of the same object; `None` without trials.
     #[must_use]
     pub fn of(trials: &[Evaluation]) -> Option<Self> {
+        // All trials have the same rows, as these follow from the truth.
         let names: Vec<(String, &'static str)> =
             numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
         let table: Vec<Vec<Option<f64>>> =
@@ -51,6 +52,7 @@ impl Published {
             let (mean, std) = mean_std(&values);
             PublishedRow { metric, unit, mean, std, best: values[best_trial], trials: values }
         };
+        // A trial without a part has no numbers for it: means leave it out, and the count says so.
         let failed_trials = trials.iter().filter(|t| t.joints.iter().any(|j| j.missing)).count();
         Some(Self { best_trial, failed_trials, rows: names.into_iter().zip(columns).map(row).collect() })
     }
@@ -96,6 +98,7 @@ fn best_trial(columns: &[Vec<Option<f64>>], trials: usize) -> usize {
     let least = |column: &Vec<Option<f64>>| column.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let mut order: Vec<usize> = (0..columns.len()).collect();
     let variance: Vec<f64> = columns.iter().map(|c| mean_std(c).1.unwrap_or(0.0)).collect();
+    // Metrics that vary most between trials say most about which is best (docs/method.md 13.3).
     order.sort_by(|&a, &b| variance[b].total_cmp(&variance[a]));
     let attains = |trial: usize| {
         order.iter().map(|&m| columns[m][trial] == Some(least(&columns[m]))).collect::<Vec<bool>>()

@@ -101,6 +101,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     let mut rows = vec![["metric", "unit", "mean", "std", "best"].map(String::from).to_vec()];
     for row in &published.rows {
         let places = if row.unit == "m" { 4 } else { 3 };
+        // F, as the tables print a failed trial.
         let failed = |v: Option<f64>| v.map_or("F".into(), |v| format!("{v:.places$}"));
         rows.push(vec![
             row.metric.clone(),

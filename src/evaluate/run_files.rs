@@ -81,6 +81,7 @@ impl RunFiles {
     pub fn motion(&self, part: usize, state: usize) -> Pose {
         let head = self.parts[part][0];
         self.tree.world_from_link(head, &self.states[state])
+            // In the world: how a link's frame is placed in its part does not matter.
             * self.tree.world_from_link(head, &self.states[0]).inverse()
     }
 
@@ -124,6 +125,7 @@ fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {
         (Some(path), 0) => Ok(path),
+        // None, or several: which of them is meant cannot be known.
         (last, rest) => {
             Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) })
         }

@@ -20,6 +20,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     if sum <= 0.0 {
         return Vec::new();
     }
+    // 53 bits, the digits of an f64: never 1.
     let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
     let mut draw = || {
         let at = unit() * sum;
@@ -44,6 +45,7 @@ pub fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
 
 fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
     let tree = NearestPoints::new(to);
+    // In parallel, then summed in order: the sum does not depend on the number of threads.
     let squared: Option<Vec<f64>> = from.par_iter().map(|p| tree.nearest(p).map(|(_, d)| d * d)).collect();
     mean(&squared?)
 }

@@ -179,6 +179,7 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
 fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     let m = Matrix4::from_fn(|r, c| rows[r][c]);
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
+    // The truth has all its digits: what is off by more is no rounding.
     let straight = (r.transpose() * r - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0;
     let translation: Vector3<f64> = m.fixed_view::<3, 1>(0, 3).into();
     straight.then(|| {
@@ -191,6 +192,7 @@ fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
 
 fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
     let path: PathBuf = folder.join("seen.npy");
+    // Not every truth holds what the cameras saw; completeness is left out then.
     if !path.exists() {
         return Ok(Vec::new());
     }

@@ -53,6 +53,7 @@ impl Expansion {
         if unpacked > most {
             return Err(ExpansionError::Piece { packed, unpacked, most });
         }
+        // Taken by what the chunk claims: it is checked to unpack to no more.
         self.left = self.left.checked_sub(unpacked).ok_or(self.exhausted())?;
         Ok(())
     }

@@ -82,6 +82,7 @@ pub fn inspect_with(path: &Path, config: &CaptureConfig) -> Result<Inspection, C
         Ok(Source::Both(bag)) => {
             let (recording, index) = inspect_bag(&bag, config, 0)?;
             found.recordings.push(recording);
+            // One bag with both states needs to be split: it is asked how, as far as the settings say.
             found.problem = split_problem(&bag, &index, config);
         }
         Ok(Source::Keyframes(folder)) => found.recordings.push(inspect_dataset(
@@ -153,6 +154,7 @@ fn inspect_bag(
         }
         // A recording that cannot be used is shown all the same, with the reason.
         Err(error) => {
+            // What `Views` would have reported, had it come that far.
             seen.warnings = [bag.warnings.clone(), index.damage()].concat();
             seen.problem = Some(error.to_string());
         }
@@ -174,6 +176,7 @@ fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
     {
         details.push(format!("{}x{}", info.width, info.height));
         details.push(format!("fx {:.1}", info.k[0]));
+        // Many drivers send zeros in place of no coefficients.
         let lens = if info.d.iter().all(|d| *d == 0.0) {
             "no distortion".into()
         } else {
@@ -257,6 +260,7 @@ impl StateInspection {
         }
         if !self.topics.is_empty() {
             _ = writeln!(text, "  topics:");
+            // Columns, unless a name is so long that it would push all others away.
             let width = self.topics.iter().map(|t| t.name.len()).max().unwrap_or(0).min(80);
             for t in self.topics.iter().take(SHOWN) {
                 let rate = t.rate_hz.map_or(String::new(), |r| format!(" {r:.1} Hz"));

@@ -110,6 +110,7 @@ impl Reader<'_> {
                 Err(_) => self.broken += 1,
             },
             WRENCH => {
+                // Only topics that were named: a wrench does not say which link it acts on.
                 let Some(link) = named(&self.streams.wrenches) else { return };
                 match decode::<WrenchStamped>(message.data) {
                     Ok(wrench) => self.wrench(topic, link, &wrench, log_nanos),
@@ -127,6 +128,7 @@ impl Reader<'_> {
                 let Ok(message) = decode::<TfMessage>(message.data) else { return };
                 for t in &message.transforms {
                     let child = t.child_frame_id.trim_start_matches('/').to_owned();
+                    // /tf holds the whole robot; only links of the twin are of use.
                     if self.streams.links.contains(&child) {
                         self.pose(topic, (child.clone(), child, false), &t.header, &t.transform, log_nanos);
                     }
@@ -150,6 +152,7 @@ impl Reader<'_> {
     fn joint_state(&mut self, state: &JointState, log_nanos: i64) {
         let stamp = self.stamp(&state.header, log_nanos);
         for (i, name) in state.name.iter().enumerate() {
+            // Joints that are kept go on; further ones are left out.
             if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(name) {
                 continue;
             }

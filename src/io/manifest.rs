@@ -74,6 +74,7 @@ impl Manifest {
                     drop(files.insert(path.clone(), Content { bytes, sha256: sha256(&folder.join(&path))? }))
                 }
                 Held::Folder => {}
+                // A link or device in our own folder was put there by somebody else.
                 Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
             }
         }
@@ -171,6 +172,7 @@ fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
 
 fn sha256(path: &Path) -> io::Result<String> {
     let mut file = fs::File::open(path)?;
+    // Piece by piece: results hold files of hundreds of megabytes.
     let (mut digest, mut piece) = (Sha256::new(), vec![0; PIECE]);
     loop {
         match file.read(&mut piece)? {

@@ -45,6 +45,7 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
             let name = entry.file_name().to_string_lossy().into_owned();
             // The entry's own type: a link is neither folder nor file, so none is followed.
             let kind = entry.file_type().map_err(disk(&entry.path()))?;
+            // Version control and editors keep their own files there.
             if name.starts_with('.') {
                 continue;
             }

@@ -99,6 +99,7 @@ fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
     if bytes.len() < 12 || &bytes[..6] != b"\x93NUMPY" {
         return Err(NpyFault::NoNpy);
     }
+    // Version 1 has a length of 16 bits, 2 and 3 one of 32.
     let (start, length): (usize, usize) = match bytes[6] {
         1 => (10, usize::from(u16::from_le_bytes([bytes[8], bytes[9]]))),
         2 | 3 => (12, u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]) as usize),

@@ -80,6 +80,8 @@ pub fn decode_views(
     config: &CaptureConfig,
 ) -> Result<Decoded, CaptureError> {
     let payloads = Payloads::read(bag, views, chosen)?;
+    // Most recordings have one camera. One that focuses has a lens for
+    // each frame: maps for all would fill memory.
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
     let shared: BTreeMap<usize, Maps> =
         used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
@@ -95,6 +97,7 @@ pub fn decode_views(
         Decoder { views, payloads: &payloads, maps, config }.frame(view)
     };
     let decoded: Vec<Result<RgbdFrame, FrameError>> =
+        // In parallel, but gathered in the order of the choice.
         chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
     let mut frames = Vec::new();
     let mut lost = Vec::new();
@@ -126,6 +129,7 @@ impl Payloads {
     fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)]) -> Result<Self, CaptureError> {
         let t = &views.topics;
         let topics = [Some(t.color.clone()), Some(t.depth.clone()), t.mask.clone()];
+        // The messages that are needed, by topic and ordinal: all others pass by without a copy.
         let keys = chosen
             .iter()
             .map(|(_, v)| &views.views[*v])
@@ -218,6 +222,7 @@ impl Decoder<'_> {
         let decoded = match is_compressed {
             true => {
                 let image = decode(data).map_err(|e| broken(e.to_string()))?;
+                // By the size that the file states: a small one can state an image that fills the memory.
                 if let Some((w, h)) =
                     codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera))
                 {

@@ -268,6 +268,7 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
                 };
                 elements.push(Element { name, count, properties: Vec::new() });
             }
+            // A property belongs to the element that was named last.
             ["property", kind @ .., name] => {
                 let element = elements.last_mut().ok_or(PlyError::Lost)?;
                 let (length, value) = match kind {

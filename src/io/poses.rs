@@ -28,6 +28,7 @@ impl PoseSource {
         config: &CaptureConfig,
     ) -> Result<Self, CaptureError> {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
+        // Only a chain in which something moves can say where a moving camera is.
         let moves = index.tf.chain(&optical).moves;
         let only = || {
             let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
@@ -58,6 +59,7 @@ impl PoseSource {
             source.from_topic = true;
         }
         let chain = source.tf.chain(&source.optical);
+        // The root of the chain: the frame that nothing else is known to carry.
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
         // First, as a missing parent or a camera at rest are only the symptoms of this.
         if source.invalid(index) > 0

@@ -77,6 +77,7 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
 }
 
 fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+    // Refused, not ignored: somebody meant one of the two.
     if !config.split_secs.is_empty() || config.topics.marker.is_some() {
         return Err(CaptureError::Split {
             reason: format!(
@@ -117,6 +118,7 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
 fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag)?;
+    // Of the whole bag: one choice of topics and one source of poses for both states.
     let views = Views::find(&bag, &index, config, 0)?;
     let (first, last) = index.span_nanos().unwrap_or_default();
     let split = match (&views.topics.marker, config.split_secs.as_slice()) {
@@ -149,6 +151,7 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
 
 /// The views kept of those given, in time order.
 fn spread(views: &[View], of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
+    // Farthest views first (2.4): neighbors in time show nearly the same.
     let poses: Vec<Pose> = of_state.iter().map(|v| views[*v].world_from_camera).collect();
     spread_views(&poses, config.frames_per_state).into_iter().map(|i| of_state[i]).collect()
 }

@@ -107,6 +107,7 @@ impl Header {
     #[must_use]
     pub fn checked(&self) -> Option<(i64, String)> {
         let frame = self.frame_id.trim_start_matches('/');
+        // Names go into messages and file names.
         (frame.len() <= MAX_NAME).then_some(())?;
         Some((self.stamp.nanos()?, frame.to_owned()))
     }
@@ -266,6 +267,7 @@ impl Transform {
             return None;
         }
         let q = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
+        // Publishers round; all zeros, the value of a message that nobody filled, are refused.
         let unit = (q.norm() - 1.0).abs();
         if unit.is_nan() || unit > 0.01 {
             return None;

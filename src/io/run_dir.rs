@@ -61,6 +61,7 @@ impl RunDir {
         let target = place.target()?;
         place.refuse(&target, kind)?;
         let out = parent(&target);
+        // Those that are not there yet: a run that fails takes them away again.
         let made: Vec<PathBuf> = out
             .ancestors()
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
@@ -193,6 +194,7 @@ fn parent(path: &Path) -> &Path {
 fn safe_path(path: &str) -> Result<&Path, RunDirError> {
     let bad = || RunDirError::Path(path.to_owned());
     let plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
+    // Names of parts get into paths: none may lead out of the folder or differ between systems.
     if path.is_empty()
         || path.len() > MAX_PATH
         || !plain

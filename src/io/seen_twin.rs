@@ -35,6 +35,7 @@ fn facts(text: &str) -> Result<BTreeMap<String, JointFacts>, XmlError> {
         let limit = joint.children().find(|n| n.has_tag_name("limit"));
         let range = limit
             .and_then(|l| Some((number(&l, "lower")?, number(&l, "upper")?)))
+            // Equal limits are those of a joint without any.
             .filter(|(low, high)| high > low);
         // By the local name: the prefix of the namespace is the writer's choice.
         let thread = joint.children().find(|n| n.tag_name().name() == "thread");

@@ -59,6 +59,7 @@ impl Source {
         }
         let state = |s: usize| {
             let folder = path.join(format!("state{s}"));
+            // A state is a rosbag2 folder or a bare file.
             let files = [folder.clone(), folder.with_extension("mcap")];
             files.into_iter().find(|p| Bag::is_at(p))
         };
@@ -100,6 +101,7 @@ impl Source {
     pub fn object_name(&self) -> String {
         let path = match self {
             Self::States(paths) => match paths.as_slice() {
+                // state0 and state1 side by side: the folder around them has the object's name.
                 [zero, others @ ..]
                     if !others.is_empty()
                         && others.iter().all(|o| o.parent() == zero.parent() && o != zero) =>

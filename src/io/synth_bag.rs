@@ -105,6 +105,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
     let data = [&[0; 12], png.get_ref().as_slice()].concat();
     let depth =
         CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
+    // Logged later under the same stamp: a reader must pair by stamp, not by the time of recording.
     put(bag, DEPTH, stamp + LATER_NANOS, &depth)?;
     let mask = Image {
         header: header(stamp, OPTICAL),
@@ -145,6 +146,7 @@ fn camera_info(stamp_nanos: i64, k: &Intrinsics) -> CameraInfo {
         height: k.height as u32,
         width: k.width as u32,
         distortion_model: "plumb_bob".into(),
+        // plumb_bob has five coefficients, also where they are zero.
         d: vec![0.0; 5],
         k: [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0],
         r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],

@@ -90,6 +90,7 @@ pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> R
 /// which is found before the work; a disk that refuses.
 pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Object), SynthError> {
     config.check()?;
+    // Before an object is filmed for minutes.
     place.check(ResultKind::Synth, least_bytes(config))?;
     let folder = RunDir::open(place, ResultKind::Synth)?;
     let object = generate(config)?;
@@ -98,6 +99,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     for (state, slot) in recorded_from_world.iter_mut().enumerate() {
         let recording = record(&object, state, config);
         *slot = recording.recorded_from_world;
+        // Counted here, as the points are written away and not kept.
         recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
         synth_bag(&folder.working().join(format!("state{state}")), state, &recording)?;
         put_truth(&folder, &object, state, &recording)?;

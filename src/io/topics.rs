@@ -124,6 +124,7 @@ pub fn choose(
 ) -> Result<TopicChoice, CaptureError> {
     let chooser = Chooser { topics, path };
     let asked = [&wanted.color, &wanted.depth, &wanted.mask];
+    // One message about the recording, instead of one about a missing color topic.
     if asked.iter().all(|w| w.is_none()) && !topics.iter().any(|t| t.count > 0 && t.image_role().is_some()) {
         return Err(CaptureError::NotRgbd { path: path.to_owned(), topics: chooser.list(|_| true) });
     }
@@ -149,6 +150,7 @@ pub fn choose(
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
+        // First the one that belongs to the images by name, then the only one there is.
         None => chooser
             .info_of(&color)
             .or_else(|| chooser.only_info(&color))
@@ -236,6 +238,7 @@ impl Chooser<'_> {
     /// The only camera_info, unless it lies beside the images of another topic.
     fn only_info(&self, color: &str) -> Option<String> {
         let mut infos = self.topics.iter().filter(|t| t.type_name == INFO_TYPE && t.count > 0);
+        // Of two, either could be meant.
         let first = infos.next().filter(|_| infos.next().is_none())?;
         let others =
             self.topics.iter().filter(|t| t.name != color && IMAGE_TYPES.contains(&t.type_name.as_str()));

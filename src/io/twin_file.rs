@@ -64,6 +64,7 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     for j in &robot.joints {
         joints.push(joint(j, &index)?);
     }
+    // The work of a diagnosis grows with this product, whatever the recordings.
     let moving = joints.iter().filter(|j| j.motion != Motion::Fixed).count();
     if moving * robot.links.len() > CHAIN_WORK {
         return Err(UrdfFault::Chain { moving, links: robot.links.len() });

@@ -86,6 +86,7 @@ pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, UrdfFault> {
     // Before the parser, which goes down by recursion: deep nesting would end the process.
     check_xml(text)?;
     let robot = urdf_rs::read_from_string(text).map_err(|e| UrdfFault::Robot(e.to_string()))?;
+    // Here, before trees are built of them.
     let count = robot.links.len().max(robot.joints.len());
     if count > LINKS { Err(UrdfFault::Links(count)) } else { Ok(robot) }
 }

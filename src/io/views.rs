@@ -96,6 +96,8 @@ impl Views {
         };
         found.warnings.extend(bag.warnings.iter().cloned());
         found.warnings.extend(index.damage());
+        // Messages of one moment, then their cameras, then their poses:
+        // what is lost at each step is reported apart.
         let matches = found.synchronize(index, config, state)?;
         let cameras = found.find_cameras(index)?;
         let poses = PoseSource::find(index, &found.topics, config)?;
@@ -136,11 +138,13 @@ impl Views {
         let stamps = |topic: &str| entries(topic).iter().map(|e| e.stamp_nanos).collect::<Vec<_>>();
         let slop = (config.sync_slop_secs * 1e9) as i64;
         let color = stamps(&self.topics.color);
+        // Color leads (docs/method.md 2.2): each view has the stamp, camera and pose of its color image.
         let depth = pair(&color, &stamps(&self.topics.depth), slop);
         let mask = self
             .topics
             .mask
             .as_ref()
+            // Masks that are not to be used must not cost frames that have none.
             .filter(|_| config.isolate.use_masks)
             .map(|topic| pair(&color, &stamps(topic), slop));
         let mut matched = Vec::new();
@@ -220,9 +224,11 @@ impl Views {
                 format!("{}: {lost} messages contradict all others and are not used", t.color_info),
             ));
         }
+        // The first stands for all: aligned depth has the camera of the color images.
         let aligned = t.depth_info.as_ref().and_then(|name| settled(name).0.distinct.into_iter().next());
         for info in &infos.distinct {
             let (intrinsics, color) = pinhole(info, &t.color_info, &t.color)?;
+            // Focus may change from frame to frame, but not the size of the images.
             let first = self.cameras.first().map_or(intrinsics, |c| c.intrinsics);
             if (first.width, first.height) != (intrinsics.width, intrinsics.height) {
                 return Err(CaptureError::ImageSize {
@@ -235,6 +241,7 @@ impl Views {
                     expected_height: first.height,
                 });
             }
+            // Without a camera_info of its own, depth that was aligned to color has color's lens.
             let mut depth = color;
             if let (Some(depth_info), Some(name)) = (&aligned, &t.depth_info) {
                 let (other, distortion) = pinhole(depth_info, name, &t.depth)?;
@@ -275,6 +282,7 @@ impl Views {
         }
         let focal = (color.fx / depth.fx - 1.0).abs().max((color.fy / depth.fy - 1.0).abs());
         let center = (color.cx - depth.cx).abs().max((color.cy - depth.cy).abs());
+        // Aligned depth has the matrix of color up to rounding; depth as it was measured differs by far more.
         if focal > FOCAL_TOLERANCE || center > CENTER_TOLERANCE_PX {
             return refuse(format!(
                 "their camera matrices differ (fx {:.1} and {:.1}, cx {:.1} and {:.1})",
@@ -317,6 +325,7 @@ impl Views {
     ) -> Result<(), CaptureError> {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
         let mut by_stamp = infos.entries.clone();
+        // By stamp, as `nearest` wants it; the bag's order is that of the recording.
         by_stamp.sort_by_key(|e| e.0);
         let info_stamps: Vec<i64> = by_stamp.iter().map(|e| e.0).collect();
         let (mut failures, mut first_failure) = (0, None);
@@ -328,6 +337,7 @@ impl Views {
                 _ => nearest(&info_stamps, stamp).map_or(0, |i| by_stamp[i].1),
             };
             self.check_sizes(m, self.cameras[camera].intrinsics)?;
+            // (2.2), at the stamp of the color image; nothing is extrapolated.
             match poses.tf.lookup(&poses.world, &poses.optical, stamp, gap) {
                 Ok(world_from_camera) => self.views.push(View {
                     stamp_nanos: stamp,

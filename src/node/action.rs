@@ -62,6 +62,7 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
         tokio::select! {
             new = server.receive_new_goal() => match new {
                 Ok(new) => {
+                    // One result waits at a time; a new goal means that its client gave it up.
                     if let Some(old) = ended.take() {
                         // Nobody asked for it; the server would wait for ever.
                         server.abort_executing_goal(old.goal).await.ok();
@@ -124,12 +125,14 @@ async fn execute<J: Job>(
 ) -> (GoalEndStatus, J::Result) {
     let mut work = match job.begin(&request) {
         Ok(work) => work,
+        // Already accepted: a refusal has to reach the client as a result.
         Err(error) => return outcome::<J>(Finished::Failed(error.to_string())),
     };
     loop {
         tokio::select! {
             news = work.next() => match news {
                 News::Feedback(feedback) => _ = server.publish_feedback(goal.clone(), feedback).await,
+                // The result is sent by `deliver`: the client asks for it by a service of its own.
                 News::Ended(finished) => return outcome::<J>(finished),
             },
             cancel = server.receive_cancel_request() => {

@@ -297,6 +297,7 @@ impl Core {
         if seen.kept {
             self.cloud.add(pixels, &seen.world_from_camera);
             self.cloud_version += 1;
+            // A copy for the publisher, which then never waits for the core.
             *guard(&self.shared.cloud) = self.cloud.points();
         }
         // While a run reads the session no state may begin, so the object is not watched.

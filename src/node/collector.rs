@@ -403,6 +403,7 @@ impl Collector {
                 .and_then(|p| p.header().checked())
                 .map(|(_, frame)| frame)
                 .unwrap_or_default();
+            // The root above a camera that moves; it may become known while images wait.
             let world = self.settings.world_frame.clone().or_else(|| self.tf.moving_root(&optical));
             let pose = world
                 .as_ref()
@@ -440,6 +441,7 @@ impl Collector {
         pixels: bool,
     ) -> Result<Option<Seen>, BagWriteError> {
         let Some(info) = self.infos[0].clone() else { return Ok(None) };
+        // By the pose alone, before anything is decoded: most views show nothing new.
         let verdict = match self.phase {
             Phase::Collecting(state) => {
                 self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule)

@@ -40,6 +40,7 @@ impl Counts {
     /// Counts a view while a state is collected.
     pub fn judged(&mut self, verdict: Verdict, collecting: bool) {
         match verdict {
+            // Between states every view is known; counting those would say nothing.
             _ if !collecting => {}
             Verdict::Keep => self.kept += 1,
             Verdict::Known => self.known += 1,

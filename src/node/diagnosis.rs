@@ -86,6 +86,7 @@ impl Diagnoser {
             self.twins.borrow().as_ref().map(|t| t.summary.folder.join(format!("{}.urdf", t.summary.name)))
         };
         let twin = match goal.twin.as_str() {
+            // A message has no absent fields: an empty path asks for the twin that was made last.
             "" => made().ok_or(GoalError::NoTwin)?,
             path => PathBuf::from(path),
         };
@@ -122,6 +123,7 @@ impl Diagnoser {
                 log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
                 let (message, folder, verdict) =
                     (report.summary.clone(), report.folder.clone(), report.verdict.clone());
+                // Noted before it is published: a node that is killed now publishes it again.
                 note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));
                 Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
@@ -149,6 +151,7 @@ impl JointProgress {
 
     fn feedback(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
         let Event::StageStarted { stage, .. } = event else { return None };
+        // A stage is reported when it begins, so what has begun before it is done.
         let done = (self.begun as f64 / self.joints.max(1) as f64).min(1.0);
         self.begun += 1;
         let seconds_left = if done > 0.0 { elapsed.as_secs_f64() * (1.0 - done) / done } else { f64::NAN };

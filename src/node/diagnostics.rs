@@ -34,6 +34,7 @@ impl Diagnostics {
 
     /// The present state, `elapsed` after the last.
     pub fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
+        // Two reports may come at once after the machine was busy.
         let seconds = elapsed.as_secs_f64().max(1e-3);
         let mut status = Vec::new();
         for (input, last) in self.inputs.iter().zip(&mut self.last) {
@@ -70,6 +71,7 @@ impl Diagnostics {
             ("session", s.session.display().to_string()),
             ("world_frame", s.world_frame.clone().unwrap_or_default()),
         ];
+        // The last problem first: it is what people look for here.
         let (level, message) = match (&s.problem, s.collecting) {
             (Some(problem), _) => (WARN, problem.clone()),
             (None, Some(state)) => (OK, format!("collecting state {state}")),
@@ -105,6 +107,7 @@ fn input_status(
         + (now.overrun - last.overrun);
     let (level, message) = match () {
         () if bad > 0 => (WARN, format!("{bad} messages lost, malformed or dropped since the last report")),
+        // Not an error: topics may come up later than the node.
         () if now.received == 0 => (STALE, "nothing came yet".into()),
         () => (OK, format!("{rate_hz:.1} Hz")),
     };

@@ -38,6 +38,7 @@ impl Environment {
     /// # Errors
     /// A domain that is none; security that is enforced.
     pub fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
+        // An empty variable counts as unset, as in rcl.
         let get = |name: &str| get(name).filter(|v| !v.is_empty());
         let mut warnings = Vec::new();
         let domain = match get("ROS_DOMAIN_ID") {
@@ -47,6 +48,7 @@ impl Environment {
                 text.trim().parse().ok().filter(|d| *d <= 232).ok_or(EnvironmentError::Domain(text))?
             }
         };
+        // To go on in the clear where security is enforced would be worse than to stop.
         if get("ROS_SECURITY_ENABLE").is_some_and(|v| v.eq_ignore_ascii_case("true")) {
             if get("ROS_SECURITY_STRATEGY").is_some_and(|v| v.eq_ignore_ascii_case("enforce")) {
                 return Err(EnvironmentError::Security);

@@ -50,6 +50,7 @@ impl InputCount {
         let last = inner.last.get(&publisher).copied();
         match last {
             Some(last) if sequence > last => {
+                // Undecodable messages leave gaps, too, but were counted as malformed.
                 inner.snapshot.lost += ((sequence - last - 1) as u64).saturating_sub(malformed)
             }
             // It came late: it had been counted as lost.

@@ -50,9 +50,11 @@ pub struct Outbox {
 #[must_use]
 pub fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
     let resolve = |name: &str| arguments.resolve(name, node);
+    // An empty parameter means: not given; ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
     let transported = |name: &str, transport: &str| match transport {
         "raw" => resolve(name),
+        // Image transports publish below the name of the raw topic.
         other => resolve(&format!("{name}/{other}")),
     };
     Topics {
@@ -136,6 +138,7 @@ pub fn subscribe(
         s.image("mask", mask, p.mask_transport == "raw", &images, Sample::Mask)?;
     }
     s.add("camera_info", &topics.color_info, &infos, |m: CameraInfo| Sample::ColorInfo(Box::new(m)))?;
+    // One topic for both: a second subscription would bring each message twice.
     if let Some(info) = topics.depth_info.as_ref().filter(|t| **t != topics.color_info) {
         s.add("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
     }
@@ -155,6 +158,7 @@ pub fn subscribe(
         let (clock, commands) = (Arc::clone(clock), outbox.commands.clone());
         let topic = participant.resolve("/clock");
         participant.subscribe(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
+            // A replay that starts again, or a simulator that was reset: what waits is of another time.
             if clock.set(m.clock) {
                 commands.try_send(Command::TimeJump).ok();
             }

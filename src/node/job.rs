@@ -88,6 +88,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
                     log::warn!("{message}");
                 }
                 let Some(feedback) = feedback(&event, start.elapsed()) else { continue };
+                // Each step would be a message on the network.
                 if matches!(event, Event::StageStarted { .. })
                     || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY)
                 {

@@ -43,6 +43,7 @@ impl Keyframes {
     /// Whether a view would be kept.
     #[must_use]
     pub fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
+        // Time went back: what was kept stays, older views are left out.
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
         }

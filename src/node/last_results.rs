@@ -60,6 +60,7 @@ pub fn note_report(session: &Path, report: &GapReport) {
 pub fn last_twin(session: &Path) -> Option<Twin> {
     let note: TwinNote = read(&session.join(TWIN_FILE))?;
     let summary = read_run_summary(&session.join(&note.folder));
+    // A session without its twin is still a session: the node starts all the same.
     let summary = summary.inspect_err(|e| log::warn!("the last twin is not published again: {e}")).ok()?;
     Some(Twin { summary, state: note.state, world_frame: note.world_frame })
 }
@@ -95,6 +96,7 @@ fn write(path: &Path, note: &impl Serialize) {
 }
 
 fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    // No note is the usual case; a damaged one is worth a line.
     let text = match files::read_text(path, NOTE) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
         text => text,

@@ -38,6 +38,7 @@ impl LiveTf {
     pub fn add(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/');
+            // The pose topic stands for this frame; /tf may hold another estimate of it.
             if self.overridden.as_deref() != Some(child) {
                 self.add_one(t);
             }
@@ -65,6 +66,7 @@ impl LiveTf {
         self.buffer.add(&parent, &child, stamp, pose);
         let samples = self.moving.entry(child).or_default();
         samples.insert(stamp, t.clone());
+        // By the newest stamp, not by the clock: a replay may run at any pace.
         let horizon = self.newest_nanos - MEMORY_NANOS;
         while samples.len() > MAX_SAMPLES || samples.keys().next().is_some_and(|first| *first < horizon) {
             samples.pop_first();
@@ -144,6 +146,7 @@ impl LiveTf {
     pub fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
         let mut found = Vec::new();
         let mut frame = frame.to_owned();
+        // Frames may form a loop.
         for _ in 0..MAX_FRAMES {
             let parent = match (self.moving.get(&frame), self.fixed.get(&frame)) {
                 (Some(samples), _) => {

@@ -126,6 +126,7 @@ impl MotionWatch {
         match self.stage {
             Stage::Fresh => {
                 self.remember(view);
+                // What is seen first is state 0: nobody has touched the object yet.
                 self.stage = Stage::Still(0);
                 Turn::Start(0)
             }
@@ -141,6 +142,7 @@ impl MotionWatch {
                     .front()
                     .map_or(stamp_nanos, |r| r.stamp_nanos)
                     .max(self.last_motion_nanos);
+                // People pause while they move an object: a short rest is no state.
                 if stamp_nanos - still_since < self.rule.still_nanos {
                     return Turn::None;
                 }
@@ -168,6 +170,7 @@ impl MotionWatch {
         if !moved {
             self.remember(view);
         }
+        // State 0 ends with the motion; behind state 1 none comes, so a number of views ends it.
         if state == 1 && kept >= self.rule.enough {
             self.stage = Stage::Over;
             return Turn::Finish(1);
@@ -197,6 +200,7 @@ impl MotionWatch {
                 through += t;
             }
         }
+        // Few points say nothing, and single ones are noise at edges.
         compared >= MIN_POINTS && through as f64 > MOVED_SHARE * compared as f64
     }
 }
@@ -204,6 +208,7 @@ impl MotionWatch {
 impl Small {
     fn new(stamp_nanos: i64, pixels: &Pixels, world_from_camera: &Pose) -> Self {
         let full = &pixels.intrinsics;
+        // Small, as each view is compared with twelve others while images come at 30 Hz.
         let scale = [WIDTH as f64 / full.width as f64, HEIGHT as f64 / full.height as f64];
         // Sample k stands for the pixel in the middle of its cell.
         let place = |k: usize, scale: f64, size: usize| (((k as f64 + 0.5) / scale) as usize).min(size - 1);

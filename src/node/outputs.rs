@@ -124,6 +124,7 @@ impl Outputs {
                     let found = report.borrow_and_update().clone();
                     if let Some(found) = found {
                         let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
+                        // Stamped now: a report that is published again after a restart is not of that time.
                         let report = GapReport { header, ..GapReport::clone(&found) };
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
                     }
@@ -197,6 +198,7 @@ impl Outputs {
 
     fn status_of(&self, s: &Snapshot, busy: bool, done: bool) -> CollectionStatus {
         let phase = match () {
+            // In this order: the first that holds is what people wait for.
             () if busy => phase::RECONSTRUCTING,
             () if s.collecting.is_some() => phase::COLLECTING,
             () if s.moving => phase::MOVING,

@@ -71,6 +71,7 @@ fn nodes(
     found: &mut Vec<(String, Value)>,
 ) -> Result<(), ParameterFileFault> {
     for (key, value) in map {
+        // A parameter outside of `ros__parameters`: ROS refuses such a file, too.
         let (Some(key), Value::Mapping(inner)) = (key.as_str(), value) else {
             return Err(ParameterFileFault::NoParameters(path.to_owned()));
         };
@@ -90,6 +91,7 @@ fn flatten(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
     for (key, value) in map {
         let Some(key) = key.as_str() else { continue };
         match value {
+            // ROS joins nested names by dots.
             Value::Mapping(inner) => flatten(inner, &format!("{prefix}{key}."), found),
             value => found.push((format!("{prefix}{key}"), value.clone())),
         }
@@ -108,6 +110,7 @@ fn is_for(path: &str, node: &NodeIdentity) -> bool {
 fn fits(pattern: &[String], name: &[String]) -> bool {
     match (pattern, name) {
         ([], []) => true,
+        // `**` takes any number of names, none included.
         ([first, rest @ ..], _) if first == "**" => (0..=name.len()).any(|k| fits(rest, &name[k..])),
         ([first, rest @ ..], [token, others @ ..]) => (first == "*" || first == token) && fits(rest, others),
         _ => false,

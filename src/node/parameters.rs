@@ -176,6 +176,7 @@ impl Parameters {
     /// # Errors
     /// If a file cannot be read, or a value has the wrong type or cannot be used.
     pub fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
+        // As YAML, so that each value is known by the type of its default.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
         for source in &arguments.parameters {

@@ -39,6 +39,7 @@ pub fn reliable(depth: usize) -> QosProfile {
         // A writer that waited for ever would stop with its slowest reader.
         .reliability_reliable(WhenFull::Wait(WAIT))
         .durability(Durability::Volatile)
+        // Bounded: a reader that stands still must not fill the writer's memory.
         .history(History::KeepLast { depth })
 }
 

@@ -44,6 +44,7 @@ impl PreviewCloud {
                 let z = f64::from(z);
                 let ray = [(u as f64 - camera.cx) / camera.fx, (v as f64 - camera.cy) / camera.fy];
                 let point = world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
+                // Single precision, as PointCloud2 holds it.
                 let point = [point.x as f32, point.y as f32, point.z as f32];
                 self.cells.entry(self.cell(&point)).or_insert((point, pixels.color.pixels[i]));
             }

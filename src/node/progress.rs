@@ -88,6 +88,7 @@ impl RunProgress {
     #[must_use]
     pub fn feedback(&self, elapsed: Duration) -> ReconstructFeedback {
         let fraction = ((self.done + self.part * weight(&self.stage)) / self.total).clamp(0.0, 1.0);
+        // By the mean so far; at the start that is the time of one cheap stage.
         let left = if fraction < MIN_FRACTION {
             f64::NAN
         } else {

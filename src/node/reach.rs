@@ -12,6 +12,7 @@ use super::{environment::Environment, error::NodeError};
 /// # Errors
 /// If a socket is open that must not be.
 pub fn check(environment: &Environment) -> Result<(), NodeError> {
+    // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
     let sockets = own_sockets();
     if environment.localhost {
         // A socket that is bound to a multicast group takes what comes by the loopback interface only.

@@ -83,6 +83,7 @@ impl Reconstructor {
         }
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
+        // Before the run: also one that fails can be repeated by the command line.
         write_settings(&out, &config)?;
         Ok(ReconstructRequest {
             sources: recordings.into(),
@@ -103,6 +104,7 @@ impl Reconstructor {
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
             Err(error) => return Finished::Failed(run::chain(&error)),
         };
+        // From the files, as a later node reads it: both publish the same.
         let summary = match read_run_summary(&outcome.folder) {
             Ok(summary) => summary,
             Err(error) => return Finished::Failed(error.to_string()),
@@ -128,6 +130,7 @@ impl Reconstructor {
         };
         let world_frame = self.shared.snapshot().world_frame.unwrap_or_else(|| "world".into());
         let twin = Twin { summary, state: 1, world_frame };
+        // Noted before it is published: a node that is killed now publishes it again.
         note_twin(session, &twin);
         self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)

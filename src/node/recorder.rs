@@ -111,6 +111,7 @@ fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) 
         };
     match payload {
         Ok(payload) => bag.write(&topic, type_name, qos, now_nanos, &payload),
+        // One message is lost, and the log says so; the recording goes on.
         Err(error) => {
             log::warn!("{topic}: a message cannot be written: {error}");
             Ok(())

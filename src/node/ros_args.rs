@@ -75,6 +75,7 @@ impl RosArgs {
         while let Some(argument) = list.next() {
             match (ros, argument.as_str()) {
                 (_, "--ros-args") => ros = true,
+                // Behind `--` the program's own arguments go on.
                 (true, "--") => ros = false,
                 (true, option) => parsed.option(option, &mut list)?,
                 (false, _) => parsed.rest.push(argument.clone()),

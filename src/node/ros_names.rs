@@ -35,6 +35,7 @@ impl NodeIdentity {
     /// # Errors
     /// [`NameError`].
     pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
+        // Launch files write it with and without slashes.
         let namespace = format!("/{}", namespace.trim_matches('/'));
         check_token(name)?;
         namespace
@@ -55,6 +56,7 @@ impl NodeIdentity {
 fn check_token(token: &str) -> Result<(), NameError> {
     let valid = token.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
         && !token.starts_with(|c: char| c.is_ascii_digit());
+    // ROS 2 forbids repeated underscores.
     match valid && !token.is_empty() && !token.contains("__") && token.len() <= MAX_NAME {
         true => Ok(()),
         false => Err(NameError::Token(token.escape_debug().to_string())),

@@ -166,6 +166,7 @@ impl Sample {
             Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check(),
             Self::ColorInfo(info) | Self::DepthInfo(info) => check_info(info),
             Self::Transforms(m) | Self::StaticTransforms(m) => match m.transforms.len() {
+                // The list may come from anybody on the network.
                 n if n > MAX_TRANSFORMS => Err(Refusal::Size),
                 // One broken transform does not make the others wrong; the buffer leaves it out.
                 _ if m
@@ -188,10 +189,12 @@ impl Sample {
 }
 
 fn check_info(info: &CameraInfo) -> Result<(), Refusal> {
+    // A stamp is not needed: the last camera_info holds for all images.
     info.header.checked().ok_or(Refusal::Header)?;
     if info.d.len() > MAX_COEFFICIENTS || info.distortion_model.len() > MAX_NAME {
         return Err(Refusal::Size);
     }
+    // A NaN in the lens would spoil every pixel.
     let finite = info.d.iter().chain(&info.k).chain(&info.r).chain(&info.p).all(|v| v.is_finite());
     finite.then_some(()).ok_or(Refusal::Value)
 }

@@ -39,6 +39,7 @@ impl ServiceContext {
         command: impl FnOnce(oneshot::Sender<Result<T, CollectError>>) -> Command,
     ) -> Result<T, CollectError> {
         let (answer, answered) = oneshot::channel();
+        // The core has its thread and its order; nobody else touches the session.
         if self.commands.send(command(answer)).await.is_err() {
             return Err(CollectError::Ending);
         }
@@ -71,6 +72,7 @@ impl ServiceContext {
     }
 
     async fn reset(&self) -> TriggerResponse {
+        // A new folder, so that no message after this can get into the old session.
         let session = (self.next_session)();
         let done = self.ask(|a| Command::Reset(session.clone(), a)).await;
         trigger(done.map(|()| format!("the next session is {}", session.display())))

@@ -134,10 +134,12 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let topics = inputs::topics(&start.arguments, identity, p);
     // What cannot work is refused before anybody sees the node.
     let resolved = settings::run_settings(p, &topics)?;
+    // Also for ~/reset, which goes on in the next free folder.
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
         let (out, name) = (PathBuf::from(&p.out_folder), p.session.clone());
         Arc::new(move || free_folder(&out, &name))
     };
+    // A named session is taken up again; one by time is always new.
     let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
     // The folder before the network: a second node on it ends before it disturbs the first.
     let lock = SessionLock::take(&first)?;

@@ -63,6 +63,7 @@ impl StateBag {
     /// If the disk refuses.
     pub fn abandon(self) -> Result<(), BagWriteError> {
         let folder = self.bag.folder().to_owned();
+        // Closed first: some systems do not remove open files.
         drop(self.bag);
         std::fs::remove_dir_all(&folder)
             .map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
@@ -91,6 +92,7 @@ impl StateBag {
         }
         self.poses(around, posed, now_nanos)?;
         let topics = self.topics.clone();
+        // With each view: a reader may cut the bag anywhere.
         for (info, topic) in infos.into_iter().zip([Some(&topics.color_info), topics.depth_info.as_ref()]) {
             if let (Some(info), Some(topic)) = (info, topic) {
                 self.message(topic, SENSOR, now_nanos, info)?;

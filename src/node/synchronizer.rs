@@ -93,11 +93,13 @@ impl<T> Synchronizer<T> {
                 (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))
             })
             .collect();
+        // Sets that are settled go on; color that cannot be completed any more is given up.
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
             let states: Vec<Fate> =
                 (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
+            // One kind that will not come is enough.
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
             } else if states.iter().all(|s| *s == Fate::Settled) {
@@ -154,6 +156,7 @@ impl<T> Synchronizer<T> {
 
     /// Gives up depth images and masks that no color image can want any more.
     fn prune(&mut self) {
+        // Before the first color image anything could still be wanted.
         let Some(newest) = self.newest[0] else { return };
         let oldest = self.queues[0].iter().map(|e| e.0).min().unwrap_or(newest).min(newest);
         for r in 1..ROLES {

@@ -29,6 +29,7 @@ const SIGMAS: f64 = 3.0;
 #[must_use]
 pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
     JointState {
+        // JointState has no frame.
         header: Header { stamp, frame_id: String::new() },
         name: twin.joints.iter().map(|j| j.name.clone()).collect(),
         position: twin.positions(state),
@@ -168,6 +169,7 @@ impl Drawn<'_> {
         let reach = 0.5 * AXIS_LENGTH_M;
         // NaN is a deviation that is not determined; the label says that, a circle cannot.
         let known = |v: f64| if v.is_finite() { v } else { 0.0 };
+        // The direction's error acts at the tip by the arrow's length; both are independent.
         let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
         let turn = |k: usize| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64;
         (0..ARC_POINTS)

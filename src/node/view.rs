@@ -70,6 +70,7 @@ impl View {
         // The lens is left to the pipeline, which undistorts; here it is enough that it can be read.
         let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
+        // All of a view or nothing: a view without depth cannot be used later.
         let color = self.checked(topics[0], &intrinsics, color.color())?;
         let depth = self.checked(topics[1], &intrinsics, depth.depth())?;
         let mask = mask.as_ref().map(|m| self.checked(topics[2], &intrinsics, m.mask())).transpose()?;

@@ -67,6 +67,7 @@ pub(super) fn align(
     // Of the states as they were recorded: only scale and center are taken from it.
     let scene = bounds(capture)?;
     let mut all = vec![Aligned::default()];
+    // One state after the other, all with state 0: its world is the twin's, and errors do not add up.
     for state in 1..capture.states.len() {
         let aligned = align_state(state, capture, matcher, &scene, config, stages)?;
         if let Some(drift) = &aligned.drift {
@@ -116,6 +117,7 @@ fn drift(
     noise: &NoiseConfig,
     config: &Config,
 ) -> Result<Option<Drift>, RunError> {
+    // Asked for only where the object's matches do not stand still: it matches all frames once more.
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
@@ -142,7 +144,9 @@ fn refined(
     // Surfaces are compared where they project to: they must be near each other already.
     let mut near = frames[1].to_vec();
     drift.undo(&mut near);
+    // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
+    // (2.13) between the states, where held-out surfels gain by it (2.15).
     if let Some(fine) = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object) {
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
         drift.covariance = fine.covariance;

@@ -67,6 +67,7 @@ pub(super) fn register_state(
 ) -> Result<Registration, RunError> {
     let pair = [&states[0].surface, &states[state].surface];
     let empty = pair.map(empty_in);
+    // A stream for each state: what is drawn for one does not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     register(
         &states[state].matches,
@@ -115,6 +116,7 @@ pub(super) fn articulate(
     stages: &mut Stages,
 ) -> Result<Articulation, RunError> {
     match states.map(State::field) {
+        // Consistency is defined between two fields; `checked_name` refused more states.
         [Some(field0), Some(field1)] if scene.config.seeks_consistency() && start.motions.len() > 1 => {
             optimise(states, [field0, field1], start, scene, stages)
         }
@@ -138,6 +140,7 @@ fn optimise(
     stages: &mut Stages,
 ) -> Result<Articulation, RunError> {
     let (config, checkpoint) = (scene.config, stages.checkpoint);
+    // Rays, distances and colors of both states, all in the world of state 0.
     let rays = states.map(|s| surface_rays(s.frames, &scene.noise, config.surface.points));
     let cameras: [Vec<(Intrinsics, Pose)>; 2] =
         states.map(|s| s.frames.iter().map(|f| (f.intrinsics, f.world_from_camera)).collect());
@@ -160,6 +163,7 @@ fn optimise(
         Init::Registration => {
             ArticulationStart { motions: Some(&start.motions), labels: Some([&labelled[0], &labelled[1]]) }
         }
+        // As published: no motion and no labels to start from.
         Init::Identity => ArticulationStart::default(),
     };
     let failed = |e| RunError::stage("articulate", e);
@@ -185,6 +189,7 @@ fn run(
     monitor: &Monitor,
 ) -> Result<(), RunError> {
     while !trainer.done() {
+        // Kept where it was stopped: the steps do not start anew.
         if let Err(stopped) = monitor.check() {
             if let Some(c) = checkpoint {
                 c.save(CHECKPOINT, trainer.checkpoint())?;
@@ -211,6 +216,7 @@ fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<
                 .collect::<Vec<_>>()
         })
         .collect();
+    // Evenly over all frames, without a draw.
     let stride = (usable.len() / count.max(1)).max(1);
     usable.into_iter().step_by(stride).map(|(f, i)| surface_ray(f, &frames[f], i, noise)).collect()
 }
@@ -220,6 +226,7 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
     let (u, v) = (pixel % frame.intrinsics.width, pixel / frame.intrinsics.width);
     SurfaceRay {
         origin: frame.world_from_camera.translation.vector.into(),
+        // Of unit depth, not of unit length: depth is along the optical axis.
         direction: frame.world_from_camera * frame.intrinsics.ray(u as f64, v as f64),
         depth_m,
         sigma_m: frame.sigma_m(pixel, noise),

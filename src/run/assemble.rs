@@ -30,6 +30,7 @@ pub(super) fn assemble(
     let truncation_m = scene.band.truncation_m;
     let labelled = |(state, parts): (&State, &PartsOfState)| {
         let StateSurface { tsdf, weight, samples, .. } = &state.surface;
+        // 0.999: at the truncation itself a node only says that it is farther than that.
         let labels = label_grid(tsdf, &samples.points, &parts.labels, 0.999 * truncation_m);
         LabelledState { tsdf: tsdf.clone(), weight: weight.clone(), labels, truncation_m }
     };
@@ -37,6 +38,7 @@ pub(super) fn assemble(
     let states: Vec<LabelledState> = states.iter().zip(&articulation.states).map(labelled).collect();
     let part_surface = |part: usize, motions: &[Pose]| {
         let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
+        // (9.1)
         let field = part_tsdf(part as u8, &motions, &states);
         let mut mesh = keep_components(&marching_cubes(&field, 0.0), scene.config.surface.min_component);
         if mesh.is_empty() {
@@ -49,6 +51,8 @@ pub(super) fn assemble(
         paint(&mut mesh, &motions, &states, &colors);
         Ok((mesh, field))
     };
+    // The static part in the world of state 0, then the moving ones by their joints' motions, which may
+    // differ a little from those of registration.
     let (base, _) = part_surface(0, &vec![Pose::identity(); states.len() - 1])?;
     let mut parts = Vec::with_capacity(joints.len());
     for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {

@@ -132,6 +132,7 @@ impl Checkpoint {
             }
             Err(TryLockError::Error(source)) => return Err(fails(source)),
         }
+        // Under the lock, so that nobody writes it meanwhile.
         let earlier = read_fingerprint(&folder.join(FINGERPRINT_FILE));
         if let Some(earlier) = earlier.as_ref().filter(|e| resume && *e != fingerprint) {
             let differences = fingerprint.differences(earlier);
@@ -178,6 +179,7 @@ impl Checkpoint {
             file.write_all(&[0; HEADER_BYTES])?;
             let mut payload = Summed { inner: &mut *file, sum: self.sum(stage), length: 0 };
             let outcome = postcard::to_io(value, &mut payload).map(|_| ()).map_err(io::Error::other);
+            // Taken before `?`, as the writer's own error says only that it refused.
             too_large = payload.length > MAX_BYTES;
             outcome?;
             // What is kept is large, some 300 MB of frames; the result comes first.
@@ -286,6 +288,7 @@ impl Checkpoint {
         // Longer pieces and texts are not written.
         let mut piece = vec![0; PIECE_BYTES];
         let (value, (mut rest, _)) = postcard::from_io((file, &mut piece)).map_err(io::Error::other)?;
+        // More bytes than the type takes: another type was written.
         if rest.read(&mut [0])? > 0 {
             return Err(io::Error::other("holds more than was asked for"));
         }
@@ -368,6 +371,7 @@ fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
             return Ok(Some(entry.path()));
         }
     }
+    // A folder with the right names but without a lock was not made here.
     let locked = entries.is_empty() || entries.iter().any(is_lock);
     Ok((!locked).then(|| folder.to_owned()))
 }

@@ -95,6 +95,7 @@ impl DiagnoseRequest {
 
     /// Where the result goes. `text` is that of the twin; `more` is read beside what the request names.
     pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
+        // All that is read, so that the result cannot take its place.
         let named = [&self.runs[..], &self.held_out, more].concat();
         let inputs = named.into_iter().chain(io::twin_files(&self.twin, text)).collect();
         Place { out: self.out.clone(), name: self.name.clone(), force: self.force, inputs }
@@ -167,6 +168,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
+        // Positions from poses and efforts from wrenches, before anything looks at the joints.
         read.off_axis.push(complete(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
@@ -174,6 +176,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     if request.held_out.is_empty() && read.recordings.len() > 1 {
         // Every third run, at least the last.
         let n = read.recordings.len();
+        // Spread over all runs: conditions may drift from the first to the last.
         let count = (n / 3).max(1);
         for i in 0..count {
             read.recordings[n - 1 - i * n / count].1 = true;

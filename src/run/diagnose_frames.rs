@@ -56,6 +56,7 @@ pub fn diagnose_frames(
             "the accuracy of the twin must be a positive number of millimeters".to_owned(),
         ));
     }
+    // The twin, then its place, then the recordings: the cheap refusals first.
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {
         // A reconstructed twin errs by what its run folder reports: effects within that are not named.
@@ -77,6 +78,7 @@ pub fn diagnose_frames(
     let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
     if !twin.own.is_exact() {
+        // First, as all names are to be read with it.
         diagnosis.notes.insert(0, known_errors(&twin));
     }
     let (urdf, exports) =
@@ -89,6 +91,7 @@ pub fn diagnose_frames(
         let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
         let motion = find(request, &tree, &text, monitor)?;
         files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
+        // One report with the findings of both: who reads it need not know how each was found.
         json = report::merged(serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?, &json);
         // Where frames show no gap, the motion decides.
         if verdict == Verdict::None {
@@ -119,6 +122,7 @@ fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
     let error =
         |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
     let joints = twin.joints.iter().map(|j| of(&j.name).map(error).unwrap_or_default()).collect();
+    // The worst part's: a part cannot be named better than its own surface is known.
     let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
     Some(OwnErrors { surface_m, joints })
 }
@@ -154,6 +158,7 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
     for (r, run) in runs.iter().enumerate().take(RUNS_SHOWN) {
         page.push_str(&format!("<h2>{}</h2>", escape_xml(&run.name)));
         for s in 0..SHOWN.min(run.frames.len()) {
+            // From the middle of each share of the run, not from its ends.
             let f = s * run.frames.len() / SHOWN + run.frames.len() / (2 * SHOWN);
             page.push_str("<section>");
             for picture in pictures(twin, run, (r, f), d) {
@@ -213,6 +218,7 @@ fn residual(
     let image = predict(twin, &poses, &frame.intrinsics, camera, false);
     let color = |i: usize| -> [u8; 3] {
         let reading = f64::from(frame.depth_m[i]);
+        // The camera's error under the hypothesis is taken out, as in (15.3).
         let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
         match (frame.is_object(i), image.item[i].is_some()) {
             (true, true) if reading > 0.0 => {

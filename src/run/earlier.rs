@@ -55,6 +55,7 @@ pub(super) fn begin(
     } else {
         Earlier::Nothing
     };
+    // The result first: where it stands, an old checkpoint does not matter.
     let folder = Checkpoint::folder(&request.out, name);
     if let Earlier::Same(result) = earlier {
         return Ok(Beginning::Stands(stands(result, &folder, fingerprint, monitor)));
@@ -87,6 +88,7 @@ pub(super) fn finished(outcome: Outcome, checkpoint: Checkpoint, monitor: &Monit
 
 /// Reports that a run is finished. What it kept on the way is deleted, in case it ended between the two.
 fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor: &Monitor) -> Outcome {
+    // The process may have ended between the commit of the result and the end of its checkpoint.
     if checkpoint.exists()
         && let Ok(left) = Checkpoint::open(checkpoint, fingerprint, true)
     {
@@ -105,6 +107,7 @@ fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor
 /// Deletes what a run has finished if that is of no use to a later one, else says where it is kept.
 pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor: &Monitor) -> RunError {
     let bytes = checkpoint.bytes().unwrap_or_default();
+    // After most failures the same input fails again, and what was kept would only fill the disk.
     if !keep || !error.can_continue() || bytes == 0 {
         return checkpoint.discard().err().map_or(error, RunError::from);
     }

@@ -29,6 +29,7 @@ pub(super) fn facts(
     let initialization = match request.config.run.init {
         Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
         Init::Identity => {
+            // What registration alone would have given, for the comparison of both ways.
             let alone = nearest_starts(&twin.model, &twin.registered);
             let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
@@ -76,6 +77,7 @@ pub(super) fn facts(
             .iter()
             .cloned()
             .chain(twin.warnings.iter().cloned())
+            // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
             .collect(),
     }

@@ -99,6 +99,7 @@ impl Training<'_> {
         if let Some(saved) = self.checkpoint.and_then(|c| c.load(&file, self.monitor)) {
             trainer.restore(saved, &factory).map_err(failed)?;
         }
+        // From the start: an engine may fail before the first state is kept.
         let mut kept = trainer.checkpoint();
         let stopped = loop {
             match self.advance(&mut trainer, &mut kept) {
@@ -133,6 +134,7 @@ impl Training<'_> {
         let total = trainer.total();
         let mut recent = 0.0;
         while trainer.done() < total {
+            // Between steps, when the state can be read back whole.
             if let Err(stopped) = self.monitor.check() {
                 *kept = sound(trainer)?;
                 return Ok(Some(stopped));
@@ -183,6 +185,7 @@ impl Training<'_> {
 /// The state of a training whose engine works and whose parameters are numbers.
 fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
     let now = trainer.checkpoint();
+    // A loss can still be finite when a parameter is not: each is looked at before it is kept.
     let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
     let params = &now.engine.params;
     let layers = params.geometry.iter().chain(&params.color);

@@ -139,6 +139,7 @@ fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     let mut file = crate::files::open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
+    // The size too: of a large file only pieces are read.
     sum.update(&bytes.to_le_bytes());
     let pieces = if bytes <= WHOLE_BYTES { 1 } else { SAMPLES };
     let length = if pieces == 1 { bytes } else { SAMPLE_BYTES };

@@ -43,6 +43,7 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
     let mut registrations = Vec::with_capacity(states.len());
     for state in 1..states.len() {
         let stage = stage_of("register", state, states.len());
+        // All with state 0, whose samples carry the labels of every pair.
         let register = || register_state(states, state, &stage, parts, scene);
         registrations.push(stages.kept(&stage, None, |_| register())?);
     }
@@ -82,6 +83,7 @@ fn found_in_all(
     let notes = [of_pairs(registrations, |r| &r.notes), united.notes].concat();
     let warnings = [of_pairs(registrations, |r| &r.warnings), united.warnings].concat();
     report(&notes, &warnings, stages);
+    // The report compares with the last state, whose motion of two states is the only one.
     let last = united.motions.last().cloned().unwrap_or_default();
     let articulation = Articulation::new(united.motions, united.labels, last.clone());
     Ok(Found { articulation, registered: last[1..].to_vec(), curve: united.curve, notes, warnings })
@@ -110,6 +112,7 @@ pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
 fn alike(model: &ArticulatedModel, a: usize, b: usize) -> bool {
     let same = |joint: usize| {
         let std = &model.joints[joint].evidence.position_std;
+        // State 0 is where positions count from: it has no deviation.
         let of = |state: usize| state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default();
         let apart = (model.states[a][joint] - model.states[b][joint]).abs();
         // A state that the joint leaves out is like no other.

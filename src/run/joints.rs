@@ -25,6 +25,8 @@ pub(super) fn joints(
 ) -> Vec<TreeJointEstimate> {
     let evidence = Evidence::new(states, articulation, scene);
     let parts: Vec<PartEvidence> = (1..articulation.parts()).filter_map(|part| evidence.part(part)).collect();
+    // What the static part seems to move by is the error of the world
+    // frames; joints against it are free of that.
     let root: Vec<ParentMotion> =
         (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
@@ -96,6 +98,7 @@ impl<'a> Evidence<'a> {
         }
         let own = self.pair(0, number).free_motion(&self.scene.config.joint);
         // How well all that stands still was brought to rest in the state.
+        // (5.3) combines this with the part's own motion.
         let still = match &state.drift {
             Some(drift) => drift.covariance,
             None => poses.worlds.get(number - 1).and_then(|w| w.as_ref()?.covariance),
@@ -130,6 +133,7 @@ fn match_owners(
     let alike = |a: usize| motions.iter().filter(|m| **m == motions[a]).count() > 1;
     let owner = |m: &LiftedMatch| {
         let error = |k: &usize| (motions[*k] * m.point0 - m.point1).norm();
+        // By the motion, not by the place: at the border of two parts the nearest sample may be the other's.
         let best =
             (0..motions.len()).min_by(|a, b| error(a).total_cmp(&error(b))).filter(|k| error(k) < reach_m)?;
         let own = || surface.part(&m.point0).filter(|own| motions[*own] == motions[best]);

@@ -127,6 +127,7 @@ impl Monitor {
                 | Event::Step { stage, .. }
                 | Event::Count { stage, .. }
                 | Event::StageFinished { stage, .. } => {
+                    // Here, not in the stages: they know nothing of other objects.
                     *stage = format!("{object}/{stage}");
                 }
                 Event::Warning { message, .. }

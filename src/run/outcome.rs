@@ -55,6 +55,7 @@ impl ReconstructRequest {
     /// Where the result goes.
     pub(super) fn place(&self, name: &str) -> Place {
         let matcher = self.config.matching.onnx.iter();
+        // The matcher is read like a recording: a result must not take its place either.
         let inputs = self.sources.iter().chain(&self.beside).chain(matcher).cloned().collect();
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
@@ -147,6 +148,7 @@ impl RunError {
         match self {
             Self::Cancelled(_) | Self::Checkpoint(_) => true,
             Self::Config(_) | Self::OtherResult { .. } => false,
+            // A full disk can be emptied; recordings and settings are what they are.
             Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
         }
     }
@@ -159,6 +161,7 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     let mut cause = error.source();
     while let Some(error) = cause {
         let reason = error.to_string();
+        // Transparent errors repeat the sentence of their cause.
         if !text.ends_with(&reason) {
             text = format!("{text}: {reason}");
         }
@@ -171,6 +174,7 @@ impl JointSummary {
     /// Summaries of all joints of a model; none of one that was observed in fewer than two states.
     #[must_use]
     pub fn of(model: &ArticulatedModel) -> Vec<Self> {
+        // One state shows no motion.
         let [state0, _, ..] = model.states.as_slice() else { return Vec::new() };
         let summary = |(j, joint): (usize, &crate::model::Joint)| {
             let world_from_joint = model.world_from_link(joint.child, state0);

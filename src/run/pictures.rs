@@ -19,6 +19,7 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
     for (state, frames) in capture.states.iter().enumerate() {
         for (view, frame) in best_views(frames).into_iter().enumerate() {
             let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
+            // Cropped alike, so that photo and twin can be compared pixel by pixel.
             let window = window(frame, &[]);
             let mut twin = draw(model, state, frame, false, caption("twin"));
             let psnr_db = psnr_db(frame, &twin.rgb);
@@ -62,6 +63,7 @@ pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
 /// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of
 /// the picture included; `None` where nothing isolates the object.
 fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
+    // Without a mask the background would count as an error of the twin.
     frame.mask.as_ref()?;
     let squares = |(i, p): (usize, &[u8; 3])| {
         frame.is_object(i).then(|| {

@@ -71,6 +71,7 @@ impl<'a> Stages<'a> {
         if let Some(found) = self.recall(name)? {
             return Ok(found);
         }
+        // Copied, as `run` borrows all of the stages.
         let checkpoint = self.checkpoint;
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
@@ -97,6 +98,7 @@ impl<'a> Stages<'a> {
         self.monitor.check()?;
         let start = Instant::now();
         let Some(result) = self.checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
+        // As if it had run: who listens sees the same stages in the same order.
         self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps: None });
         let text = format!("{name} was kept from the run that was stopped");
         self.monitor.note(&Note::new(NoteCode::StageKept, text));

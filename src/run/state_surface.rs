@@ -77,6 +77,7 @@ pub fn fuse(
 ) -> TsdfVolume {
     let grid = Grid3::over(scene, nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
+    // The frames in parallel, the sum in their order: the bytes do not depend on the number of threads.
     let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
     let roles: Vec<_> =
         frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();

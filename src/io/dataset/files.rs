@@ -36,6 +36,7 @@ pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureErr
 
 pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
     files::read(path, DATASET).or_else(|source| match source.kind() {
+        // Too large is a fault of the dataset, not of the disk.
         ErrorKind::FileTooLarge => refuse(path, source.to_string()),
         _ => Err(CaptureError::Read { path: path.to_owned(), source }),
     })
@@ -89,6 +90,7 @@ pub fn camera(
     (width, height): (usize, usize),
     half_pixel: bool,
 ) -> Result<Intrinsics, CaptureError> {
+    // Here integers are pixel centers (docs/method.md 1).
     let shift = if half_pixel { 0.5 } else { 0.0 };
     match k {
         [fx, skew, cx, _, fy, cy, ..] if k.len() == 9 => {

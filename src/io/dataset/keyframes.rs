@@ -36,6 +36,7 @@ struct Keyframe {
 pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
     let camera_file = folder.join("cam_K.txt");
     let text = read_text(&camera_file)?;
+    // Nine numbers in lines of three; `camera` refuses another count.
     let k: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let mut capture = Capture::of_states(2);
     capture.notes.push(Note::new(
@@ -79,6 +80,7 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
     let mut states: [Vec<Entry>; 2] = Default::default();
     for (key, frame) in &map {
         let id = key.strip_prefix("frame_").unwrap_or(key);
+        // The name's first part is the state, as in the names of the images.
         let state = match id.split('_').next() {
             Some("0") => 0,
             Some("1") => 1,
@@ -93,6 +95,7 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
         if !id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
             return refuse(path, format!("`{}` is no frame name", id.escape_debug()));
         }
+        // Two places say the state; where they differ, either may be wrong.
         if frame.time.is_some_and(|t| t != state as f64) {
             return refuse(
                 path,

@@ -34,6 +34,7 @@ macro_rules! definitions {
         $(impl RosMessage for $message {
             const TYPE: &'static str = concat!($package, "/msg/", $name);
         })*
+        // Built in: a bag holds the definition of each of its types, and no ROS installation is asked for it.
         const FILES: &[(&str, &str)] =
             &[$((<$message>::TYPE, include_str!(concat!("definitions/", $package, "-", $name, ".msg")))),*];
     };
