@@ -354,7 +354,7 @@ fn read_chunk<E>(
 ) -> Result<(), E> {
     report.chunks += 1;
     let number = report.chunks;
-    // Chunks do not depend on each other: a bad one costs its own messages.
+    // A bad chunk costs its own messages, and channels that it alone names.
     let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {

@@ -75,7 +75,7 @@ fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh)
     let values = words.take(7).map(str::parse).collect::<Result<Vec<f32>, _>>()?;
     let [x, y, z, rest @ ..] = values.as_slice() else { return Err(ObjFault::Coordinates) };
     mesh.vertices.push([*x, *y, *z].into());
-    // Three more values are a color (an extension that most writers share); a single one is a weight.
+    // Three more values are a color (an extension of many writers); a single one is a weight.
     if let [r, g, b] = rest {
         mesh.colors.push([r, g, b].map(|c| (c * 255.0).round().clamp(0.0, 255.0) as u8));
     }

@@ -107,7 +107,7 @@ impl Header {
     #[must_use]
     pub fn checked(&self) -> Option<(i64, String)> {
         let frame = self.frame_id.trim_start_matches('/');
-        // Names go into messages and file names.
+        // The name comes from a file or the network and is copied into what is said about it.
         (frame.len() <= MAX_NAME).then_some(())?;
         Some((self.stamp.nanos()?, frame.to_owned()))
     }

@@ -141,7 +141,7 @@ fn own_name(path: &Path) -> String {
 fn sanitize(name: &str) -> String {
     let clean: String =
         name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-    // URDF, USD and ROS take no name that begins with a digit.
+    // USD and ROS take no name that begins with a digit.
     if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
 }
 

@@ -29,7 +29,7 @@ pub fn reconstruct_all(
         Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
     let work = || {
         loop {
-            // The next object to whoever is free: one takes seconds, another many minutes.
+            // Whoever is free takes the next object: one needs seconds, another many minutes.
             let i = next.fetch_add(1, Ordering::Relaxed);
             let Some(request) = requests.get(i) else { return };
             let own = monitor.of_object(&names[i]);

@@ -73,7 +73,7 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
     let numbers = |v: &Value| -> Vec<f64> {
         let rows = v.as_array().into_iter().flatten();
         rows.flat_map(|row| row.as_array().into_iter().flatten())
-            // `pose_from_opengl` and `camera` refuse NaN, and name the frame.
+            // `pose_from_opengl` and `camera` refuse NaN and say where it stands.
             .map(|n| n.as_f64().unwrap_or(f64::NAN))
             .collect()
     };
