@@ -83,8 +83,8 @@ impl TopicSummary {
         let has = |words: &[&str]| i32::from(words.iter().any(|w| name.contains(w)));
         let raw = i32::from(self.type_name == IMAGE_TYPES[0]);
         match role {
-            // The stream's name counts most, then the driver's own topic, then raw before compressed. An infrared
-            // image comes last, and `best` takes none that is nothing else.
+            // The stream's name counts most, then the driver's own topic, then raw before compressed.
+            // An infrared image comes last, and `best` takes none that is nothing else.
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])

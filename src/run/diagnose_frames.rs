@@ -59,7 +59,7 @@ pub fn diagnose_frames(
     // The twin, then its place, then the recordings: the cheap refusals first.
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {
-        // A reconstructed twin errs by what its run folder reports: effects within that are not named.
+        // The run folder of a reconstructed twin reports its errors: effects within them are not named.
         twin.own = own;
     }
     let place = request.place(&text, recordings);
