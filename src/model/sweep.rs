@@ -74,23 +74,25 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => MAX_TURN_RAD,
         JointKind::Prismatic => length_along(model, joint),
     };
-    let free = |q: &f64| {
-        let blocked = |other: usize| {
-            let poses = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &[*q]));
-            let meets = |pose: Pose| {
-                overlaps(&model.links[other].collision, &model.links[joint.child].collision, &pose)
-            };
-            poses.into_iter().any(meets)
-        };
-        !(0..model.links.len())
-            .any(|other| other != joint.child && !model.is_below(other, joint.child) && blocked(other))
-    };
     let last = |end: f64| {
         let start = if end < lower { lower } else { upper };
         // Outwards from what was observed: behind the first obstacle nothing counts.
-        steps(model, joint, start, end).into_iter().take_while(free).last().unwrap_or(start)
+        let free = steps(model, joint, start, end).into_iter().take_while(|q| is_free(model, j, *q));
+        free.last().unwrap_or(start)
     };
     [last(upper - reach).min(lower), last(lower + reach).max(upper)]
+}
+
+/// Whether a joint's child at a position meets no solid of a link that it does not carry, in any observed
+/// state of the other joints.
+fn is_free(model: &ArticulatedModel, j: usize, position: f64) -> bool {
+    let child = model.joints[j].child;
+    let meets = |other: usize| {
+        let mut poses = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &[position]));
+        poses.any(|pose| overlaps(&model.links[other].collision, &model.links[child].collision, &pose))
+    };
+    let carried = |link: usize| link == child || model.is_below(link, child);
+    !(0..model.links.len()).any(|other| !carried(other) && meets(other))
 }
 
 impl ArticulatedModel {

@@ -1,5 +1,6 @@
 //! The stage that makes the model of parts and joints.
 
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{
@@ -86,26 +87,29 @@ impl<'a> ColorLookup<'a> {
         let points: Vec<_> = surface.mesh.vertices.iter().map(|p| p.cast()).collect();
         Self { mesh: &surface.mesh, vertices: NearestPoints::new(&points) }
     }
+
+    fn color(&self, place: &Point3<f64>) -> Option<[u8; 3]> {
+        self.vertices.nearest(place).and_then(|(i, _)| self.mesh.colors.get(i)).copied()
+    }
 }
+
+/// How often and how well a state's views saw a place, by fusion's weight; 0 away from every surface.
+fn seen(state: &LabelledState, place: &Point3<f64>) -> f32 {
+    let node = state.labels.nearest(place).filter(|&i| state.labels.values[i] != NO_LABEL);
+    node.map_or(0.0, |i| state.weight.values[i])
+}
+
+/// Gray where no state has a color.
+const UNSEEN: [u8; 3] = [128; 3];
 
 /// Gives every vertex the color of the state that saw the place better.
 fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], colors: &[ColorLookup]) {
-    let color = |p: &nalgebra::Point3<f32>| {
-        let place = |s: usize| if s == 0 { p.cast::<f64>() } else { motions[s] * p.cast::<f64>() };
-        // By fusion's weight: how often and how well the state's views saw the place.
-        let seen = |s: usize| {
-            states[s].labels.nearest(&place(s)).map_or(0.0, |i| {
-                if states[s].labels.values[i] == NO_LABEL { 0.0 } else { states[s].weight.values[i] }
-            })
-        };
-        let (s, _) =
-            (1..states.len()).map(|s| (s, seen(s))).fold((0, seen(0)), |a, b| if b.1 > a.1 { b } else { a });
-        colors[s]
-            .vertices
-            .nearest(&place(s))
-            .and_then(|(i, _)| colors[s].mesh.colors.get(i))
-            .copied()
-            .unwrap_or([128; 3])
+    let color = |p: &Point3<f32>| {
+        let first = p.cast::<f64>();
+        let places = states.iter().zip(colors).zip(motions.iter().map(|m| m * first));
+        let seen = places.map(|((state, colors), place)| (seen(state, &place), place, colors));
+        let best = seen.reduce(|a, b| if b.0 > a.0 { b } else { a });
+        best.and_then(|(_, place, colors)| colors.color(&place)).unwrap_or(UNSEEN)
     };
     mesh.colors = mesh.vertices.par_iter().with_min_len(1024).map(color).collect();
 }

@@ -130,14 +130,20 @@ fn match_owners(
     surface: &Labelled<'_>,
     reach_m: f64,
 ) -> Vec<Option<usize>> {
-    let alike = |a: usize| motions.iter().filter(|m| **m == motions[a]).count() > 1;
-    let owner = |m: &LiftedMatch| {
-        let error = |k: &usize| (motions[*k] * m.point0 - m.point1).norm();
-        // By the motion, not by the place: at the border of two parts the nearest sample may be the other's.
-        let best =
-            (0..motions.len()).min_by(|a, b| error(a).total_cmp(&error(b))).filter(|k| error(k) < reach_m)?;
-        let own = || surface.part(&m.point0).filter(|own| motions[*own] == motions[best]);
-        Some(if alike(best) { own().unwrap_or(best) } else { best })
-    };
-    matches.iter().map(owner).collect()
+    matches.iter().map(|m| match_owner(m, motions, surface, reach_m)).collect()
+}
+
+fn match_owner(m: &LiftedMatch, motions: &[Pose], surface: &Labelled<'_>, reach_m: f64) -> Option<usize> {
+    let errors_m: Vec<f64> = motions.iter().map(|motion| (motion * m.point0 - m.point1).norm()).collect();
+    // By the motion, not by the place: at the border of two parts the nearest sample may be the other's.
+    let best = (0..motions.len()).min_by(|&a, &b| errors_m[a].total_cmp(&errors_m[b]))?;
+    if errors_m[best] >= reach_m {
+        return None;
+    }
+    // Parts may move alike in a pair of states; the match is then that of the part which it lies on.
+    if motions.iter().filter(|motion| **motion == motions[best]).count() == 1 {
+        return Some(best);
+    }
+    let own = surface.part(&m.point0).filter(|own| motions[*own] == motions[best]);
+    own.or(Some(best))
 }
