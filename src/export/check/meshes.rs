@@ -182,13 +182,17 @@ fn mesh_of(
     let extension = name.rsplit('.').next().unwrap_or_default().to_owned();
     let mesh = match extension.as_str() {
         "obj" => MeshText::obj(&String::from_utf8_lossy(bytes)),
-        "stl" if visual => {
-            found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
-            MeshText::stl(bytes)?
-        }
         "stl" => {
-            found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
-            MeshText::stl(bytes)?
+            if visual {
+                found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
+            } else {
+                found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
+            }
+            let Some(mesh) = MeshText::stl(bytes) else {
+                found.error(Rule::Mesh, &file, "is no whole STL, neither binary nor text");
+                return None;
+            };
+            mesh
         }
         // PyBullet refuses a whole model for one GLB or PLY.
         other => {
@@ -265,10 +269,11 @@ fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool 
     let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
     let (lo, hi) = mesh.points.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
     let extent = (hi - lo).amax();
-    if found.all.len() == before && extent > 20.0 {
+    let healthy = found.all.len() == before;
+    if healthy && extent > 20.0 {
         found.warn(Rule::Mesh, file, format!("is {extent:.1} m long: are these millimeters?"));
     }
-    found.all.len() == before || extent > 20.0
+    healthy
 }
 
 /// Rules of a visual mesh: normals, material, texture.

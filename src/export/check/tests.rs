@@ -69,6 +69,7 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
         ("path", "out of the folder", mesh, "../other/tray_0.obj"),
         ("path", "missing", mesh, "meshes/collision/tray_9.obj"),
         ("format", "'.glb'", "meshes/visual/frame.obj", "meshes/visual/frame.glb"),
+        ("mesh", "no whole STL", "meshes/visual/frame.obj", "meshes/visual/frame.stl"),
         ("inertia", "no <inertial>", "<inertial><mass value=\"1\"/>", "<inertia_l><mass value=\"1\"/>"),
         ("inertia", "not positive", inertia, r#"ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0""#),
         ("inertia", "lacks an element", inertia, r#"ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0""#),
@@ -100,6 +101,9 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
         folder.insert("other/frame_0.obj".to_owned(), folder[mesh].clone());
         let glb = b"glTF".to_vec();
         folder.insert("meshes/visual/frame.glb".to_owned(), glb);
+        // A binary STL that ends within its first facet.
+        let cut = [[0; 80].as_slice(), &1u32.to_le_bytes(), &[0; 20]].concat();
+        folder.insert("meshes/visual/frame.stl".to_owned(), cut);
         let found = check_folder(&folder);
         let hit = found
             .iter()
