@@ -17,7 +17,7 @@ use super::{
 use crate::model::is_plain_name;
 
 /// Names and changes that a refusal lists, at most.
-const TOLD: usize = 4;
+const LISTED: usize = 4;
 /// Most entries of an input folder that are searched for links.
 const MAX_ENTRIES: usize = 100_000;
 
@@ -178,8 +178,8 @@ pub(super) fn taken(target: &Path, why: String) -> RunDirError {
 
 /// The first few of a list, and how many more there are.
 fn first(list: &[String]) -> String {
-    let shown = list[..list.len().min(TOLD)].join(", ");
-    if list.len() > TOLD { format!("{shown} and {} more", list.len() - TOLD) } else { shown }
+    let shown = list[..list.len().min(LISTED)].join(", ");
+    if list.len() > LISTED { format!("{shown} and {} more", list.len() - LISTED) } else { shown }
 }
 
 /// Where an entry of a folder stands, links on the way to it followed, itself not; `None` where it is not

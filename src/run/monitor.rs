@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::note::{Note, NoteCode};
 
-/// One thing that happened. Serialised by `--json` as a line of JSON whose `event` is the variant's name in
+/// One thing that happened. Serialized by `--json` as a line of JSON whose `event` is the variant's name in
 /// snake case; the fields are those below. A number that is not finite is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -56,7 +56,7 @@ pub enum Event {
         /// A sentence.
         message: String,
     },
-    /// Something worth telling.
+    /// Something to report.
     Note {
         /// What it is about.
         code: NoteCode,
