@@ -120,7 +120,8 @@ pub mod surface {
 }
 pub mod synth {
     pub use crate::synth::{
-        DepthCamera, Family, Material, Object, Part, PartJointKind, PoseSpread, Scene, Solid, SynthConfig,
-        SynthState, View, film, further_states, generate, record,
+        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, Light, Material, Object, Part,
+        PartJointKind, PoseSpread, Scene, Solid, SynthConfig, SynthState, View, film, further_states,
+        generate, record,
     };
 }

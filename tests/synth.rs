@@ -12,8 +12,8 @@ use artitwin::internal::{
     geometry::{Intrinsics, Pose},
     io::{Place, inspect, write_synth},
     synth::{
-        DepthCamera, Family, Material, Object, Part, PoseSpread, Scene, Solid, SynthConfig, View, generate,
-        record,
+        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, Light, Material, Object, Part, PoseSpread,
+        Scene, Solid, SynthConfig, SynthState, View, generate, record,
     },
 };
 use nalgebra::{Point3, Vector3};
@@ -70,12 +70,13 @@ fn depth_of_a_box_is_the_analytic_distance() {
     // The camera looks along -x at the front face, level, from x = 0.9.
     let camera =
         Pose::face_towards(&Point3::new(0.9, 0.03, 0.14), &Point3::new(0.0, 0.03, 0.14), &-Vector3::z());
-    let view = View::cast(&scene, &k, &camera, &Vector3::z());
+    let view = View::cast(&scene, &k, &camera, &Light::from_lamp(Vector3::z()));
     let perfect = DepthCamera::scaled(0.0).depth_mm(
         &view,
         &scene,
         &k,
         &camera,
+        &DepthErrors::default(),
         &mut artitwin::internal::random::stage_rng(0, "test", 0),
     );
     let noisy = DepthCamera::default().depth_mm(
@@ -83,6 +84,7 @@ fn depth_of_a_box_is_the_analytic_distance() {
         &scene,
         &k,
         &camera,
+        &DepthErrors::default(),
         &mut artitwin::internal::random::stage_rng(0, "test", 0),
     );
     let (mut on_box, mut squares) = (0, 0.0);
@@ -193,6 +195,104 @@ fn a_made_recording_is_accepted_and_its_joint_found() {
 }
 
 #[test]
+fn a_level_of_zero_is_the_clean_recording_but_for_what_stands_around() {
+    let clean = small(6);
+    let object = generate(&clean).unwrap();
+    let with = |sensor| record(&object, 1, &SynthConfig { sensor: Some(sensor), ..clean.clone() });
+    let zero = HandheldSensor::new(0.0);
+    let [bare, among_things] = [zero.without(&[Effect::Clutter]), zero].map(with);
+    for (a, b) in record(&object, 1, &clean).frames.iter().zip(&bare.frames) {
+        assert_eq!((&a.rgb, &a.depth_mm), (&b.rgb, &b.depth_mm));
+        assert!(a.mask.is_some() && b.mask.is_none());
+        // A hand is slower, so that less happens in the millisecond to the reported pose.
+        let [a, b] = [a, b].map(|f| f.reported[0].lerp_slerp(&f.reported[1], 0.5));
+        assert!((a.inverse() * b).translation.vector.norm() < 1e-5, "{a} {b}");
+    }
+    let differs =
+        |a: &SynthState, b: &SynthState| a.frames.iter().zip(&b.frames).any(|(a, b)| a.rgb != b.rgb);
+    assert!(differs(&bare, &among_things));
+}
+
+#[test]
+fn an_effect_spoils_what_it_is_about_and_nothing_else() {
+    let clean = small(6);
+    let object = generate(&clean).unwrap();
+    let with = |sensor| record(&object, 1, &SynthConfig { sensor: Some(sensor), ..clean.clone() });
+    let before = with(HandheldSensor::clean());
+    for effect in Effect::ALL {
+        let after = with(HandheldSensor::new(2.0).only(&[effect]));
+        let pairs = || before.frames.iter().zip(&after.frames);
+        let changed = [
+            pairs().any(|(a, b)| a.depth_mm != b.depth_mm),
+            pairs().any(|(a, b)| a.rgb != b.rgb),
+            pairs().any(|(a, b)| a.reported != b.reported),
+        ];
+        let expected = match effect {
+            Effect::DepthScale
+            | Effect::DepthWarp
+            | Effect::DepthNoise
+            | Effect::FlyingPixels
+            | Effect::DepthLoss => [true, false, false],
+            Effect::PoseLag | Effect::PoseDrift | Effect::PoseJitter | Effect::Relocalization => {
+                [false, false, true]
+            }
+            Effect::Clutter => [true, true, false],
+            // A draw may leave the few views of this recording without one.
+            Effect::Hand => {
+                let is_there = after.frames.iter().any(|f| f.has_hand);
+                [is_there, is_there, false]
+            }
+            _ => [false, true, false],
+        };
+        assert_eq!(changed, expected, "{}", effect.name());
+        assert!(pairs().all(|(a, b)| a.world_from_camera == b.world_from_camera));
+    }
+}
+
+#[test]
+fn a_recording_by_hand_is_repeatable_has_no_masks_and_is_read() {
+    let config = SynthConfig { sensor: Some(HandheldSensor::new(1.0)), further: 1, ..small(3) };
+    let outs = [folder("synth-hand-a"), folder("synth-hand-b")];
+    write_synth(&Place::at(&outs[0]), &config).unwrap();
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap()
+        .install(|| write_synth(&Place::at(&outs[1]), &config))
+        .unwrap();
+    for file in ["state0/state0_0.mcap", "state2/state2_0.mcap", "truth.json", "workspace.txt"] {
+        let read = |k: usize| std::fs::read(outs[k].join(file)).unwrap();
+        assert!(read(0) == read(1), "{file} differs between two runs with one seed");
+    }
+    let found = inspect(&outs[0]).unwrap();
+    assert!(found.is_usable() && !found.to_text().contains("object_mask"), "{}", found.to_text());
+    let text = |file: &str| std::fs::read_to_string(outs[0].join(file)).unwrap();
+    let corners: Vec<f64> = text("workspace.txt").split(',').map(|n| n.parse().unwrap()).collect();
+    assert!(corners.len() == 6 && (0..3).all(|k| corners[k] < corners[k + 3]), "{corners:?}");
+
+    // Reported poses follow from the truth.
+    let truth: serde_json::Value = serde_json::from_str(&text("truth.json")).unwrap();
+    let sensor = &truth["sensor"];
+    assert_eq!(sensor["effects"].as_array().unwrap().len(), Effect::ALL.len());
+    assert_eq!(sensor["states"].as_array().unwrap().len(), 3);
+    let object = generate(&config).unwrap();
+    let recording = record(&object, 1, &config);
+    let pose = |value: &serde_json::Value| {
+        let n: Vec<f64> = value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+        Pose::new(Vector3::new(n[0], n[1], n[2]), Vector3::new(n[3], n[4], n[5]))
+    };
+    let lag_s = sensor["pose_lag_s"].as_f64().unwrap();
+    for (frame, told) in recording.frames.iter().zip(sensor["states"][1]["views"].as_array().unwrap()) {
+        let [drift, jitter] = ["drift", "jitter"].map(|k| pose(&told[k]));
+        let reported = frame.reported[0].lerp_slerp(&frame.reported[1], 0.5);
+        let seen = (recording.recorded_from_world * drift).inverse() * reported * jitter.inverse();
+        // At the lag before the image, the camera stood as far back as it is fast.
+        let step = frame.world_from_camera.inverse() * seen;
+        assert!((step.translation.vector + frame.velocity[0] * lag_s).norm() < 2e-4, "{step}");
+    }
+}
+
+#[test]
 fn wrong_options_are_told() {
     let out = folder("synth-none");
     let told = |options: &[&str]| {
@@ -209,5 +309,11 @@ fn wrong_options_are_told() {
     assert!(code == 2 && text.contains("2 to 7 parts"), "{text}");
     let (code, text) = told(&["--drift", "5"]);
     assert!(code == 2 && text.contains("MM,DEG"), "{text}");
+    let (code, text) = told(&["--sensor", "handheld", "--sensor-only", "depth_wrap"]);
+    assert!(code == 2 && Effect::ALL.iter().all(|e| text.contains(e.name())), "{text}");
+    let (code, text) = told(&["--sensor", "kinect"]);
+    assert!(code == 2 && text.contains("handheld:LEVEL"), "{text}");
+    let (code, _) = told(&["--sensor-without", "hand"]);
+    assert_eq!(code, 2);
     assert_eq!(Family::named("ship"), None);
 }

@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::{
     evaluate::EvaluateOptions,
-    synth::{PoseSpread, SynthConfig},
+    synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
 };
 
 const EXIT_CODES: &str =
@@ -252,6 +252,22 @@ pub struct SynthArgs {
     /// Angle by which every axis is tilted from square, degrees
     #[arg(long, value_name = "DEG", default_value_t = SynthConfig::default().skew_deg)]
     pub skew: f64,
+    /// Record as a camera carried by hand does, errors and surroundings and all, without masks: handheld, or
+    /// handheld:LEVEL with a factor on all errors
+    #[arg(long, value_name = "handheld[:LEVEL]")]
+    pub sensor: Option<HandheldSensor>,
+    /// These effects of the sensor and no other
+    #[arg(long, value_name = "EFFECT,...", requires = "sensor", value_delimiter = ',')]
+    pub sensor_only: Vec<Effect>,
+    /// All effects of the sensor but these
+    #[arg(
+        long,
+        value_name = "EFFECT,...",
+        requires = "sensor",
+        conflicts_with = "sensor_only",
+        value_delimiter = ','
+    )]
+    pub sensor_without: Vec<Effect>,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

@@ -17,6 +17,10 @@ use crate::{
 /// # Errors
 /// If the options do not fit together or the folder cannot be written.
 pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
+    let sensor = args.sensor.map(|sensor| match &args.sensor_only[..] {
+        [] => sensor.without(&args.sensor_without),
+        only => sensor.only(only),
+    });
     let config = SynthConfig {
         seed: args.seed,
         parts: args.parts,
@@ -32,6 +36,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         views: args.views,
         width: args.width,
         height: args.height,
+        sensor,
     };
     let OutputArgs { out, name, force } = args.output.clone();
     let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;

@@ -66,6 +66,8 @@ mod source;
 mod synth_bag;
 mod synth_error;
 mod synth_folder;
+mod synth_matrix;
+mod synth_sensor;
 mod synth_twin;
 mod topics;
 mod views;

@@ -55,7 +55,7 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical),
     )?;
     for (i, frame) in recording.frames.iter().enumerate() {
-        let stamp = start + i as i64 * SynthFrame::PERIOD_NANOS;
+        let stamp = start + i as i64 * recording.period_nanos;
         let report = |bag: &mut BagWriter, at: i64, pose: &Pose| {
             put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
@@ -107,6 +107,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
         CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
     // Logged later under the same stamp: a reader must pair by stamp, not by the time of recording.
     put(bag, DEPTH, stamp + LATER_NANOS, &depth)?;
+    let Some(mask) = &frame.mask else { return Ok(()) };
     let mask = Image {
         header: header(stamp, OPTICAL),
         height,
@@ -114,7 +115,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
         encoding: "mono8".into(),
         is_bigendian: 0,
         step: width,
-        data: frame.mask.iter().map(|m| u8::from(*m) * 255).collect(),
+        data: mask.iter().map(|m| u8::from(*m) * 255).collect(),
     };
     put(bag, MASK, stamp + 2 * LATER_NANOS, &mask)
 }

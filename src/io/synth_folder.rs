@@ -7,13 +7,14 @@ use serde::Serialize;
 
 use super::{
     Committed, Place, ResultKind, RunDir, RunDirError, synth_bag::synth_bag, synth_error::SynthError,
-    synth_twin::put_twin,
+    synth_matrix::rows, synth_sensor::SensorEntry, synth_twin::put_twin,
 };
 use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
     synth::{
         Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record,
+        workspace,
     },
 };
 
@@ -33,6 +34,8 @@ struct TruthFile<'a> {
     /// Positions of the parts' joints in the states behind the first two, null for the static part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sensor: Option<SensorEntry>,
 }
 
 #[derive(Serialize)]
@@ -82,8 +85,8 @@ pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> R
 }
 
 /// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`,
-/// ..., `truth.json` and `truth/` into a folder that appears when it is whole. Returns the folder and the
-/// object.
+/// ..., `truth.json` and `truth/` into a folder that appears when it is whole, with `workspace.txt` where
+/// there are no masks. Returns the folder and the object.
 ///
 /// # Errors
 /// Settings that cannot be used; a place that holds what may not be replaced, or a disk that is too full,
@@ -96,9 +99,11 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     let object = generate(config)?;
     let mut recorded_from_world = [Pose::identity(); 2];
     let mut seen_points = vec![[0; 2]; object.parts.len()];
+    let mut sensor = SensorEntry::of(config);
     for (state, slot) in recorded_from_world.iter_mut().enumerate() {
         let recording = record(&object, state, config);
         *slot = recording.recorded_from_world;
+        sensor.iter_mut().for_each(|s| s.add(&recording));
         // Counted here, as the points are written away and not kept.
         recording.seen.iter().for_each(|s| seen_points[s.part][state] += 1);
         synth_bag(&folder.working().join(format!("state{state}")), state, &recording)?;
@@ -108,7 +113,12 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     let further = further_states(&object, config.further, config)?;
     for (k, state) in further.iter().enumerate() {
         // Each further state is an object of its own: its state 1 is the one that is filmed.
-        synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &film(state, 1, k + 2, config))?;
+        let recording = film(state, 1, k + 2, config);
+        sensor.iter_mut().for_each(|s| s.add(&recording));
+        synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &recording)?;
+    }
+    if sensor.is_some() {
+        put_workspace(&folder, &object, &further)?;
     }
     let truth = TruthFile {
         unit: "meter, radian; true world frame, which is that of state 0; axes and origins as they stand \
@@ -122,9 +132,17 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
             .iter()
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
             .collect(),
+        sensor,
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))
+}
+
+/// The box that a user would give in place of masks, as `reconstruct --workspace` reads it.
+fn put_workspace(folder: &RunDir, object: &Object, further: &[Object]) -> Result<(), RunDirError> {
+    let [lower, upper] = workspace(&std::iter::once(object).chain(further).collect::<Vec<_>>());
+    let numbers: Vec<String> = lower.iter().chain(upper.iter()).map(|x| format!("{x:.3}")).collect();
+    folder.put("workspace.txt", numbers.join(",").as_bytes())
 }
 
 /// What a made object takes on the disk, at least.
@@ -221,9 +239,4 @@ fn npy(seen: &[SeenSample]) -> Vec<u8> {
         bytes.extend(row.iter().flat_map(|v| v.to_le_bytes()));
     }
     bytes
-}
-
-/// The homogeneous matrix of a motion, by rows.
-fn rows(pose: &Pose) -> [[f64; 4]; 4] {
-    pose.to_homogeneous().transpose().into()
 }

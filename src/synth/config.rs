@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use super::HandheldSensor;
+
 /// Family of shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Family {
@@ -117,6 +119,8 @@ pub struct SynthConfig {
     pub width: usize,
     /// Image height, pixels.
     pub height: usize,
+    /// The effects of a camera carried by hand; `None` records cleanly and with masks.
+    pub sensor: Option<HandheldSensor>,
 }
 
 impl Default for SynthConfig {
@@ -135,6 +139,7 @@ impl Default for SynthConfig {
             views: 30,
             width: 640,
             height: 480,
+            sensor: None,
         }
     }
 }
@@ -174,6 +179,9 @@ pub enum SynthConfigError {
     /// Factor on the motions.
     #[error("motion scale {0}: give a factor from 0.01 to 1")]
     MotionScale(f64),
+    /// Level of the sensor's effects.
+    #[error("sensor level {0}: give 0 to {max}", max = HandheldSensor::MAX_LEVEL)]
+    SensorLevel(f64),
     /// Tilt of the axes, degrees.
     #[error("skew {0}: give 0 to 10 degrees")]
     Skew(f64),
@@ -213,6 +221,10 @@ impl SynthConfig {
         if !(0.0..=10.0).contains(&self.skew_deg) {
             return Err(SynthConfigError::Skew(self.skew_deg));
         }
+        let level = self.sensor.map_or(0.0, |s| s.level());
+        if !(0.0..=HandheldSensor::MAX_LEVEL).contains(&level) {
+            return Err(SynthConfigError::SensorLevel(level));
+        }
         Ok(())
     }
 }
@@ -250,6 +262,7 @@ mod tests {
         );
         assert!(check(|c| c.motion_scale = 1.5).is_err());
         assert!(check(|c| c.skew_deg = -1.0).is_err());
+        assert!(check(|c| c.sensor = Some(HandheldSensor::new(f64::NAN))).is_err());
         assert!(
             check(|c| c.noise = f64::NAN).is_err()
                 && check(|c| c.views = 1).is_err()

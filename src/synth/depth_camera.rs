@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Scene, View};
+use super::{DepthErrors, Scene, View, edge::depth_step, smooth::smooth};
 use crate::{
     geometry::{Intrinsics, Pose},
     random,
@@ -77,7 +77,7 @@ impl DepthCamera {
         }
     }
 
-    /// Depth readings of a view in millimeters, 0 = none, row-major.
+    /// Depth readings of a view in millimeters, 0 = none, row-major, with errors beyond this camera's own.
     #[must_use]
     pub fn depth_mm(
         &self,
@@ -85,6 +85,7 @@ impl DepthCamera {
         scene: &Scene,
         k: &Intrinsics,
         world_from_camera: &Pose,
+        errors: &DepthErrors,
         rng: &mut impl Rng,
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
@@ -98,22 +99,28 @@ impl DepthCamera {
         let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
         let reading = |i: usize| {
             let depth_m = view.depth_m[i];
-            if depth_m <= 0.0 || holes[i][0] < self.dropout {
+            if depth_m <= 0.0 || holes[i][0] < self.dropout || errors.is_lost(i) {
                 return 0;
             }
+            let between_m = errors.between_m(i);
             let fails = 1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
-            if holes[i][1] < fails && self.grazing_cosine >= 0.0 {
+            if between_m.is_none() && holes[i][1] < fails && self.grazing_cosine >= 0.0 {
                 return 0;
             }
-            if self.shadows {
+            if between_m.is_none() && self.shadows {
                 let seen =
                     world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
-                if on_depth_edge(view, k, i) || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M) {
+                let step = depth_step(&view.depth_m, k, i);
+                if step.is_beyond(EDGE_SHARE * depth_m)
+                    || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M)
+                {
                     return 0;
                 }
             }
             let focal_m = k.fx * self.baseline_m;
-            let mut disparity_px = focal_m / depth_m + self.disparity_sigma_px * noise[i];
+            let read_m = between_m.unwrap_or(depth_m) * errors.factor(i);
+            let mut disparity_px =
+                focal_m / read_m + self.disparity_sigma_px * noise[i] + errors.disparity_px(i);
             if self.disparity_step_px > 0.0 {
                 disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
             }
@@ -132,69 +139,5 @@ impl DepthCamera {
             (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
         };
         view.color.iter().map(|c| [channel(c.x), channel(c.y), channel(c.z)]).collect()
-    }
-}
-
-/// Whether a neighbor lies at another depth.
-fn on_depth_edge(view: &View, k: &Intrinsics, i: usize) -> bool {
-    let (x, y, d) = (i % k.width, i / k.width, view.depth_m[i]);
-    let mut around = [i; 4];
-    if x > 0 {
-        around[0] = i - 1;
-    }
-    if x + 1 < k.width {
-        around[1] = i + 1;
-    }
-    if y > 0 {
-        around[2] = i - k.width;
-    }
-    if y + 1 < k.height {
-        around[3] = i + k.width;
-    }
-    // A slope gives equal steps to both sides; an edge does not.
-    let off = |n: usize| (view.depth_m[n] - d).abs();
-    let slope = off(around[0]).min(off(around[1])).max(off(around[2]).min(off(around[3])));
-    around.iter().any(|&n| off(n) > EDGE_SHARE * d + 2.0 * slope)
-}
-
-/// White noise smoothed by a Gaussian, of variance one again.
-fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
-    let reach = (3.0 * sigma_px).ceil() as isize;
-    let mut kernel: Vec<f64> =
-        (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
-    let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
-    kernel.iter_mut().for_each(|w| *w /= norm);
-    // The border repeats by reflection, which keeps the variance near one.
-    let reflect = |at: isize, n: usize| {
-        (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
-    };
-    let along = |from: &[f64], at: &(dyn Fn(usize, isize) -> usize + Sync)| -> Vec<f64> {
-        (0..from.len())
-            .into_par_iter()
-            .with_min_len(width)
-            .map(|i| (-reach..=reach).zip(&kernel).map(|(d, w)| w * from[at(i, d)]).sum())
-            .collect()
-    };
-    let rows = along(white, &|i, d| i / width * width + reflect((i % width) as isize + d, width));
-    along(&rows, &|i, d| reflect((i / width) as isize + d, height) * width + i % width)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::stage_rng;
-
-    #[test]
-    fn smoothed_noise_keeps_its_variance_and_is_correlated() {
-        let rng = &mut stage_rng(5, "noise", 0);
-        let (w, h) = (200, 150);
-        let white: Vec<f64> = (0..w * h).map(|_| random::normal(rng)).collect();
-        let noise = smooth(&white, w, h, 0.58);
-        let n = (w * h) as f64;
-        let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
-        let beside = noise.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / n;
-        assert!((variance - 1.0).abs() < 0.05, "{variance}");
-        // Weights 1 and exp(-1 / (2 * 0.58^2)) = 0.226 beside: 2 * 0.226 / (1 + 2 * 0.226^2) = 0.41.
-        assert!((beside - 0.41).abs() < 0.03, "{beside}");
     }
 }

@@ -2,7 +2,10 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::{CameraPath, DepthCamera, Material, Object, Scene, SeenSample, SynthConfig, View, seen_points};
+use super::{
+    CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample, Solid,
+    SynthConfig, TakePoses, View, seen_points, workspace::whole_way,
+};
 use crate::{
     geometry::{Intrinsics, Pose},
     random::{self, stage_rng},
@@ -16,6 +19,14 @@ const MIN_FLOOR_M: f64 = 1.5;
 /// Points drawn on the true surface of each state.
 const SURFACE_POINTS: usize = 40_000;
 
+/// Time between views of a clean recording, nanoseconds.
+const PERIOD_NANOS: i64 = 200_000_000;
+/// Mean speed of a camera carried by hand, meters a second: the hand-held sequences fr1/xyz and fr1/desk of
+/// Sturm et al. 2012 have 0.24 and 0.41.
+const HAND_SPEED: f64 = 0.35;
+/// Pieces that the camera's way is measured by.
+const WAY_PIECES: usize = 1000;
+
 /// One view of a state.
 #[derive(Clone, Debug)]
 pub struct SynthFrame {
@@ -23,8 +34,8 @@ pub struct SynthFrame {
     pub rgb: Vec<[u8; 3]>,
     /// Depth readings, millimeters; 0 = none.
     pub depth_mm: Vec<u16>,
-    /// Whether the object is seen.
-    pub mask: Vec<bool>,
+    /// Whether the object is seen; none from a camera carried by hand.
+    pub mask: Option<Vec<bool>>,
     /// Poses reported a little before and after the view: optical frame in the recording's world, with its
     /// errors.
     pub reported: [Pose; 2],
@@ -32,11 +43,13 @@ pub struct SynthFrame {
     pub world_from_camera: Pose,
     /// Velocity of the camera in its optical frame: translation, m/s, and rotation, rad/s.
     pub velocity: [Vector3<f64>; 2],
+    /// Factor on linear red, green and blue.
+    pub gain: Vector3<f64>,
+    /// Whether a hand is before the object.
+    pub has_hand: bool,
 }
 
 impl SynthFrame {
-    /// Time between views, nanoseconds.
-    pub const PERIOD_NANOS: i64 = 200_000_000;
     /// Poses are reported this long before and after each view, nanoseconds, so that the one at the view is
     /// interpolated.
     pub const POSE_OFFSET_NANOS: i64 = 1_000_000;
@@ -49,10 +62,14 @@ pub struct SynthState {
     pub intrinsics: Intrinsics,
     /// Views in order.
     pub frames: Vec<SynthFrame>,
+    /// Time between views, nanoseconds.
+    pub period_nanos: i64,
     /// Where the true world stands in the world of the recording; identity without drift.
     pub recorded_from_world: Pose,
     /// True surface points that the views saw, in the true world.
     pub seen: Vec<SeenSample>,
+    /// Errors of the sensor's poses; those of the first view of state 0 are none.
+    pub poses: TakePoses,
 }
 
 /// Films an object in a state. The same configuration gives the same values, whatever the number of threads.
@@ -67,41 +84,79 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let rng =
         |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
     let intrinsics = intrinsics(config);
-    let (_, radius_m) = object.bounding_sphere();
+    let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
-    // The floor and the lamp are the same in both states.
+    // The floor and what stands on it are the same in all states.
     let (floor, lamp) = surroundings(config.seed);
-    let scene = Scene::new(object, state, &floor, (FLOOR_RADII * radius_m).max(MIN_FLOOR_M));
-    let sensor = DepthCamera::scaled(config.noise);
-    let recorded_from_world = if take == 0 { Pose::identity() } else { drift(config) };
-    let time = |i: usize, offset: i64| {
-        (i as f64 + 0.5 + offset as f64 / SynthFrame::PERIOD_NANOS as f64) / config.views as f64
-    };
+    let camera = handheld_camera(config);
+    let clutter = camera.clutter(&whole_way(object), object.world_from_rest.translation.vector.z);
+    let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
+    let depth_camera = DepthCamera::scaled(config.noise);
+    let period_nanos = period_nanos(&path, config);
+    let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / config.views as f64;
+    let cameras: Vec<Pose> = (0..config.views).map(|i| path.pose(time(i, 0.0))).collect();
+    let hands: Vec<Vec<Solid>> =
+        cameras.iter().enumerate().map(|(i, pose)| camera.hand(take, i, pose, &sphere)).collect();
+    let with_hands: Vec<Option<Scene>> =
+        hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with(hand))).collect();
+    let scene = |i: usize| with_hands[i].as_ref().unwrap_or(&still);
+    let poses = camera.poses(take, &cameras);
+    let offset = if take == 0 { Pose::identity() } else { drift(config) };
+    let recorded_from_world = offset * poses.relocalization;
     let frame = |i: usize| {
-        let world_from_camera = path.pose(time(i, 0));
-        let view = View::cast(&scene, &intrinsics, &world_from_camera, &lamp);
-        let error = error(config, &mut rng("pose", i));
-        let reported = [-SynthFrame::POSE_OFFSET_NANOS, SynthFrame::POSE_OFFSET_NANOS]
-            .map(|o| recorded_from_world * path.pose(time(i, o)) * error);
+        let world_from_camera = cameras[i];
+        let light = camera.light((take, i), &lamp, scene(i), &world_from_camera, &sphere);
+        let mut view = View::cast(scene(i), &intrinsics, &world_from_camera, &light);
+        let errors = camera.depth_errors(take, i, &view, &intrinsics);
+        let depth_rng = &mut rng("depth", i);
+        let depth_mm =
+            depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
+        let velocity = velocity(&path, time(i, 0.0), config.views as f64 * period_nanos as f64 * 1e-9);
+        view.color = camera.colors(take, i, &view, &intrinsics, &velocity);
+        let error = poses.jitter[i] * error(config, &mut rng("pose", i));
+        let reported = [-1.0, 1.0].map(|side| {
+            let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
+            recorded_from_world * poses.drift[i] * path.pose(time(i, at)) * error
+        });
         SynthFrame {
-            rgb: sensor.rgb(&view, &mut rng("color", i)),
-            depth_mm: sensor.depth_mm(&view, &scene, &intrinsics, &world_from_camera, &mut rng("depth", i)),
-            mask: view.part.iter().map(Option::is_some).collect(),
+            rgb: depth_camera.rgb(&view, &mut rng("color", i)),
+            depth_mm,
+            mask: config.sensor.is_none().then(|| view.part.iter().map(Option::is_some).collect()),
             reported,
             world_from_camera,
-            velocity: velocity(&path, time(i, 0), config.views),
+            velocity,
+            gain: camera.gain(take, i),
+            has_hand: !hands[i].is_empty(),
         }
     };
     let frames: Vec<SynthFrame> = (0..config.views).map(frame).collect();
-    let cameras: Vec<Pose> = frames.iter().map(|f| f.world_from_camera).collect();
-    let seen = seen_points(object, state, &scene, &intrinsics, &cameras, SURFACE_POINTS, &mut rng("seen", 0));
-    SynthState { intrinsics, frames, recorded_from_world, seen }
+    let eyes: Vec<(&Scene, Pose)> = (0..config.views).map(|i| (scene(i), cameras[i])).collect();
+    let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
+    SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, poses }
 }
 
-/// Velocity of the camera in its own frame.
-fn velocity(path: &CameraPath, time: f64, views: usize) -> [Vector3<f64>; 2] {
+/// The camera of a configuration: one without effects where no sensor is asked for.
+#[must_use]
+pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
+    let sensor = config.sensor.unwrap_or_else(HandheldSensor::clean);
+    HandheldCamera::drawn(sensor, &intrinsics(config), config.seed)
+}
+
+/// Time between views. That of a sensor lets a hand carry the camera; a clean recording knows no effect that
+/// time has.
+fn period_nanos(path: &CameraPath, config: &SynthConfig) -> i64 {
+    if config.sensor.is_none() {
+        return PERIOD_NANOS;
+    }
+    let at = |i: usize| path.pose(i as f64 / WAY_PIECES as f64).translation.vector;
+    let way_m: f64 = (0..WAY_PIECES).map(|i| (at(i + 1) - at(i)).norm()).sum();
+    (1e3 * way_m / HAND_SPEED / config.views as f64).ceil() as i64 * 1_000_000
+}
+
+/// Velocity of the camera in its own frame, on a path that takes `seconds`.
+fn velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
     const STEP: f64 = 1e-5;
-    let seconds = 2.0 * STEP * views as f64 * SynthFrame::PERIOD_NANOS as f64 * 1e-9;
+    let seconds = 2.0 * STEP * seconds;
     let step = path.pose(time - STEP).inverse() * path.pose(time + STEP);
     [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds]
 }

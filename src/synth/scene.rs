@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    Material, Object, Shape,
+    Light, Material, Object, Shape, Solid,
     bvh::{Bounds, Bvh},
 };
 use crate::geometry::Pose;
@@ -15,16 +15,17 @@ pub struct Sight {
     pub at: f64,
     /// Outward unit normal in the world.
     pub normal: Vector3<f64>,
-    /// Part seen; `None` for the floor.
+    /// Part seen; `None` for the floor and for what stands around.
     pub part: Option<usize>,
-    /// Solid seen, counted over the whole object; the number of solids for the floor.
+    /// Solid seen, counted over the whole scene; the number of solids for the floor.
     pub solid: usize,
-    /// The point in the frame of its part; in the world for the floor.
+    /// The point in the frame of its part; in the world for what belongs to none.
     pub point_in_part: Point3<f64>,
 }
 
+#[derive(Clone)]
 struct Placed<'a> {
-    part: usize,
+    part: Option<usize>,
     shape: Shape,
     material: &'a Material,
     part_from_solid: Pose,
@@ -50,15 +51,7 @@ impl<'a> Scene<'a> {
         let mut placed = Vec::new();
         for (k, part) in object.parts.iter().enumerate() {
             for solid in &part.solids {
-                let world_from_solid = poses[k] * solid.part_from_solid;
-                placed.push(Placed {
-                    part: k,
-                    shape: solid.shape,
-                    material: &solid.material,
-                    part_from_solid: solid.part_from_solid,
-                    world_from_solid,
-                    solid_from_world: world_from_solid.inverse(),
-                });
+                placed.push(Placed::new(Some(k), solid, &poses[k]));
             }
         }
         let boxes: Vec<Bounds> = placed.iter().map(bounds).collect();
@@ -71,6 +64,15 @@ impl<'a> Scene<'a> {
             floor_center: Point3::from(foot),
             floor_radius_m,
         }
+    }
+
+    /// The scene with solids that belong to no part, in the frame of the world.
+    #[must_use]
+    pub fn with(&self, solids: &'a [Solid]) -> Self {
+        let around = solids.iter().map(|s| Placed::new(None, s, &Pose::identity()));
+        let placed: Vec<Placed> = self.placed.iter().cloned().chain(around).collect();
+        let bvh = Bvh::new(&placed.iter().map(bounds).collect::<Vec<_>>());
+        Self { placed, bvh, ..*self }
     }
 
     /// The first surface on a ray between the multiples 0 and `farthest` of its direction.
@@ -99,7 +101,7 @@ impl<'a> Scene<'a> {
             best = Some(Sight {
                 at: hit.at,
                 normal: p.world_from_solid * hit.normal,
-                part: Some(p.part),
+                part: p.part,
                 solid: i,
                 point_in_part: p.part_from_solid * (o + r * hit.at),
             });
@@ -120,13 +122,53 @@ impl<'a> Scene<'a> {
         self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
-    /// Color of what a sight saw, in light from above and `lamp` (unit, towards the lamp); linear in `[0,
-    /// 1]`.
+    /// What the eye gets from a point of the world that a sight saw.
     #[must_use]
-    pub fn color(&self, sight: &Sight, lamp: &Vector3<f64>, footprint_m: f64) -> Vector3<f64> {
+    pub fn shade(
+        &self,
+        sight: &Sight,
+        light: &Light,
+        eye: &Point3<f64>,
+        point: &Point3<f64>,
+        footprint_m: f64,
+    ) -> Shade {
         let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
-        let light = 0.55 + 0.15 * sight.normal.z + 0.3 * sight.normal.dot(lamp).max(0.0);
-        material.color(&sight.point_in_part, footprint_m) * light
+        let own = material.color(&sight.point_in_part, footprint_m);
+        // Floor and surroundings are matt.
+        let gloss = if sight.part.is_some() { light.gloss(eye, point, &sight.normal) } else { 0.0 };
+        Shade {
+            color: own.component_mul(&light.diffuse(&sight.normal)) + Vector3::repeat(light.shine * gloss),
+            reflectance: own.dot(&LUMINANCE),
+            gloss,
+        }
+    }
+}
+
+/// Luminance of linear red, green and blue (ITU-R BT.709).
+const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
+
+/// What a camera gets from a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shade {
+    /// Linear color; a highlight may exceed 1.
+    pub color: Vector3<f64>,
+    /// Share of white light that the matt surface sends back, in `[0, 1]`.
+    pub reflectance: f64,
+    /// How near it comes to mirroring a bulb, in `[0, 1]`.
+    pub gloss: f64,
+}
+
+impl<'a> Placed<'a> {
+    fn new(part: Option<usize>, solid: &'a Solid, world_from_part: &Pose) -> Self {
+        let world_from_solid = world_from_part * solid.part_from_solid;
+        Self {
+            part,
+            shape: solid.shape,
+            material: &solid.material,
+            part_from_solid: solid.part_from_solid,
+            world_from_solid,
+            solid_from_world: world_from_solid.inverse(),
+        }
     }
 }
 

@@ -1,12 +1,14 @@
-//! Boxes and cylinders: ray hits, meshes, bounds.
+//! Boxes, cylinders and capsules: ray hits, meshes, bounds.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::Material;
 use crate::{geometry::Pose, surface::TriangleMesh};
 
-/// Sides of a cylinder's mesh; the ray hits the true cylinder.
+/// Sides of the mesh of a cylinder or capsule; the ray hits the true shape.
 const CYLINDER_SIDES: u32 = 64;
+/// Rings of the mesh of each cap of a capsule.
+const CAP_RINGS: u32 = 16;
 
 /// A convex shape about its own origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +20,13 @@ pub enum Shape {
         /// Meters.
         radius_m: f64,
         /// Half the height, meters.
+        half_m: f64,
+    },
+    /// What lies within a radius of a piece of the z axis.
+    Capsule {
+        /// Meters.
+        radius_m: f64,
+        /// Half the length of the piece, meters.
         half_m: f64,
     },
 }
@@ -55,6 +64,19 @@ impl Solid {
         }
     }
 
+    /// What lies within a radius of the line between two points of the part's frame, meters.
+    #[must_use]
+    pub fn capsule(radius_m: f64, from: Point3<f64>, to: Point3<f64>, material: &Material) -> Self {
+        let along = to - from;
+        let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+        Self {
+            shape: Shape::Capsule { radius_m, half_m: 0.5 * along.norm() },
+            part_from_solid: Pose::from_parts(nalgebra::center(&from, &to).into(), turn),
+            material: material.clone(),
+        }
+    }
+
     /// An upright or turned cylinder.
     #[must_use]
     pub fn cylinder(radius_m: f64, half_m: f64, part_from_solid: Pose, material: &Material) -> Self {
@@ -69,6 +91,7 @@ impl Shape {
         match *self {
             Self::Cuboid(half) => half,
             Self::Cylinder { radius_m, half_m } => Vector3::new(radius_m, radius_m, half_m),
+            Self::Capsule { radius_m, half_m } => Vector3::new(radius_m, radius_m, half_m + radius_m),
         }
     }
 
@@ -78,6 +101,7 @@ impl Shape {
         match *self {
             Self::Cuboid(half) => cuboid(origin, ray, &half),
             Self::Cylinder { radius_m, half_m } => cylinder(origin, ray, radius_m, half_m),
+            Self::Capsule { radius_m, half_m } => capsule(origin, ray, radius_m, half_m),
         }
         .filter(|h| h.at > least)
     }
@@ -88,6 +112,7 @@ impl Shape {
         match *self {
             Self::Cuboid(half) => cuboid_mesh(&half),
             Self::Cylinder { radius_m, half_m } => cylinder_mesh(radius_m, half_m),
+            Self::Capsule { radius_m, half_m } => capsule_mesh(radius_m, half_m),
         }
     }
 }
@@ -154,6 +179,30 @@ fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64
     })
 }
 
+/// The surface point nearest to the ray's start is where the ray enters the sphere about the nearest point of
+/// the axis: the side of the cylinder between the ends, a ball at each.
+fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+    let squared = ray.xy().norm_squared();
+    let side = || {
+        let b = origin.xy().coords.dot(&ray.xy());
+        let root = b * b - squared * (origin.xy().coords.norm_squared() - radius_m * radius_m);
+        let at = (-b - root.max(0.0).sqrt()) / squared;
+        let p = origin + ray * at;
+        (root >= 0.0 && squared > 0.0 && p.z.abs() <= half_m)
+            .then(|| Hit { at, normal: Vector3::new(p.x, p.y, 0.0) / radius_m })
+    };
+    let ball = |z: f64| {
+        let from = origin - Vector3::z() * z;
+        let (a, b) = (ray.norm_squared(), from.coords.dot(ray));
+        let root = b * b - a * (from.coords.norm_squared() - radius_m * radius_m);
+        let at = (-b - root.max(0.0).sqrt()) / a;
+        let p = from + ray * at;
+        (root >= 0.0 && p.z * z.signum() >= 0.0).then(|| Hit { at, normal: p.coords / radius_m })
+    };
+    let hits = [side(), ball(half_m), ball(-half_m)];
+    hits.into_iter().flatten().min_by(|a, b| a.at.total_cmp(&b.at))
+}
+
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
     let corner = |i: usize| {
         Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast()
@@ -183,6 +232,37 @@ fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
     mesh
 }
 
+fn capsule_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
+    let n = CYLINDER_SIDES;
+    let mut mesh = TriangleMesh::default();
+    for ring in 0..2 * CAP_RINGS {
+        // From pole to equator below, from equator to pole above.
+        let [upper, step] = [ring / CAP_RINGS, ring % CAP_RINGS + 1 - ring / CAP_RINGS];
+        let from_pole = std::f64::consts::FRAC_PI_2 * f64::from(step) / f64::from(CAP_RINGS);
+        let (r, z) = if upper == 0 {
+            (radius_m * from_pole.sin(), -half_m - radius_m * from_pole.cos())
+        } else {
+            (radius_m * from_pole.cos(), half_m + radius_m * from_pole.sin())
+        };
+        for i in 0..n {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(n)).sin_cos();
+            mesh.vertices.push(Point3::new(r * cos, r * sin, z).cast());
+        }
+    }
+    let bottom = 2 * CAP_RINGS * n;
+    mesh.vertices.extend([-1.0, 1.0].map(|s| Point3::new(0.0, 0.0, s * (half_m + radius_m)).cast::<f32>()));
+    let last = (2 * CAP_RINGS - 1) * n;
+    for i in 0..n {
+        let next = (i + 1) % n;
+        for ring in 0..2 * CAP_RINGS - 1 {
+            let [a, b] = [i, next].map(|k| ring * n + k);
+            mesh.triangles.extend([[a, b, b + n], [a, b + n, a + n]]);
+        }
+        mesh.triangles.extend([[next, i, bottom], [last + i, last + next, bottom + 1]]);
+    }
+    mesh
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -190,8 +270,11 @@ mod tests {
 
     #[test]
     fn hits_lie_on_the_surface_and_face_the_ray() {
-        let shapes =
-            [Shape::Cuboid(Vector3::new(0.3, 0.2, 0.1)), Shape::Cylinder { radius_m: 0.25, half_m: 0.15 }];
+        let shapes = [
+            Shape::Cuboid(Vector3::new(0.3, 0.2, 0.1)),
+            Shape::Cylinder { radius_m: 0.25, half_m: 0.15 },
+            Shape::Capsule { radius_m: 0.15, half_m: 0.12 },
+        ];
         for shape in shapes {
             let mesh = shape.mesh();
             assert!(is_watertight(&mesh));
@@ -209,6 +292,9 @@ mod tests {
                     Shape::Cylinder { radius_m, half_m } => {
                         (p.coords.xy().norm() - radius_m).max(p.z.abs() - half_m)
                     }
+                    Shape::Capsule { radius_m, half_m } => {
+                        (p - Point3::new(0.0, 0.0, p.z.clamp(-half_m, half_m))).norm() - radius_m
+                    }
                 };
                 assert!(off.abs() < 1e-9);
             }
@@ -224,8 +310,11 @@ mod tests {
                 Shape::Cylinder { radius_m, half_m } => {
                     std::f64::consts::PI * radius_m * radius_m * 2.0 * half_m
                 }
+                Shape::Capsule { radius_m, half_m } => {
+                    std::f64::consts::PI * radius_m * radius_m * (2.0 * half_m + 4.0 / 3.0 * radius_m)
+                }
             };
-            assert!((f64::from(volume) / exact - 1.0).abs() < 0.002);
+            assert!((f64::from(volume) / exact - 1.0).abs() < 0.004);
         }
     }
 

@@ -42,15 +42,14 @@ pub(super) fn sees(
         && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
-/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras
-/// saw at no grazing angle in a state.
+/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras,
+/// each with the scene before it, saw at no grazing angle in a state.
 #[must_use]
 pub fn seen_points(
     object: &Object,
     state: usize,
-    scene: &Scene,
     k: &Intrinsics,
-    cameras: &[Pose],
+    cameras: &[(&Scene, Pose)],
     count: usize,
     rng: &mut impl Rng,
 ) -> Vec<SeenSample> {
@@ -64,7 +63,7 @@ pub fn seen_points(
         let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
-            let sees = |camera: &&Pose| sees(scene, k, camera, &point, &normal);
+            let sees = |(scene, camera): &&(&Scene, Pose)| sees(scene, k, camera, &point, &normal);
             (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS)
                 .then_some(SeenSample { point, part })
         });

@@ -3,7 +3,10 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{Scene, scene::Sight};
+use super::{
+    Light, Scene,
+    scene::{Shade, Sight},
+};
 use crate::geometry::{Intrinsics, Pose};
 
 /// Color samples along each side of a pixel on an edge.
@@ -18,13 +21,17 @@ const LEAST_COSINE: f64 = 0.1;
 /// A view without noise; all lists are row-major, one value a pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// Linear color in `[0, 1]`.
+    /// Linear color; a highlight may exceed 1.
     pub color: Vec<Vector3<f64>>,
+    /// Share of white light that the surface sends back, in `[0, 1]`; 0 where there is no surface.
+    pub reflectance: Vec<f64>,
+    /// How near the surface comes to mirroring a bulb, in `[0, 1]`.
+    pub gloss: Vec<f64>,
     /// z-depth, meters; 0 where there is no surface.
     pub depth_m: Vec<f64>,
     /// Cosine between the ray and the surface's normal; 0 where there is no surface.
     pub cosine: Vec<f64>,
-    /// Part seen; `None` for the floor and for nothing.
+    /// Part seen; `None` for the floor, for what stands around and for nothing.
     pub part: Vec<Option<u16>>,
 }
 
@@ -32,20 +39,18 @@ impl View {
     /// Casts a ray through the center of every pixel; colors of pixels on an edge are means over several
     /// rays.
     #[must_use]
-    pub fn cast(
-        scene: &Scene,
-        intrinsics: &Intrinsics,
-        world_from_camera: &Pose,
-        lamp: &Vector3<f64>,
-    ) -> Self {
+    pub fn cast(scene: &Scene, intrinsics: &Intrinsics, world_from_camera: &Pose, light: &Light) -> Self {
         let eye = Point3::from(world_from_camera.translation.vector);
-        let rays = Rays { scene, intrinsics, world_from_camera, lamp, eye };
+        let rays = Rays { scene, intrinsics, world_from_camera, light, eye };
         let (width, pixels) = (intrinsics.width, intrinsics.width * intrinsics.height);
         let sights: Vec<Option<Sight>> =
             (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.sight(rays.center(i))).collect();
-        let colors = (0..pixels).into_par_iter().with_min_len(width);
+        let shades: Vec<Shade> =
+            (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.pixel_shade(&sights, i)).collect();
         Self {
-            color: colors.map(|i| rays.pixel_color(&sights, i)).collect(),
+            color: shades.iter().map(|s| s.color).collect(),
+            reflectance: shades.iter().map(|s| s.reflectance).collect(),
+            gloss: shades.iter().map(|s| s.gloss).collect(),
             // The rays have z = 1 in the camera's frame, so the multiple is the depth.
             depth_m: sights.iter().map(|s| s.map_or(0.0, |s| s.at)).collect(),
             cosine: (0..pixels)
@@ -61,7 +66,7 @@ struct Rays<'a> {
     scene: &'a Scene<'a>,
     intrinsics: &'a Intrinsics,
     world_from_camera: &'a Pose,
-    lamp: &'a Vector3<f64>,
+    light: &'a Light,
     eye: Point3<f64>,
 }
 
@@ -78,24 +83,31 @@ impl Rays<'_> {
         self.scene.sight(&self.eye, &self.ray(at), FARTHEST_M)
     }
 
-    /// Color of a sample of which there are so many along a side of a pixel.
-    fn color(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Vector3<f64> {
-        let Some(sight) = sight else { return Vector3::repeat(NOTHING) };
-        let cosine = cosine(&self.ray(at), &sight).max(LEAST_COSINE);
-        self.scene.color(&sight, self.lamp, sight.at / self.intrinsics.fx / cosine / samples as f64)
+    /// What a sample sees of which there are so many along a side of a pixel.
+    fn shade(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
+        let Some(sight) = sight else {
+            return Shade { color: Vector3::repeat(NOTHING), reflectance: 0.0, gloss: 0.0 };
+        };
+        let ray = self.ray(at);
+        let footprint_m =
+            sight.at / self.intrinsics.fx / cosine(&ray, &sight).max(LEAST_COSINE) / samples as f64;
+        self.scene.shade(&sight, self.light, &self.eye, &(self.eye + ray * sight.at), footprint_m)
     }
 
-    fn pixel_color(&self, sights: &[Option<Sight>], pixel: usize) -> Vector3<f64> {
+    /// Of a pixel on an edge only the color is a mean.
+    fn pixel_shade(&self, sights: &[Option<Sight>], pixel: usize) -> Shade {
         let [u, v] = self.center(pixel);
+        let shade = self.shade(sights[pixel], [u, v], 1);
         if !self.is_on_edge(sights, pixel) {
-            return self.color(sights[pixel], [u, v], 1);
+            return shade;
         }
         let offset = |k: usize| (k as f64 + 0.5) / EDGE_SAMPLES as f64 - 0.5;
         let samples = (0..EDGE_SAMPLES * EDGE_SAMPLES).map(|k| {
             let at = [u + offset(k % EDGE_SAMPLES), v + offset(k / EDGE_SAMPLES)];
-            self.color(self.sight(at), at, EDGE_SAMPLES)
+            self.shade(self.sight(at), at, EDGE_SAMPLES).color
         });
-        samples.sum::<Vector3<f64>>() / (EDGE_SAMPLES * EDGE_SAMPLES) as f64
+        let color = samples.sum::<Vector3<f64>>() / (EDGE_SAMPLES * EDGE_SAMPLES) as f64;
+        Shade { color, ..shade }
     }
 
     /// Whether a pixel beside this one shows another surface.

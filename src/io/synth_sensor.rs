@@ -1,0 +1,108 @@
+//! What `truth.json` holds of the sensor that spoilt a recording.
+
+use serde::Serialize;
+
+use super::synth_matrix::rows;
+use crate::{
+    geometry::Pose,
+    synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera},
+};
+
+/// Nodes of the warp along the image's width.
+const WARP_NODES: usize = 32;
+
+/// A sensor and what it drew.
+#[derive(Serialize)]
+pub(super) struct SensorEntry {
+    name: &'static str,
+    level: f64,
+    effects: Vec<&'static str>,
+    /// Depth is read as the true one times `1 + depth_scale + depth_warp`.
+    depth_scale: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth_warp: Option<WarpEntry>,
+    /// By how much the color lies off the depth, along u and v.
+    color_shift_px: [f64; 2],
+    /// By how much the reported poses are older than the images.
+    pose_lag_s: f64,
+    states: Vec<StateEntry>,
+}
+
+#[derive(Serialize)]
+struct WarpEntry {
+    /// Columns and rows of pixels at which `relative` holds the field.
+    u_px: Vec<usize>,
+    v_px: Vec<usize>,
+    /// A list a row.
+    relative: Vec<Vec<f64>>,
+}
+
+#[derive(Serialize)]
+struct StateEntry {
+    /// Where the true world stands in that of the recording.
+    recorded_from_world: [[f64; 4]; 4],
+    views: Vec<ViewEntry>,
+}
+
+/// Of the poses, each as x, y, z in meters and a rotation vector in radians: reported = recorded_from_world *
+/// drift * (true, `pose_lag_s` earlier) * jitter, but for `--pose-noise`.
+#[derive(Serialize)]
+struct ViewEntry {
+    world_from_camera: [[f64; 4]; 4],
+    drift: [f64; 6],
+    jitter: [f64; 6],
+    /// Factor on linear red, green and blue.
+    gain: [f64; 3],
+    hand: bool,
+}
+
+impl SensorEntry {
+    /// The sensor of a configuration before any state; `None` where none is asked for.
+    pub fn of(config: &SynthConfig) -> Option<Self> {
+        let sensor = config.sensor?;
+        let camera = handheld_camera(config);
+        Some(Self {
+            name: "handheld",
+            level: sensor.level(),
+            effects: sensor.effects().into_iter().map(Effect::name).collect(),
+            depth_scale: camera.depth_scale,
+            depth_warp: warp(&camera, config.width, config.height),
+            color_shift_px: camera.color_shift_px,
+            pose_lag_s: camera.lag_s,
+            states: Vec::new(),
+        })
+    }
+
+    /// Adds the next state.
+    pub fn add(&mut self, recording: &SynthState) {
+        let poses = &recording.poses;
+        let views = recording.frames.iter().zip(poses.drift.iter().zip(&poses.jitter)).map(
+            |(frame, (drift, jitter))| ViewEntry {
+                world_from_camera: rows(&frame.world_from_camera),
+                drift: six(drift),
+                jitter: six(jitter),
+                gain: frame.gain.into(),
+                hand: frame.has_hand,
+            },
+        );
+        let recorded_from_world = rows(&recording.recorded_from_world);
+        self.states.push(StateEntry { recorded_from_world, views: views.collect() });
+    }
+}
+
+fn warp(camera: &HandheldCamera, width: usize, height: usize) -> Option<WarpEntry> {
+    let step = (width / WARP_NODES).max(1);
+    let at = |n: usize| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<_>>();
+    let (u_px, v_px) = (at(width), at(height));
+    let row = |v: &usize| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect();
+    (!camera.depth_warp.is_empty()).then(|| WarpEntry {
+        relative: v_px.iter().map(row).collect(),
+        u_px: u_px.clone(),
+        v_px: v_px.clone(),
+    })
+}
+
+fn six(pose: &Pose) -> [f64; 6] {
+    let (shift, turn) = (pose.translation.vector, pose.rotation.scaled_axis());
+    [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z]
+}

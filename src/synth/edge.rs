@@ -1,0 +1,44 @@
+//! Steps of depth between neighboring pixels.
+
+use crate::geometry::Intrinsics;
+
+/// The largest step of depth from a pixel to one beside it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DepthStep {
+    /// The pixel on the other side.
+    pub neighbor: usize,
+    /// Meters.
+    pub size_m: f64,
+    /// The step that the slope of the surface explains, meters.
+    slope_m: f64,
+}
+
+impl DepthStep {
+    /// Whether two surfaces meet here, farther apart than `least_m` beyond what a slope explains.
+    pub fn is_beyond(&self, least_m: f64) -> bool {
+        self.size_m > least_m + 2.0 * self.slope_m
+    }
+}
+
+/// The step at a pixel of a depth image.
+pub(super) fn depth_step(depth_m: &[f64], k: &Intrinsics, i: usize) -> DepthStep {
+    let (x, y) = (i % k.width, i / k.width);
+    let mut around = [i; 4];
+    if x > 0 {
+        around[0] = i - 1;
+    }
+    if x + 1 < k.width {
+        around[1] = i + 1;
+    }
+    if y > 0 {
+        around[2] = i - k.width;
+    }
+    if y + 1 < k.height {
+        around[3] = i + k.width;
+    }
+    // A slope gives equal steps to both sides; an edge does not.
+    let off = |n: usize| (depth_m[n] - depth_m[i]).abs();
+    let slope_m = off(around[0]).min(off(around[1])).max(off(around[2]).min(off(around[3])));
+    let neighbor = around.into_iter().fold(i, |best, n| if off(n) > off(best) { n } else { best });
+    DepthStep { neighbor, size_m: off(neighbor), slope_m }
+}

@@ -1,0 +1,302 @@
+//! One camera of the model and what it does to a recording.
+
+use nalgebra::{Point3, Vector3};
+use rand_pcg::Pcg64Mcg;
+
+use super::{
+    Effect, HandheldSensor, clutter, color_shift, depth_loss, depth_noise, depth_scale, depth_warp, exposure,
+    flying_pixels, hand, highlights, lamp, motion_blur, pose_drift, pose_jitter, pose_lag, relocalization,
+    vignetting,
+};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    random::stage_rng,
+    synth::{DepthErrors, Light, Scene, Solid, View},
+};
+
+/// A camera that a seed draws: what is fixed to it, for all of its recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandheldCamera {
+    /// What it was drawn from.
+    pub sensor: HandheldSensor,
+    /// Relative error of its depth.
+    pub depth_scale: f64,
+    /// Relative error of its depth at every pixel beside, row-major; empty for none.
+    pub depth_warp: Vec<f64>,
+    /// By how much its color lies off its depth, pixels.
+    pub color_shift_px: [f64; 2],
+    /// By how much its reported poses are older than its images, seconds.
+    pub lag_s: f64,
+    seed: u64,
+}
+
+/// What a take has of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TakePoses {
+    /// Where the true world stands in that of the take.
+    pub relocalization: Pose,
+    /// By how much odometry is off at each view: reported from true world.
+    pub drift: Vec<Pose>,
+    /// Error of each reported pose beside, in the camera's frame.
+    pub jitter: Vec<Pose>,
+}
+
+impl HandheldCamera {
+    /// Draws a camera. Every effect draws from a stream of its own, so that switches and level leave the
+    /// draws of the others as they are.
+    #[must_use]
+    pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
+        let rng = |effect| stream(seed, "camera", effect, 0);
+        let has_warp = sensor.of(Effect::DepthWarp) > 0.0;
+        let warp = || {
+            let rng = &mut rng(Effect::DepthWarp);
+            depth_warp::field(sensor.of(Effect::DepthWarp), k.width, k.height, rng)
+        };
+        Self {
+            sensor,
+            depth_scale: depth_scale::draw(sensor.of(Effect::DepthScale), &mut rng(Effect::DepthScale)),
+            depth_warp: if has_warp { warp() } else { Vec::new() },
+            color_shift_px: color_shift::draw(
+                sensor.of(Effect::ColorShift),
+                k.width,
+                &mut rng(Effect::ColorShift),
+            ),
+            lag_s: pose_lag::draw(sensor.of(Effect::PoseLag), &mut rng(Effect::PoseLag)),
+            seed,
+        }
+    }
+
+    fn level(&self, effect: Effect) -> f64 {
+        self.sensor.of(effect)
+    }
+
+    fn rng(&self, take: usize, effect: Effect, step: usize) -> Pcg64Mcg {
+        stream(self.seed, &format!("take{take}"), effect, step)
+    }
+
+    /// What stands on the floor around the box that an object needs, in all takes.
+    #[must_use]
+    pub fn clutter(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
+        if !self.sensor.has(Effect::Clutter) {
+            return Vec::new();
+        }
+        clutter::things(room, floor_z_m, &mut stream(self.seed, "room", Effect::Clutter, 0))
+    }
+
+    /// The hand before an object in a view of a take; nothing in most.
+    #[must_use]
+    pub fn hand(
+        &self,
+        take: usize,
+        view: usize,
+        world_from_camera: &Pose,
+        (center, radius_m): &(Point3<f64>, f64),
+    ) -> Vec<Solid> {
+        let rng = &mut self.rng(take, Effect::Hand, view);
+        hand::hand(self.level(Effect::Hand), world_from_camera, center, *radius_m, rng)
+    }
+
+    /// The light of a view of a take on the object of a sphere, where the lamp of take 0 is `lamp`.
+    #[must_use]
+    pub fn light(
+        &self,
+        (take, i): (usize, usize),
+        lamp: &Vector3<f64>,
+        scene: &Scene,
+        world_from_camera: &Pose,
+        sphere: &(Point3<f64>, f64),
+    ) -> Light {
+        let mut light = Light::from_lamp(*lamp);
+        if take > 0 {
+            let rng = &mut self.rng(take, Effect::Light, 0);
+            (light.lamp, light.tint) = lamp::turned(self.level(Effect::Light), lamp, rng);
+        }
+        if !self.has_bulbs() {
+            return light;
+        }
+        // Depth is lost where a bulb is mirrored, whether or not the color shows it.
+        let rng = &mut self.rng(take, Effect::Highlights, i);
+        light.bulbs = highlights::bulb(scene, world_from_camera, sphere, rng).into_iter().collect();
+        light.shine = highlights::shine(self.level(Effect::Highlights));
+        light
+    }
+
+    fn has_bulbs(&self) -> bool {
+        [Effect::Highlights, Effect::DepthLoss].iter().any(|e| self.level(*e) > 0.0)
+    }
+
+    /// Errors of the poses of a take's cameras.
+    #[must_use]
+    pub fn poses(&self, take: usize, cameras: &[Pose]) -> TakePoses {
+        let world = relocalization::draw(
+            self.level(Effect::Relocalization),
+            &mut self.rng(take, Effect::Relocalization, 0),
+        );
+        let jitter =
+            |i| pose_jitter::draw(self.level(Effect::PoseJitter), &mut self.rng(take, Effect::PoseJitter, i));
+        TakePoses {
+            relocalization: if take == 0 { Pose::identity() } else { world },
+            drift: pose_drift::walk(
+                self.level(Effect::PoseDrift),
+                cameras,
+                &mut self.rng(take, Effect::PoseDrift, 0),
+            ),
+            jitter: (0..cameras.len()).map(jitter).collect(),
+        }
+    }
+
+    /// Errors of the depth of a view.
+    #[must_use]
+    pub fn depth_errors(&self, take: usize, i: usize, view: &View, k: &Intrinsics) -> DepthErrors {
+        let at = |effect: Effect| (self.level(effect), self.rng(take, effect, i));
+        let mut errors = DepthErrors::default();
+        if self.depth_scale != 0.0 || !self.depth_warp.is_empty() {
+            let warp = |p: usize| self.depth_warp.get(p).copied().unwrap_or(0.0);
+            errors.factor = (0..k.width * k.height).map(|p| 1.0 + self.depth_scale + warp(p)).collect();
+        }
+        let (level, mut rng) = at(Effect::DepthNoise);
+        if level > 0.0 {
+            errors.disparity_px = depth_noise::field(level, k.width, k.height, &mut rng);
+        }
+        let (level, mut rng) = at(Effect::DepthLoss);
+        if level > 0.0 {
+            errors.lost = depth_loss::lost(level, view, &mut rng);
+        }
+        let (level, mut rng) = at(Effect::FlyingPixels);
+        if level > 0.0 {
+            errors.between_m = flying_pixels::between_m(level, view, k, &mut rng);
+        }
+        errors
+    }
+
+    /// Factor on linear red, green and blue of a view.
+    #[must_use]
+    pub fn gain(&self, take: usize, i: usize) -> Vector3<f64> {
+        exposure::gain(self.level(Effect::Exposure), &mut self.rng(take, Effect::Exposure, i))
+    }
+
+    /// Linear colors of a view as they reach the imager; `velocity` is that of the camera in its optical
+    /// frame.
+    #[must_use]
+    pub fn colors(
+        &self,
+        take: usize,
+        i: usize,
+        view: &View,
+        k: &Intrinsics,
+        velocity: &[Vector3<f64>; 2],
+    ) -> Vec<Vector3<f64>> {
+        let mut colors = view.color.clone();
+        if self.level(Effect::MotionBlur) > 0.0 {
+            colors = motion_blur::blurred(self.level(Effect::MotionBlur), &colors, view, k, velocity);
+        }
+        if self.level(Effect::ColorShift) > 0.0 {
+            colors = color_shift::shifted(&colors, k.width, self.color_shift_px);
+        }
+        let gain = self.gain(take, i);
+        for (pixel, color) in colors.iter_mut().enumerate() {
+            *color =
+                color.component_mul(&gain) * vignetting::factor(self.level(Effect::Vignetting), k, pixel);
+        }
+        colors
+    }
+}
+
+fn stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
+    stage_rng(seed, &format!("synth/sensor/{of}/{}", effect.name()), step as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::{Material, Object, Part, sensor::test_view::wall};
+
+    fn box_on_floor() -> (Object, Material) {
+        let material = Material::plain(Vector3::repeat(0.5));
+        let solids = vec![Solid::between([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], &material)];
+        let part = Part { name: "box".into(), joint: None, solids };
+        (Object { family: "box", parts: vec![part], world_from_rest: Pose::identity() }, material)
+    }
+
+    fn drawn(sensor: HandheldSensor) -> HandheldCamera {
+        HandheldCamera::drawn(sensor, &wall(1.0).1, 11)
+    }
+
+    #[test]
+    fn the_level_scales_what_a_seed_draws() {
+        let [half, whole] = [0.5, 1.0].map(|level| drawn(HandheldSensor::new(level)));
+        let is_half = |a: f64, b: f64| assert!((a - 0.5 * b).abs() < 1e-15 + 1e-9 * b.abs(), "{a} {b}");
+        is_half(half.depth_scale, whole.depth_scale);
+        is_half(half.lag_s, whole.lag_s);
+        (0..2).for_each(|k| is_half(half.color_shift_px[k], whole.color_shift_px[k]));
+        half.depth_warp.iter().zip(&whole.depth_warp).for_each(|(a, b)| is_half(*a, *b));
+        let [a, b] = [&half, &whole].map(|c| c.poses(1, &[Pose::identity(); 4]));
+        is_half(a.relocalization.translation.vector.x, b.relocalization.translation.vector.x);
+        is_half(a.jitter[2].translation.vector.y, b.jitter[2].translation.vector.y);
+        is_half(a.drift[1].translation.vector.z, b.drift[1].translation.vector.z);
+    }
+
+    #[test]
+    fn a_switch_leaves_what_the_others_draw_as_it_is() {
+        let all = HandheldSensor::new(1.0);
+        let (view, k) = wall(1.0);
+        let room = [Point3::new(-1.0, -1.0, 0.0), Point3::new(1.0, 1.0, 1.0)];
+        let cameras = [Pose::identity(); 5];
+        let (object, floor) = box_on_floor();
+        let scene = Scene::new(&object, 0, &floor, 1.0);
+        let eye = Pose::face_towards(&Point3::new(2.0, 0.0, 1.0), &Point3::origin(), &-Vector3::z());
+        let sphere = (Point3::new(0.0, 0.0, 0.2), 0.5);
+        // What each effect draws, by the effect.
+        let draws = |camera: &HandheldCamera| {
+            let errors = camera.depth_errors(1, 3, &view, &k);
+            let poses = camera.poses(1, &cameras);
+            let light = camera.light((1, 3), &Vector3::x(), &scene, &eye, &sphere);
+            [
+                (Effect::DepthScale, format!("{}", camera.depth_scale)),
+                (Effect::DepthWarp, format!("{:?}", camera.depth_warp)),
+                (Effect::DepthNoise, format!("{:?}", errors.disparity_px)),
+                (Effect::DepthLoss, format!("{:?}", errors.lost)),
+                (Effect::FlyingPixels, format!("{:?}", errors.between_m)),
+                (Effect::ColorShift, format!("{:?}", camera.color_shift_px)),
+                (Effect::PoseLag, format!("{}", camera.lag_s)),
+                (Effect::PoseDrift, format!("{:?}", poses.drift)),
+                (Effect::PoseJitter, format!("{:?}", poses.jitter)),
+                (Effect::Relocalization, format!("{:?}", poses.relocalization)),
+                (Effect::Exposure, format!("{:?}", camera.gain(1, 3))),
+                (Effect::Light, format!("{:?}", (light.lamp, light.tint))),
+                (Effect::Highlights, format!("{:?}", (light.shine, light.bulbs))),
+                (Effect::Clutter, format!("{:?}", camera.clutter(&room, 0.0))),
+                (
+                    Effect::Hand,
+                    format!(
+                        "{:?}",
+                        (0..40).map(|i| camera.hand(1, i, &cameras[0], &sphere)).collect::<Vec<_>>()
+                    ),
+                ),
+            ]
+        };
+        let with_all = draws(&drawn(all));
+        for off in Effect::ALL {
+            for ((effect, now), (_, before)) in draws(&drawn(all.without(&[off]))).iter().zip(&with_all) {
+                assert!(*effect == off || now == before, "{} changes {}", off.name(), effect.name());
+            }
+            for ((effect, now), (_, before)) in draws(&drawn(all.only(&[off]))).iter().zip(&with_all) {
+                assert!(*effect != off || now == before, "{} alone draws something else", off.name());
+            }
+        }
+    }
+
+    #[test]
+    fn no_effect_leaves_a_view_as_it_is() {
+        let camera = drawn(HandheldSensor::clean());
+        let (view, k) = wall(1.0);
+        assert_eq!(camera.depth_errors(1, 0, &view, &k), DepthErrors::default());
+        assert_eq!(camera.colors(1, 0, &view, &k, &[Vector3::x(); 2]), view.color);
+        let (object, floor) = box_on_floor();
+        let scene = Scene::new(&object, 0, &floor, 1.0);
+        let sphere = (Point3::origin(), 0.5);
+        let light = camera.light((1, 0), &Vector3::x(), &scene, &Pose::identity(), &sphere);
+        assert_eq!(light, Light::from_lamp(Vector3::x()));
+        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &(Point3::origin(), 1.0)).is_empty()));
+    }
+}

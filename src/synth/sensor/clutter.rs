@@ -1,0 +1,81 @@
+//! Things around the object: boxes and cans on the floor, the same in every state, some of them dark.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
+
+use crate::{
+    geometry::Pose,
+    random,
+    synth::{Material, Solid},
+};
+
+/// How many.
+const THINGS: usize = 5;
+/// Smallest and largest half side, in radii: of the box that the object needs, half its diagonal. The highest
+/// stays below the camera's way.
+const HALF_RADII: [f64; 2] = [0.08, 0.2];
+/// Smallest and largest gap to that box, in radii.
+const GAP_RADII: [f64; 2] = [0.05, 0.6];
+/// Share of dark things, and the reflectance of one.
+const DARK_SHARE: f64 = 0.6;
+const DARK: f64 = 0.03;
+
+/// What stands on the floor around a box.
+pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng) -> Vec<Solid> {
+    let [lower, upper] = room;
+    let center = nalgebra::center(lower, upper);
+    let half_m = (upper - lower) * 0.5;
+    let radius_m = half_m.norm();
+    let thing = |k: usize| {
+        let half = Vector3::from_fn(|_, _| radius_m * random::range(rng, HALF_RADII[0], HALF_RADII[1]));
+        let azimuth = TAU * (k as f64 + random::range(rng, 0.1, 0.9)) / THINGS as f64;
+        let gap_m = radius_m * random::range(rng, GAP_RADII[0], GAP_RADII[1]);
+        let yaw = random::range(rng, 0.0, TAU);
+        let is_dark = random::chance(rng, DARK_SHARE);
+        let tone = random::range(rng, 0.2, 0.7);
+        let hue = Vector3::from_fn(|_, _| random::range(rng, 0.5, 1.0));
+        let (is_can, seed) = (random::chance(rng, 0.4), random::below(rng, 1 << 30) as u32);
+        // From the box's border outward by the gap and the thing's own reach, whatever its yaw.
+        let out = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
+        let border_m = (half_m.x / out.x.abs()).min(half_m.y / out.y.abs());
+        let at = center.coords + out * border_m + out.map(f64::signum) * (half.xy().norm() + gap_m);
+        let base = if is_dark { Vector3::repeat(DARK) } else { hue * tone };
+        let material = Material {
+            base,
+            second: if is_dark { base } else { base * 0.4 },
+            wavelength_m: (!is_dark).then(|| Vector3::repeat(0.3 * radius_m)),
+            seed,
+        };
+        let stands = Pose::new(Vector3::new(at.x, at.y, floor_z_m + half.z), Vector3::z() * yaw);
+        if is_can {
+            Solid::cylinder(half.x, half.z, stands, &material)
+        } else {
+            Solid { part_from_solid: stands, ..Solid::between((-half).into(), half.into(), &material) }
+        }
+    };
+    (0..THINGS).map(thing).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn things_stand_on_the_floor_outside_the_box() {
+        let room = [Point3::new(-0.3, -0.5, 0.006), Point3::new(0.6, 0.2, 0.8)];
+        for seed in 0..50 {
+            let things = things(&room, 0.0, &mut stage_rng(seed, "clutter", 0));
+            assert_eq!(things.len(), THINGS);
+            for thing in things {
+                let at = thing.part_from_solid.translation.vector;
+                let half = thing.shape.half_sides();
+                assert!((at.z - half.z).abs() < 1e-12);
+                let gap = (0..2).map(|k| (room[0][k] - at[k]).max(at[k] - room[1][k]));
+                assert!(gap.fold(f64::NEG_INFINITY, f64::max) > half.xy().norm(), "{at}");
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Surfaces without depth: dark ones send too little of the projected pattern back, glossy ones mirror lamps,
+//! grazing ones squeeze the pattern.
+//!
+//! Nguyen, Izadi and Lovell 2012 measured a structured-light camera up to 60 degrees, where its noise had
+//! begun to grow steeply. No source gives shares for a stereo camera; those of glossy and grazing surfaces
+//! are assumed.
+
+use rand_core::Rng;
+
+use crate::{random, synth::View};
+
+/// Reflectance below which a surface is dark.
+const DARK: f64 = 0.1;
+/// Share of the pixels of a dark surface without a reading.
+const DARK_SHARE: f64 = 0.6;
+/// Share of the pixels without a reading where a bulb is mirrored exactly.
+const GLOSSY_SHARE: f64 = 0.8;
+/// Cosine between ray and normal below which readings begin to fail: 75 degrees.
+const GRAZING_COSINE: f64 = 0.26;
+/// Share of the pixels without a reading at 90 degrees, beyond what the camera itself loses.
+const GRAZING_SHARE: f64 = 0.8;
+
+/// Pixels without a reading.
+pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
+    let is_lost = |i: usize| {
+        let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
+        let glossy = GLOSSY_SHARE * view.gloss[i];
+        let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
+        let draws = [(); 3].map(|()| random::unit(rng));
+        [dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share)
+    };
+    (0..view.depth_m.len()).map(is_lost).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{random::stage_rng, synth::sensor::test_view::wall};
+
+    fn share(level: f64, reflectance: f64, gloss: f64, cosine: f64) -> f64 {
+        let (mut view, _) = wall(1.0);
+        view.reflectance.fill(reflectance);
+        view.gloss.fill(gloss);
+        view.cosine.fill(cosine);
+        let lost = lost(level, &view, &mut stage_rng(2, "loss", 0));
+        lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64
+    }
+
+    #[test]
+    fn dark_glossy_and_grazing_surfaces_lose_their_share() {
+        let near = |share: f64, expected: f64| assert!((share - expected).abs() < 0.02, "{share} {expected}");
+        for level in [0.5, 1.0] {
+            near(share(level, 0.05, 0.0, 1.0), 0.6 * level);
+            near(share(level, 0.5, 0.5, 1.0), 0.4 * level);
+            near(share(level, 0.5, 0.0, 0.13), 0.4 * level);
+        }
+        assert_eq!([share(1.0, 0.11, 0.0, 0.3), share(0.0, 0.0, 1.0, 0.0)], [0.0, 0.0]);
+    }
+}

@@ -1,0 +1,62 @@
+//! Depth off by a smooth field fixed to the pixels: what calibration leaves of lens distortion and
+//! rectification.
+//!
+//! Basso, Menegatti and Pretto 2018 and Teichman, Miller and Thrun 2013 estimate such fields for consumer
+//! depth cameras: multiplicative, smooth over the image and constant for a camera. Here the relative error is
+//! one field for all ranges; theirs changes with range.
+
+use rand_core::Rng;
+
+use crate::{random, synth::smooth::smooth};
+
+/// Root mean square over the pixels, of the range.
+const RMS: f64 = 0.004;
+/// Distance at which the correlation has fallen to 1/e, as a share of the image's width (90 of 640 pixels).
+const CORRELATION_SHARE: f64 = 90.0 / 640.0;
+
+/// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since
+/// that of a camera is its scale.
+pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
+    let white: Vec<f64> = (0..width * height).map(|_| random::normal(rng)).collect();
+    // A Gaussian of deviation s gives the correlation exp(-d^2 / 4 s^2).
+    let rough = smooth(&white, width, height, 0.5 * CORRELATION_SHARE * width as f64);
+    let n = rough.len() as f64;
+    let mean = rough.iter().sum::<f64>() / n;
+    let rms = (rough.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
+    rough.iter().map(|r| level * RMS * (r - mean) / rms).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn the_field_has_its_size_and_its_correlation() {
+        let (w, h) = (320, 240);
+        let (mut at_lag, mut squares) = (0.0, 0.0);
+        for seed in 0..30 {
+            let field = field(1.0, w, h, &mut stage_rng(seed, "warp", 0));
+            let mean = field.iter().sum::<f64>() / field.len() as f64;
+            let rms = (field.iter().map(|f| f * f).sum::<f64>() / field.len() as f64).sqrt();
+            assert!((rms / 0.004 - 1.0).abs() < 1e-9 && mean.abs() < 1e-12, "{rms} {mean}");
+            // Half of 90 pixels at half of the width.
+            for y in (0..h).step_by(10) {
+                for x in 0..w - 45 {
+                    at_lag += field[y * w + x] * field[y * w + x + 45];
+                    squares += field[y * w + x].powi(2);
+                }
+            }
+            assert!(field.windows(2).filter(|p| (p[1] - p[0]).abs() > 0.0006).count() < 2 * h);
+        }
+        // The mean that was taken off lowers it.
+        let correlation = at_lag / squares;
+        assert!((0.2..0.45).contains(&correlation), "{correlation}");
+    }
+
+    #[test]
+    fn the_level_scales_it() {
+        let of = |level| field(level, 96, 72, &mut stage_rng(3, "warp", 0));
+        assert!(of(0.5).iter().zip(of(1.0)).all(|(half, whole)| (half - 0.5 * whole).abs() < 1e-15));
+    }
+}

@@ -1,0 +1,37 @@
+//! Exposure and white balance by view, as automatic ones wander.
+
+use nalgebra::Vector3;
+use rand_core::Rng;
+
+use crate::random;
+
+/// One standard deviation of the logarithm of the exposure.
+const EXPOSURE: f64 = 0.15;
+/// One standard deviation of the logarithm of the gain of red and of blue against green.
+const WHITE_BALANCE: f64 = 0.03;
+
+/// Factor on linear red, green and blue of a view.
+pub(super) fn gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
+    let [exposure, red, blue] =
+        [EXPOSURE, WHITE_BALANCE, WHITE_BALANCE].map(|s| level * s * random::normal(rng));
+    Vector3::new(exposure + red, exposure, exposure + blue).map(f64::exp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn gains_vary_by_the_stated_deviations() {
+        let rng = &mut stage_rng(1, "gain", 0);
+        let (mut green, mut red) = (0.0, 0.0);
+        for _ in 0..4000 {
+            let log = gain(0.5, rng).map(f64::ln);
+            green += log.y.powi(2) / 4000.0;
+            red += (log.x - log.y).powi(2) / 4000.0;
+        }
+        assert!((green.sqrt() / 0.075 - 1.0).abs() < 0.05 && (red.sqrt() / 0.015 - 1.0).abs() < 0.05);
+        assert_eq!(gain(0.0, rng), Vector3::repeat(1.0));
+    }
+}

@@ -1,0 +1,58 @@
+//! Readings between the surfaces on both sides of an edge, whose windows hold both.
+
+use rand_core::Rng;
+
+use crate::{
+    geometry::Intrinsics,
+    random,
+    synth::{View, edge::depth_step},
+};
+
+/// Share of the pixels on deep edges that read a depth in between.
+const SHARE: f64 = 0.35;
+/// An edge is deep from here on, meters.
+const DEEP_M: f64 = 0.03;
+/// How far from either surface a reading in between stays at least, as a share of the step.
+const MARGIN: f64 = 0.1;
+
+/// Depth of every pixel that reads one between two surfaces.
+pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl Rng) -> Vec<Option<f64>> {
+    let flies = |i: usize| {
+        let [draw, share] = [random::unit(rng), random::range(rng, MARGIN, 1.0 - MARGIN)];
+        let depth_m = view.depth_m[i];
+        let step = depth_step(&view.depth_m, k, i);
+        let other_m = view.depth_m[step.neighbor];
+        let is_edge = depth_m > 0.0 && other_m > 0.0 && step.is_beyond(DEEP_M);
+        (is_edge && draw < level * SHARE).then_some(depth_m + share * (other_m - depth_m))
+    };
+    (0..k.width * k.height).map(flies).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{random::stage_rng, synth::sensor::test_view::wall};
+
+    #[test]
+    fn a_share_of_the_pixels_on_deep_edges_flies_between_both_surfaces() {
+        let (mut view, k) = wall(2.0);
+        let w = k.width;
+        (0..k.height * w).filter(|i| i % w < w / 2).for_each(|i| view.depth_m[i] = 1.0);
+        for level in [0.0, 0.5, 1.0] {
+            let (mut flying, mut edges) = (0, 0);
+            for seed in 0..20 {
+                let between = between_m(level, &view, &k, &mut stage_rng(seed, "fly", 0));
+                for (i, b) in between.iter().enumerate() {
+                    let on_edge = i % w == w / 2 || i % w == w / 2 - 1;
+                    edges += usize::from(on_edge);
+                    flying += usize::from(b.is_some());
+                    assert!(b.is_none_or(|b| on_edge && (1.1..=1.9).contains(&b)));
+                }
+            }
+            let share = flying as f64 / edges as f64;
+            assert!((share - 0.35 * level).abs() < 0.02, "{share}");
+        }
+        (0..k.height * w).filter(|i| i % w < w / 2).for_each(|i| view.depth_m[i] = 1.98);
+        assert!(between_m(1.0, &view, &k, &mut stage_rng(1, "fly", 0)).iter().all(Option::is_none));
+    }
+}

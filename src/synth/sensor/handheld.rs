@@ -1,0 +1,111 @@
+//! A consumer depth camera carried by hand: which effects it has, and how large they are.
+
+use std::str::FromStr;
+
+use super::Effect;
+
+/// A consumer stereo camera carried by hand, with the poses of an odometry and without masks.
+///
+/// At level 1 every effect has the size that stands in its file. The level multiplies sizes and shares; what
+/// a seed draws does not depend on it. At level 0 only things around the object remain of all effects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandheldSensor {
+    level: f64,
+    on: [bool; Effect::ALL.len()],
+}
+
+impl HandheldSensor {
+    /// Largest level.
+    pub const MAX_LEVEL: f64 = 5.0;
+
+    /// All effects at a level.
+    #[must_use]
+    pub fn new(level: f64) -> Self {
+        Self { level, on: [true; Effect::ALL.len()] }
+    }
+
+    /// No effect at all.
+    #[must_use]
+    pub fn clean() -> Self {
+        Self::new(1.0).only(&[])
+    }
+
+    /// The same level with these effects and no other.
+    #[must_use]
+    pub fn only(self, effects: &[Effect]) -> Self {
+        Self { on: Effect::ALL.map(|e| effects.contains(&e)), ..self }
+    }
+
+    /// The same without these effects.
+    #[must_use]
+    pub fn without(self, effects: &[Effect]) -> Self {
+        Self { on: Effect::ALL.map(|e| self.has(e) && !effects.contains(&e)), ..self }
+    }
+
+    /// Factor on the sizes of all effects.
+    #[must_use]
+    pub fn level(&self) -> f64 {
+        self.level
+    }
+
+    /// Effects that are on.
+    #[must_use]
+    pub fn effects(&self) -> Vec<Effect> {
+        Effect::ALL.into_iter().filter(|e| self.has(*e)).collect()
+    }
+
+    /// Whether an effect is on.
+    #[must_use]
+    pub fn has(&self, effect: Effect) -> bool {
+        Effect::ALL.iter().zip(self.on).any(|(e, on)| on && *e == effect)
+    }
+
+    /// Level of an effect; 0 when it is off.
+    pub(in crate::synth) fn of(&self, effect: Effect) -> f64 {
+        if self.has(effect) { self.level } else { 0.0 }
+    }
+}
+
+/// A text that is no [`HandheldSensor`].
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "give handheld, or handheld:LEVEL with a level from 0 to {}, e.g. handheld:0.5",
+    HandheldSensor::MAX_LEVEL
+)]
+pub struct ParseSensorError;
+
+impl FromStr for HandheldSensor {
+    type Err = ParseSensorError;
+
+    /// Reads `handheld` or `handheld:LEVEL`.
+    fn from_str(text: &str) -> Result<Self, ParseSensorError> {
+        let (name, level) = text.split_once(':').unwrap_or((text, "1"));
+        let level: f64 = level.trim().parse().map_err(|_| ParseSensorError)?;
+        if name.trim() == "handheld" && (0.0..=Self::MAX_LEVEL).contains(&level) {
+            Ok(Self::new(level))
+        } else {
+            Err(ParseSensorError)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sensor_is_read_and_its_effects_are_switched() {
+        let sensor: HandheldSensor = "handheld:0.5".parse().unwrap();
+        assert_eq!((sensor.level(), sensor.effects().len()), (0.5, Effect::ALL.len()));
+        assert_eq!("handheld".parse::<HandheldSensor>().unwrap(), HandheldSensor::new(1.0));
+        for wrong in ["", "handheld:", "handheld:-1", "handheld:6", "handheld:nan", "kinect:1", "1"] {
+            assert!(wrong.parse::<HandheldSensor>().is_err(), "{wrong}");
+        }
+        let [warp, hand] = [Effect::DepthWarp, Effect::Hand];
+        assert_eq!(sensor.only(&[warp]).effects(), [warp]);
+        assert_eq!([sensor.only(&[warp]).of(warp), sensor.only(&[warp]).of(hand)], [0.5, 0.0]);
+        let rest = sensor.without(&[hand]);
+        assert!(!rest.has(hand) && rest.effects().len() == Effect::ALL.len() - 1);
+        assert!(HandheldSensor::clean().effects().is_empty());
+    }
+}

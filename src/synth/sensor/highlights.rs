@@ -1,0 +1,80 @@
+//! Highlights: mirror images of bulbs in the object, in half of the views.
+//!
+//! A room holds more that shines than a model of it: lamps, windows, screens. So each view draws a place of
+//! the object that mirrors something, and the bulb hangs where that place mirrors it from.
+
+use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
+
+use crate::{geometry::Pose, random, synth::Scene};
+
+/// Share of the views that show one.
+const SHARE: f64 = 0.5;
+/// Nearest and farthest distance of a bulb, in radii of the object.
+const DISTANCE_RADII: [f64; 2] = [1.5, 4.0];
+/// Brightness of a bulb's mirror image against that of a white surface.
+const SHINE: f64 = 0.7;
+/// Rays that look for a place of the object.
+const TRIES: usize = 20;
+
+/// Where a bulb hangs that the object of a sphere mirrors in a view; none in the other views.
+pub(super) fn bulb(
+    scene: &Scene,
+    world_from_camera: &Pose,
+    (center, radius_m): &(Point3<f64>, f64),
+    rng: &mut impl Rng,
+) -> Option<Point3<f64>> {
+    if !random::chance(rng, SHARE) {
+        return None;
+    }
+    let eye = Point3::from(world_from_camera.translation.vector);
+    let distance_m = radius_m * random::range(rng, DISTANCE_RADII[0], DISTANCE_RADII[1]);
+    (0..TRIES).find_map(|_| {
+        let aim = center + random::direction(rng).into_inner() * (0.8 * radius_m * random::unit(rng));
+        let ray = (aim - eye).normalize();
+        let sight = scene.sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some())?;
+        let mirrored: Vector3<f64> = ray - sight.normal * (2.0 * ray.dot(&sight.normal));
+        Some(eye + ray * sight.at + mirrored * distance_m)
+    })
+}
+
+/// Linear brightness of a mirror image.
+pub(super) fn shine(level: f64) -> f64 {
+    level * SHINE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        random::stage_rng,
+        synth::{Light, Material, SynthConfig, generate},
+    };
+
+    #[test]
+    fn half_of_the_views_mirror_a_bulb_in_the_object() {
+        let object = generate(&SynthConfig::default()).unwrap();
+        let floor = Material::plain(Vector3::repeat(0.3));
+        let scene = Scene::new(&object, 0, &floor, 3.0);
+        let (center, radius_m) = object.bounding_sphere();
+        let eye = center + Vector3::new(2.0, 1.0, 1.2) * radius_m;
+        let camera = Pose::face_towards(&eye, &center, &-Vector3::z());
+        let mut views = 0;
+        for seed in 0..400 {
+            let rng = &mut stage_rng(seed, "bulb", 0);
+            let Some(bulb) = bulb(&scene, &camera, &(center, radius_m), rng) else { continue };
+            views += 1;
+            // Some ray to the object meets the middle of the highlight.
+            let light = Light { bulbs: vec![bulb], ..Light::from_lamp(Vector3::z()) };
+            let brightest = (0..4000).map(|_| {
+                let aim = center + random::direction(rng).into_inner() * (0.8 * radius_m * random::unit(rng));
+                let ray = (aim - eye).normalize();
+                let sight = scene.sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some());
+                sight.map_or(0.0, |s| light.gloss(&eye, &(eye + ray * s.at), &s.normal))
+            });
+            let brightest = brightest.fold(0.0, f64::max);
+            assert!(brightest > 0.8, "{brightest}");
+        }
+        assert!((170..230).contains(&views), "{views}");
+    }
+}

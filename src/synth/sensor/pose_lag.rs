@@ -1,0 +1,28 @@
+//! Poses that run behind the images: clocks and delays of two devices.
+//!
+//! Furgale, Rehder and Siegwart 2013 and Qin and Shen 2018 estimate such offsets between camera and inertial
+//! unit, of milliseconds to tens of them. This is what remains after such a correction.
+
+use rand_core::Rng;
+
+use crate::random;
+
+/// Mean over cameras, seconds; a camera has half to one and a half of it.
+const LAG_S: f64 = 0.003;
+
+/// By how much the reported poses of one camera are older than its images, seconds.
+pub(super) fn draw(level: f64, rng: &mut impl Rng) -> f64 {
+    level * LAG_S * random::range(rng, 0.5, 1.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn lags_lie_about_the_stated_one() {
+        let of = |level, seed| draw(level, &mut stage_rng(seed, "lag", 0));
+        assert!((0..200).all(|k| (0.0015..0.0045).contains(&of(1.0, k)) && of(2.0, k) == 2.0 * of(1.0, k)));
+    }
+}

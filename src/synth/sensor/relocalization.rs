@@ -1,0 +1,33 @@
+//! The world of each state off that of state 0: a system that is started again finds its place anew.
+
+use rand_core::Rng;
+
+use crate::{geometry::Pose, random};
+
+/// Length of the shift, meters.
+const SHIFT_M: f64 = 0.0037;
+/// Angle of the turn, radians: 0.3 degrees.
+const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
+
+/// Where the world of state 0 stands in that of another take: the whole amount, in a random direction and
+/// about a random axis through the origin, which is near the object's foot.
+pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
+    let shift = random::direction(rng).into_inner() * (level * SHIFT_M);
+    let turn = random::direction(rng).into_inner() * (level * TURN_RAD);
+    Pose::new(shift, turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn a_world_is_off_by_the_stated_amount() {
+        for level in [0.5, 1.0] {
+            let off = draw(level, &mut stage_rng(8, "world", 0));
+            assert!((off.translation.vector.norm() - 0.0037 * level).abs() < 1e-12);
+            assert!((off.rotation.angle().to_degrees() - 0.3 * level).abs() < 1e-9);
+        }
+    }
+}

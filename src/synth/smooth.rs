@@ -1,0 +1,45 @@
+//! White noise of an image made smooth.
+
+use rayon::prelude::*;
+
+/// White noise smoothed by a Gaussian, of variance one again.
+pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
+    let reach = (3.0 * sigma_px).ceil() as isize;
+    let mut kernel: Vec<f64> =
+        (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
+    let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
+    kernel.iter_mut().for_each(|w| *w /= norm);
+    // The border repeats by reflection, which keeps the variance near one.
+    let reflect = |at: isize, n: usize| {
+        (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
+    };
+    let along = |from: &[f64], at: &(dyn Fn(usize, isize) -> usize + Sync)| -> Vec<f64> {
+        (0..from.len())
+            .into_par_iter()
+            .with_min_len(width)
+            .map(|i| (-reach..=reach).zip(&kernel).map(|(d, w)| w * from[at(i, d)]).sum())
+            .collect()
+    };
+    let rows = along(white, &|i, d| i / width * width + reflect((i % width) as isize + d, width));
+    along(&rows, &|i, d| reflect((i / width) as isize + d, height) * width + i % width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{self, stage_rng};
+
+    #[test]
+    fn smoothed_noise_keeps_its_variance_and_is_correlated() {
+        let rng = &mut stage_rng(5, "noise", 0);
+        let (w, h) = (200, 150);
+        let white: Vec<f64> = (0..w * h).map(|_| random::normal(rng)).collect();
+        let noise = smooth(&white, w, h, 0.58);
+        let n = (w * h) as f64;
+        let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
+        let beside = noise.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / n;
+        assert!((variance - 1.0).abs() < 0.05, "{variance}");
+        // Weights 1 and exp(-1 / (2 * 0.58^2)) = 0.226 beside: 2 * 0.226 / (1 + 2 * 0.226^2) = 0.41.
+        assert!((beside - 0.41).abs() < 0.03, "{beside}");
+    }
+}

@@ -1,0 +1,64 @@
+//! The box that a user would give as `--workspace`.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Object;
+use crate::geometry::bounding_box;
+
+/// Room that is left around the object, meters.
+const MARGIN_M: f64 = 0.03;
+/// Height of the box's lower side above the floor, meters: above what the noise of the floor reaches.
+const ABOVE_FLOOR_M: f64 = 0.006;
+
+/// Lower and upper corner of a box in the true world that holds the objects in both of their states, but for
+/// what lies next to the floor.
+#[must_use]
+pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
+    let mut points: Vec<Point3<f64>> = Vec::new();
+    for (object, state) in objects.iter().flat_map(|o| [(o, 0), (o, 1)]) {
+        for (k, pose) in object.world_from_parts(state).iter().enumerate() {
+            points.extend(object.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
+        }
+    }
+    let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();
+    let margin = Vector3::repeat(MARGIN_M);
+    let floor_z_m = objects.first().map_or(0.0, |o| o.world_from_rest.translation.vector.z);
+    let lower = lower - margin;
+    [Point3::new(lower.x, lower.y, floor_z_m + ABOVE_FLOOR_M), upper + margin]
+}
+
+/// The box that an object needs, whatever its state: all joints at either limit or half way.
+pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
+    let at = |share: f64| {
+        let mut moved = object.clone();
+        for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
+            let [low, high] = joint.limits;
+            joint.positions = [low + share * (high - low); 2];
+        }
+        moved
+    };
+    let [low, half, high] = [0.0, 0.5, 1.0].map(at);
+    workspace(&[&low, &half, &high])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::{SynthConfig, generate};
+
+    #[test]
+    fn the_box_holds_both_states_and_not_the_floor() {
+        for seed in 0..5 {
+            let object = generate(&SynthConfig { seed, ..SynthConfig::default() }).unwrap();
+            let [lower, upper] = workspace(&[&object]);
+            assert!(lower.z > 0.0 && lower.z < 0.01);
+            for state in 0..2 {
+                for (k, pose) in object.world_from_parts(state).iter().enumerate() {
+                    let inside =
+                        |p: Point3<f64>| (0..3).all(|a| (a == 2 || p[a] > lower[a]) && p[a] < upper[a]);
+                    assert!(object.mesh(k).vertices.iter().all(|v| inside(pose * v.cast::<f64>())));
+                }
+            }
+        }
+    }
+}
