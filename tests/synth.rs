@@ -206,7 +206,7 @@ fn a_level_of_zero_is_the_clean_recording_but_for_what_stands_around() {
         assert!(a.mask.is_some() && b.mask.is_none());
         // A hand is slower, so that less happens in the millisecond to the reported pose.
         let [a, b] = [a, b].map(|f| f.reported[0].lerp_slerp(&f.reported[1], 0.5));
-        assert!((a.inverse() * b).translation.vector.norm() < 1e-5, "{a} {b}");
+        assert!((a.inverse() * b).translation.vector.norm() < 1e-4, "{a} {b}");
     }
     let differs =
         |a: &SynthState, b: &SynthState| a.frames.iter().zip(&b.frames).any(|(a, b)| a.rgb != b.rgb);
