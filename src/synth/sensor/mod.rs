@@ -30,5 +30,5 @@ mod test_view;
 mod vignetting;
 
 pub use camera::{HandheldCamera, TakePoses};
-pub use effect::{Effect, ParseEffectError};
-pub use handheld::{HandheldSensor, ParseSensorError};
+pub use effect::Effect;
+pub use handheld::HandheldSensor;
