@@ -86,6 +86,10 @@ codes! {
     MatchesRead = "matches_read", "Matches came with the recording.";
     NoiseMeasured = "noise_measured", "The depth noise was measured.";
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
+    SensorChecked = "sensor_checked", "The depth sensor's own errors were looked for, together with the \
+        camera poses.";
+    PosesFarOff = "poses_far_off", "Camera poses err by as much as is looked for at most.";
+    SensorFarOff = "sensor_far_off", "The depth sensor errs by more than data sheets allow.";
     MasksUsed = "masks_used", "The masks of the recording are used.";
     BackgroundRemoved = "background_removed", "A plane was taken for background.";
     ObjectIsolated = "object_isolated", "The object was found without masks.";

@@ -26,7 +26,9 @@ pub use isolate::isolate;
 pub use noise::NoiseConfig;
 pub use noise_estimate::noise_factor;
 pub use pixel_weights::pixel_weights;
-pub use poses::{PoseCorrection, PoseFindings, PoseNoise, RefinePoses, align_worlds, refine_poses};
+pub use poses::{
+    PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration, align_worlds, refine_poses,
+};
 pub use recording::{Capture, MAX_STATES, PixelMatch};
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};

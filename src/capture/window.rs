@@ -2,6 +2,8 @@
 //!
 //! The inverse depth of a plane is an affine function of the pixel.
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::RgbdFrame;
 
 /// Windows have `2 R + 1` pixels a side.
@@ -10,6 +12,8 @@ pub(super) const R: usize = 3;
 pub(super) const READINGS: usize = (2 * R + 1) * (2 * R + 1);
 /// Fitted values of a window.
 const UNKNOWNS: usize = 3;
+/// Share of the readings that a window with holes has at least.
+const LEAST_SHARE: f64 = 0.6;
 /// A window whose depths differ by more than this share of their mean shows an edge.
 const MAX_RANGE: f64 = 0.1;
 
@@ -57,6 +61,37 @@ impl WindowPlane {
             |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
         let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
+    }
+
+    /// The same where some readings are missing, as in the speckled depth of measured frames.
+    pub fn fit_with_holes(frame: &RgbdFrame, x: usize, y: usize) -> Option<Self> {
+        if let Some(whole) = Self::fit(frame, x, y) {
+            return Some(whole);
+        }
+        let side = 2 * R + 1;
+        let readings = || {
+            (0..READINGS).filter_map(|i| {
+                let (u, v) = (i % side, i / side);
+                let d = f64::from(frame.depth_m[(y + v - R) * frame.intrinsics.width + x + u - R]);
+                (d > 0.0).then_some((Vector3::new(1.0, u as f64 - R as f64, v as f64 - R as f64), d))
+            })
+        };
+        let count = readings().count() as f64;
+        if count < LEAST_SHARE * READINGS as f64 {
+            return None;
+        }
+        let mean_depth_m = readings().map(|(_, d)| d).sum::<f64>() / count;
+        let most = readings().map(|(_, d)| d).fold(0.0, f64::max);
+        let least = readings().map(|(_, d)| d).fold(f64::INFINITY, f64::min);
+        if most - least > MAX_RANGE * mean_depth_m {
+            return None;
+        }
+        let moments: Matrix3<f64> = readings().map(|(at, _)| at * at.transpose()).sum();
+        let right: Vector3<f64> = readings().map(|(at, d)| at / d).sum();
+        let plane = moments.cholesky()?.solve(&right);
+        let squares = readings().map(|(at, d)| (1.0 / d - at.dot(&plane)).powi(2)).sum::<f64>();
+        let variance = squares / (count - UNKNOWNS as f64);
+        Some(Self { inverse: plane.x, slopes: [plane.y, plane.z], variance, mean_depth_m })
     }
 
     /// Standard deviation of a reading, meters: d(depth) = depth^2 d(1/depth).

@@ -1,9 +1,9 @@
-//! What a report says of the camera poses.
+//! What a report says of the camera poses and of the depth sensor.
 
 use serde::{Deserialize, Serialize};
 
 use super::number::round_significant;
-use crate::capture::PoseCorrection;
+use crate::capture::{PoseCorrection, SensorCalibration};
 
 /// Significant digits.
 const DIGITS: usize = 4;
@@ -39,5 +39,45 @@ impl CameraPosesReport {
             })
         };
         states.iter().enumerate().filter_map(report).collect()
+    }
+}
+
+/// What was found of the depth sensor: true depth is a reading times 1 + scale + warp.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DepthSensorReport {
+    /// Whether depth was corrected; if not, the other values say what a correction would have done.
+    pub corrected: bool,
+    /// Mean correction over the image and its standard deviation, percent of the range.
+    pub scale_percent: [f64; 2],
+    /// What differs from it over the image, root mean square, percent of the range.
+    pub warp_percent: f64,
+    /// Robust standard deviation of the distances between surfaces that two frames see, with corrected poses
+    /// alone and with corrected depth, millimeters; of readings that the correction was not fitted to.
+    pub residual_mm: [f64; 2],
+    /// Pixels from one value of the cubic B-spline to the next; the first lies one step outside the image.
+    pub step_px: f64,
+    /// Values in a row, and rows.
+    pub shape: [usize; 2],
+    /// Scale and warp together, row by row, percent of the range.
+    pub values_percent: Vec<f64>,
+    /// Their standard deviations.
+    pub sigmas_percent: Vec<f64>,
+}
+
+impl DepthSensorReport {
+    /// Of what was found.
+    #[must_use]
+    pub fn of(found: &SensorCalibration) -> Self {
+        let percent = |share: f64| round_significant(100.0 * share, DIGITS);
+        Self {
+            corrected: found.used,
+            scale_percent: found.scale.map(percent),
+            warp_percent: percent(found.warp_rms),
+            residual_mm: found.residual_m.map(|m| round_significant(1e3 * m, DIGITS)),
+            step_px: found.warp.step_px,
+            shape: found.warp.shape,
+            values_percent: found.warp.values.iter().copied().map(percent).collect(),
+            sigmas_percent: found.sigmas().into_iter().map(percent).collect(),
+        }
     }
 }

@@ -6,7 +6,9 @@ use nalgebra::Unit;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    camera_poses::CameraPosesReport, number::round_significant, part_count::PartCountReport,
+    camera_poses::{CameraPosesReport, DepthSensorReport},
+    number::round_significant,
+    part_count::PartCountReport,
     start::InitialMotion,
 };
 use crate::{
@@ -234,6 +236,9 @@ pub struct RunFacts {
     /// What was found of the camera poses of each state.
     #[serde(default)]
     pub camera_poses: Vec<CameraPosesReport>,
+    /// What was found of the depth sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_sensor: Option<DepthSensorReport>,
     /// Stages in order with their wall times.
     pub stages: Vec<StageTime>,
     /// Versions of the program and what it was built with, by name.

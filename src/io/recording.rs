@@ -15,8 +15,8 @@ use super::{
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, RefinePoses, RgbdFrame, Split, denoise, isolate, noise_factor,
-        refine_poses, spread_views,
+        Capture, CaptureConfig, CaptureError, PoseCorrection, PoseFindings, RefinePoses, RgbdFrame, Split,
+        denoise, isolate, noise_factor, refine_poses, spread_views,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -235,10 +235,40 @@ fn correct_poses(capture: &mut Capture) {
     for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }
+    capture.notes.extend(
+        capture.poses.sensor.iter().map(|found| Note::new(NoteCode::SensorChecked, found.to_string())),
+    );
+    capture.warnings.extend(beyond_expected(&capture.poses));
     // State 0 is what the others' worlds are corrected to.
     for (state, world) in (1..).zip(&capture.poses.worlds) {
         capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
     }
+}
+
+/// What goes beyond what errors of poses and sensors explain.
+fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
+    let far = |(state, found): (usize, &Option<PoseCorrection>)| {
+        found.as_ref().filter(|f| f.beyond_expected())?;
+        Some(Note::new(
+            NoteCode::PosesFarOff,
+            format!(
+                "state {state}: camera poses err by as much as is looked for at most: 3 mm or 0.29 deg from \
+                 one view to the next; check that poses and images are of one clock and of one camera"
+            ),
+        ))
+    };
+    let sensor = poses.sensor.as_ref().filter(|s| s.beyond_data_sheets()).map(|s| {
+        Note::new(
+            NoteCode::SensorFarOff,
+            format!(
+                "the depth sensor errs by {:.1} % in scale and {:.1} % over the image, more than data sheets \
+                 allow; check its calibration and the unit of its images",
+                100.0 * s.scale[0],
+                100.0 * s.warp_rms
+            ),
+        )
+    });
+    poses.states.iter().enumerate().filter_map(far).chain(sensor).collect()
 }
 
 fn poses_checked(state: usize, found: &impl Display) -> Note {

@@ -9,8 +9,8 @@ use crate::{
     capture::Capture,
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CameraPosesReport, InputFacts, PhotoAndTwin, Rendering, ReportPictures, RunFacts, StageTime,
-        compare_starts, nearest_starts,
+        CameraPosesReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering, ReportPictures, RunFacts,
+        StageTime, compare_starts, nearest_starts,
     },
     field::InstructionSet,
     note::{Note, NoteCode},
@@ -54,6 +54,7 @@ pub(super) fn facts(
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
         camera_poses: CameraPosesReport::of(&capture.poses.states),
+        depth_sensor: capture.poses.sensor.as_ref().map(DepthSensorReport::of),
         stages: stages
             .seconds
             .iter()

@@ -1,9 +1,10 @@
 //! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
 
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{
+    depth_warp::{DepthWarp, SUPPORT},
     pose_noise::PoseNoise,
     surfels::{FACINGS, Residual, Surfels},
 };
@@ -28,9 +29,15 @@ const LEAST_SURFELS: usize = 200;
 /// Of this many residuals one goes into the median.
 const MEDIAN_EVERY: usize = 4;
 
-/// Frames as they are compared.
-pub(super) struct Comparison<'a> {
-    surfels: Vec<&'a Surfels>,
+/// What frames see, and from where.
+#[derive(Clone, Copy)]
+pub(super) struct Views<'a> {
+    pub surfels: &'a [Surfels],
+    pub world_from_camera: &'a [Pose],
+}
+
+/// Which surfels of frames are compared.
+pub(super) struct Comparison {
     /// Of each frame and way to face: surfels that are fitted, and surfels that are held out.
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
@@ -51,6 +58,8 @@ pub(super) enum Subset {
 pub(super) struct Sums {
     /// Of each, in their order.
     pub pairs: Vec<PairSums>,
+    /// Of the sensor's errors, where they are wanted.
+    pub sensor: Option<SensorSums>,
     /// Robust standard deviation of the residuals in expected ones, at least 1.
     pub scale: f64,
 }
@@ -63,12 +72,34 @@ pub(super) struct PairSums {
     pub gradient: [Vector6<f64>; 2],
 }
 
+/// Normal equations of the sensor's errors.
+pub(super) struct SensorSums {
+    pub information: DMatrix<f64>,
+    /// Between the poses (six rows each) and the sensor.
+    pub between: DMatrix<f64>,
+    pub gradient: DVector<f64>,
+}
+
+/// One residual in the normal equations.
+struct Row {
+    poses: [f64; 12],
+    sensor: [(usize, f64); 2 * SUPPORT],
+    distance_m: f64,
+    weight: f64,
+}
+
 /// What a change of poses does to held-out surfels.
 pub(super) struct Gain {
     /// Mean of the frames' gains in its standard errors.
     pub sigmas: f64,
     /// Robust standard deviation of the distances before and after, meters.
     pub residual_m: [f64; 2],
+}
+
+/// The same of one state's pairs.
+pub(super) struct Changes {
+    frames: usize,
+    pairs: Vec<PairChange>,
 }
 
 /// The same of one pair.
@@ -81,108 +112,142 @@ struct PairChange {
     distances_m: [Vec<f64>; 2],
 }
 
-impl<'a> Comparison<'a> {
-    /// Of ordered pairs of frames.
-    pub fn new(surfels: Vec<&'a Surfels>, pairs: Vec<[usize; 2]>, noise: PoseNoise) -> Self {
-        let sets = [false, true].map(|held_out| surfels.iter().map(|s| subset(s, held_out)).collect());
-        Self { sets, surfels, pairs, noise }
+impl SensorSums {
+    fn none(poses: usize, values: usize) -> Self {
+        Self {
+            information: DMatrix::zeros(values, values),
+            between: DMatrix::zeros(6 * poses, values),
+            gradient: DVector::zeros(values),
+        }
+    }
+
+    fn add(&mut self, [i, j]: [usize; 2], row: &Row, share: f64) {
+        let weight = share * row.weight;
+        for (at, &(a, x)) in row.sensor.iter().enumerate() {
+            let scaled = weight * x;
+            self.gradient[a] += scaled * row.distance_m;
+            for k in 0..6 {
+                self.between[(6 * i + k, a)] += scaled * row.poses[k];
+                self.between[(6 * j + k, a)] += scaled * row.poses[6 + k];
+            }
+            // Half of the products; `whole` makes the other half.
+            for &(b, y) in &row.sensor[at..] {
+                self.information[(a, b)] += scaled * y;
+            }
+        }
+        // Squares stand once in the sum with its transpose.
+        for &(a, x) in &row.sensor {
+            self.information[(a, a)] -= 0.5 * weight * x * x;
+        }
+    }
+
+    /// Makes whole what was summed by halves.
+    fn whole(mut self) -> Self {
+        self.information = &self.information + self.information.transpose();
+        self
+    }
+
+    fn plus(mut self, other: Self) -> Self {
+        self.information += other.information;
+        self.between += other.between;
+        self.gradient += other.gradient;
+        self
+    }
+}
+
+impl Comparison {
+    /// Of ordered pairs of frames, the first ones in a row.
+    pub fn new<'a>(
+        surfels: impl Iterator<Item = &'a Surfels> + Clone,
+        pairs: Vec<[usize; 2]>,
+        noise: PoseNoise,
+    ) -> Self {
+        let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
+        Self { sets, pairs, noise }
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
-    pub fn scale(&self, world_from_camera: &[Pose]) -> f64 {
+    pub fn scale(&self, views: Views<'_>) -> f64 {
         let of_pair = |pair: &[usize; 2]| {
             let mut ratios = Ratios::default();
-            self.compare(*pair, world_from_camera, Subset::Fitted, |r, _| ratios.add(r));
+            self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
             ratios
         };
         robust_scale(self.pairs.par_iter().map(of_pair).collect())
     }
 
-    /// Normal equations about poses; `scale` is that before. While poses are far off, a share `loose` of the
-    /// displacement that is expected of them counts as noise, so that no surfel is left out too early.
-    pub fn sums(&self, world_from_camera: &[Pose], scale: f64, loose: f64) -> Sums {
-        let all: Vec<(Option<PairSums>, Ratios)> =
-            self.pairs.par_iter().map(|p| self.pair_sums(*p, world_from_camera, scale, loose)).collect();
-        let (pairs, ratios): (Vec<_>, Vec<_>) = all.into_iter().unzip();
-        Sums { pairs: pairs.into_iter().flatten().collect(), scale: robust_scale(ratios) }
+    /// Normal equations about poses, and about the sensor's errors on the grid of `warp`; `scale` is that
+    /// before. While poses are far off, a share `loose` of the displacement that is expected of them counts
+    /// as noise, so that no surfel is left out too early.
+    pub fn sums(&self, views: Views<'_>, warp: Option<&DepthWarp>, scale: f64, loose: f64) -> Sums {
+        let of_frame = |pairs: &[[usize; 2]]| {
+            let mut sensor = warp.map(|w| SensorSums::none(views.world_from_camera.len(), w.values.len()));
+            let (mut sums, mut ratios) = (Vec::new(), Vec::new());
+            for &pair in pairs {
+                let (rows, seen) = self.rows(pair, views, warp, scale, loose);
+                ratios.push(seen);
+                let weights: f64 = rows.iter().map(|(share, _)| share).sum();
+                if weights <= 0.0 {
+                    continue;
+                }
+                // Pixels by the thousand would otherwise outweigh what is expected of the poses.
+                let cap = (INDEPENDENT / weights).min(1.0);
+                let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
+                sums.push(pair_sums(pair, &rows, cap));
+                if let Some(sensor) = &mut sensor {
+                    rows.iter().for_each(|row| sensor.add(pair, row, cap));
+                }
+            }
+            (sums, ratios, sensor)
+        };
+        let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
+        let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
+        let (mut pairs, mut ratios, mut sensor) = (Vec::new(), Vec::new(), None);
+        for (of_pairs, seen, of_sensor) in all {
+            pairs.extend(of_pairs);
+            ratios.extend(seen);
+            sensor = match (sensor, of_sensor) {
+                (Some(sum), Some(next)) => Some(SensorSums::plus(sum, next)),
+                (sum, next) => sum.or(next),
+            };
+        }
+        Sums { pairs, sensor: sensor.map(SensorSums::whole), scale: robust_scale(ratios) }
     }
 
-    fn pair_sums(
+    /// Rows of a pair, each with its share of a reading.
+    fn rows(
         &self,
         frames: [usize; 2],
-        world_from_camera: &[Pose],
+        views: Views<'_>,
+        warp: Option<&DepthWarp>,
         scale: f64,
         loose: f64,
-    ) -> (Option<PairSums>, Ratios) {
-        let mut upper = [[0.0; 12]; 12];
-        let mut gradient = [0.0; 12];
-        let mut weights = 0.0;
+    ) -> (Vec<(f64, Row)>, Ratios) {
+        let mut rows = Vec::new();
         let mut ratios = Ratios::default();
-        self.compare(frames, world_from_camera, Subset::Fitted, |r, _| {
+        self.compare(frames, views, Subset::Fitted, |r, _| {
             ratios.add(r);
             let sigma_m = (r.sigma_m * scale).hypot(loose * r.displacement_m);
             // Tukey's biweight: surfels of other surfaces have no say at all.
             let z = r.distance_m / (sigma_m * CUT);
-            if z.abs() >= 1.0 {
-                return;
-            }
-            let share = (1.0 - z * z).powi(2);
-            weights += share;
-            let weight = share / sigma_m.powi(2);
-            let row = row(r);
-            for (k, line) in upper.iter_mut().enumerate() {
-                let scaled = weight * row[k];
-                gradient[k] += scaled * r.distance_m;
-                for (sum, x) in line.iter_mut().zip(&row).skip(k) {
-                    *sum += scaled * x;
-                }
+            if z.abs() < 1.0 {
+                let share = (1.0 - z * z).powi(2);
+                let sensor = warp.map_or([(0, 0.0); 2 * SUPPORT], |warp| by_sensor(r, warp));
+                let weight = share / sigma_m.powi(2);
+                rows.push((share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }));
             }
         });
-        if weights <= 0.0 {
-            return (None, ratios);
-        }
-        // Pixels by the thousand would otherwise outweigh what is expected of the poses.
-        let cap = (INDEPENDENT / weights).min(1.0);
-        let block =
-            |r: usize, c: usize| Matrix6::from_fn(|i, k| cap * upper[(r + i).min(c + k)][(r + i).max(c + k)]);
-        let sums = PairSums {
-            frames,
-            information: [block(0, 0), block(0, 6), block(6, 6)],
-            gradient: [0, 6].map(|k| Vector6::from_fn(|i, _| cap * gradient[k + i])),
-        };
-        (Some(sums), ratios)
+        (rows, ratios)
     }
 
-    /// How much better the held-out surfels agree `after` than `before`; `None` where they are too few.
-    /// See docs/method.md (2.15).
-    pub fn gain(&self, before: &[Pose], after: &[Pose]) -> Option<Gain> {
+    /// What held-out surfels gain `after`.
+    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
         let scale = self.scale(after);
-        let changes: Vec<PairChange> =
-            self.pairs.par_iter().map(|p| self.pair_change(*p, before, after, scale)).collect();
-        if changes.iter().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
-            return None;
-        }
-        let robust_m = |k: usize| {
-            median(changes.iter().flat_map(|c| c.distances_m[k].iter().copied()).collect())
-                .map(|m| SIGMAS_PER_MAD * m)
-        };
-        // Every frame is one observation: its surfels share its pose.
-        let of_frame = |frame: usize| {
-            let own = changes.iter().filter(|c| c.frame == frame);
-            let (gain, count) = own.fold((0.0, 0), |(gain, count), c| (gain + c.gain, count + c.count));
-            (count > 0).then(|| gain / count as f64)
-        };
-        let gains: Vec<f64> = (0..before.len()).filter_map(of_frame).collect();
-        let count = gains.len() as f64;
-        let mean = gains.iter().sum::<f64>() / count;
-        let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        Some(Gain {
-            sigmas: mean / (variance / count).sqrt().max(1e-12),
-            residual_m: [robust_m(0)?, robust_m(1)?],
-        })
+        let of_pair = |p: &[usize; 2]| self.pair_change(*p, before, after, scale);
+        Changes { frames: before.surfels.len(), pairs: self.pairs.par_iter().map(of_pair).collect() }
     }
 
-    fn pair_change(&self, frames: [usize; 2], before: &[Pose], after: &[Pose], scale: f64) -> PairChange {
+    fn pair_change(&self, frames: [usize; 2], before: Views<'_>, after: Views<'_>, scale: f64) -> PairChange {
         let mut change =
             PairChange { frame: frames[0], count: 0, gain: 0.0, distances_m: [Vec::new(), Vec::new()] };
         let mut first: Vec<(usize, f64, f64)> = Vec::new();
@@ -213,7 +278,7 @@ impl<'a> Comparison<'a> {
     fn compare(
         &self,
         [i, j]: [usize; 2],
-        world_from_camera: &[Pose],
+        Views { surfels, world_from_camera }: Views<'_>,
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
     ) {
@@ -224,14 +289,41 @@ impl<'a> Comparison<'a> {
             let stride = cells.len().div_ceil(most).max(1);
             // Every pair begins elsewhere, so that together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
-                if let Some(r) =
-                    self.surfels[i].residual(cell, self.surfels[j], &other_from_this, &self.noise)
-                {
+                if let Some(r) = surfels[i].residual(cell, &surfels[j], &other_from_this, &self.noise) {
                     visit(&r, before + at);
                 }
             }
             before += cells.len();
         }
+    }
+}
+
+impl Gain {
+    /// Of all frames of so many states; `None` where too few surfels are held out. See docs/method.md (2.15).
+    pub fn of(states: &[Changes]) -> Option<Self> {
+        let pairs = || states.iter().flat_map(|s| &s.pairs);
+        if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
+            return None;
+        }
+        let robust_m = |k: usize| {
+            median(pairs().flat_map(|c| c.distances_m[k].iter().copied()).collect())
+                .map(|m| SIGMAS_PER_MAD * m)
+        };
+        // Every frame is one observation: its surfels share its pose.
+        let of_frame = |state: &Changes, frame: usize| {
+            let own = state.pairs.iter().filter(|c| c.frame == frame);
+            let (gain, count) = own.fold((0.0, 0), |(gain, count), c| (gain + c.gain, count + c.count));
+            (count > 0).then(|| gain / count as f64)
+        };
+        let gains: Vec<f64> =
+            states.iter().flat_map(|s| (0..s.frames).filter_map(move |frame| of_frame(s, frame))).collect();
+        let count = gains.len() as f64;
+        let mean = gains.iter().sum::<f64>() / count;
+        let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        Some(Self {
+            sigmas: mean / (variance / count).sqrt().max(1e-12),
+            residual_m: [robust_m(0)?, robust_m(1)?],
+        })
     }
 }
 
@@ -264,7 +356,7 @@ fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
 }
 
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
-fn row(r: &Residual) -> [f64; 12] {
+fn by_poses(r: &Residual) -> [f64; 12] {
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];
@@ -276,6 +368,39 @@ fn row(r: &Residual) -> [f64; 12] {
     put(&mut row, 6, &r.other_normal, -1.0);
     put(&mut row, 9, &other, -1.0);
     row
+}
+
+/// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
+/// other frame sees it: a point moves along its ray, and so does the plane.
+fn by_sensor(r: &Residual, warp: &DepthWarp) -> [(usize, f64); 2 * SUPPORT] {
+    let [this, other] = r.pixels.map(|pixel| warp.support(pixel));
+    let this = this.iter().map(|(k, w)| (k, w * r.normal.dot(&r.point.coords)));
+    let other = other.iter().map(|(k, w)| (k, -w * r.other_normal.dot(&r.other_point.coords)));
+    let mut row = [(0, 0.0); 2 * SUPPORT];
+    row.iter_mut().zip(this.chain(other)).for_each(|(at, value)| *at = value);
+    row
+}
+
+/// Normal equations of the poses of a pair.
+fn pair_sums(frames: [usize; 2], rows: &[Row], cap: f64) -> PairSums {
+    let mut upper = [[0.0; 12]; 12];
+    let mut gradient = [0.0; 12];
+    for row in rows {
+        for (k, line) in upper.iter_mut().enumerate() {
+            let scaled = row.weight * row.poses[k];
+            gradient[k] += scaled * row.distance_m;
+            for (sum, x) in line.iter_mut().zip(&row.poses).skip(k) {
+                *sum += scaled * x;
+            }
+        }
+    }
+    let block =
+        |r: usize, c: usize| Matrix6::from_fn(|i, k| cap * upper[(r + i).min(c + k)][(r + i).max(c + k)]);
+    PairSums {
+        frames,
+        information: [block(0, 0), block(0, 6), block(6, 6)],
+        gradient: [0, 6].map(|k| Vector6::from_fn(|i, _| cap * gradient[k + i])),
+    }
 }
 
 /// Tukey's cost of a residual in robust standard deviations, from 0 to 1.
@@ -310,8 +435,27 @@ mod tests {
                 &(poses[1].inverse() * poses[0]),
                 &PoseNoise::EXPECTED,
             )?;
-            Some((r.distance_m, row(&r)))
+            Some((r.distance_m, by_poses(&r)))
         };
+        // Those by the sensor's errors, in directions that are drawn; readings are single precision.
+        let mut rng = crate::random::stage_rng(3, "warp", 0);
+        let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
+        let mut checked = 0;
+        for size in [1e-3, -1e-3] {
+            let mut warp = DepthWarp::none(&k);
+            warp.values.iter_mut().for_each(|v| *v = size * drawn());
+            let warped = surfels.each_ref().map(|s| s.corrected(&warp));
+            let between = poses[1].inverse() * poses[0];
+            for &cell in surfels[0].facing().iter().flatten() {
+                let of = |s: &[Surfels; 2]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
+                let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };
+                let expected: f64 = by_sensor(&at, &warp).iter().map(|(k, d)| d * warp.values[*k]).sum();
+                let change = there.distance_m - at.distance_m;
+                assert!((change - expected).abs() < 0.03 * size.abs(), "{change} {expected}");
+                checked += 1;
+            }
+        }
+        assert!(checked > 100, "{checked}");
         let step = 1e-6;
         let mut checked = 0;
         for &cell in surfels[0].facing().iter().flatten() {

@@ -22,8 +22,26 @@ impl PoseNoise {
 
     /// Of the mean of so many poses.
     pub(super) fn of_mean(&self, count: usize) -> Self {
-        let share = 1.0 / (count.max(1) as f64).sqrt();
-        Self { translation_m: share * self.translation_m, rotation_rad: share * self.rotation_rad }
+        self.times(1.0 / (count.max(1) as f64).sqrt())
+    }
+
+    /// So many times as large.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Self { translation_m: factor * self.translation_m, rotation_rad: factor * self.rotation_rad }
+    }
+
+    /// No larger than another.
+    pub(super) fn at_most(&self, most: &Self) -> Self {
+        Self {
+            translation_m: self.translation_m.min(most.translation_m),
+            rotation_rad: self.rotation_rad.min(most.rotation_rad),
+        }
+    }
+
+    /// No smaller than what can be of interest: a micrometer, and a microradian.
+    pub(super) fn at_least(&self) -> Self {
+        const LEAST: f64 = 1e-6;
+        Self { translation_m: self.translation_m.max(LEAST), rotation_rad: self.rotation_rad.max(LEAST) }
     }
 
     /// Of the difference of two.

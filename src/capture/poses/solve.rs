@@ -1,61 +1,224 @@
-//! All poses of a state by Gauss-Newton, and the size of their errors.
+//! The poses of all states and the errors of their sensor by Gauss-Newton, and the sizes of both.
+//!
+//! The states share the sensor alone: the poses of each are eliminated (Schur complement), and what the
+//! states say of the sensor is added up.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
-    pairs::{Comparison, PairSums},
-    pose_noise::PoseNoise,
+    depth_warp::DepthWarp,
+    drift::{Drift, PoseErrors},
+    pairs::{Comparison, PairSums, SensorSums, Sums, Views},
+    surfels::Surfels,
 };
 use crate::geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];
+/// Rounds of expectation maximization between them.
+const SIZES: usize = 4;
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when no camera moves further than this, meters (radians times one meter).
 const STEP_M: f64 = 5e-5;
+/// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
+/// and factory calibration leaves about a fifth of it.
+const SCALE: f64 = 0.005;
+/// The same of its smooth errors, before the recording shows more; ...
+const WARP: f64 = 0.004;
+/// ... and at least, as no variance may be zero.
+const LEAST_WARP: f64 = 1e-6;
 
-/// The poses that make the fitted surfels agree, and the size of the errors of the reported ones.
-pub(super) fn solve(comparison: &Comparison, reported: &[Pose]) -> (Vec<Pose>, PoseNoise) {
-    let mut poses = reported.to_vec();
-    let mut noise = PoseNoise::EXPECTED;
-    let mut scale = comparison.scale(&poses);
+/// A state whose poses are looked for.
+pub(super) struct Problem<'a> {
+    comparison: Comparison,
+    /// As read.
+    pub surfels: &'a [Surfels],
+    pub reported: Vec<Pose>,
+    drift: Drift,
+}
+
+/// What was found.
+pub(super) struct Solution {
+    /// Of each state.
+    pub poses: Vec<Vec<Pose>>,
+    pub errors: Vec<PoseErrors>,
+    pub sensor: Option<Sensor>,
+}
+
+/// What was found of the sensor.
+pub(super) struct Sensor {
+    pub warp: DepthWarp,
+    /// Of the warp's values.
+    pub covariance: DMatrix<f64>,
+}
+
+/// Sizes of all errors.
+struct Sizes {
+    poses: Vec<PoseErrors>,
+    warp: f64,
+}
+
+/// A step, and the covariance of what it leads to.
+struct Step {
+    poses: Vec<DVector<f64>>,
+    pose_covariances: Vec<DMatrix<f64>>,
+    sensor: DVector<f64>,
+    sensor_covariance: DMatrix<f64>,
+    /// Of the prior.
+    pose_information: Vec<DMatrix<f64>>,
+    sensor_information: DMatrix<f64>,
+}
+
+impl<'a> Problem<'a> {
+    /// Of a state's frames in the order of time.
+    pub fn new(surfels: &'a [Surfels], reported: Vec<Pose>) -> Self {
+        let count = reported.len();
+        let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
+        let expected = PoseErrors::EXPECTED.jitter;
+        Self {
+            comparison: Comparison::new(surfels.iter(), pairs.collect(), expected),
+            surfels,
+            drift: Drift::along(&reported),
+            reported,
+        }
+    }
+
+    /// What its frames see, as read and reported.
+    pub fn as_reported(&self) -> Views<'_> {
+        Views { surfels: self.surfels, world_from_camera: &self.reported }
+    }
+
+    pub fn comparison(&self) -> &Comparison {
+        &self.comparison
+    }
+
+    /// Its surfels by corrected readings.
+    pub fn corrected(&self, warp: Option<&DepthWarp>) -> Vec<Surfels> {
+        self.surfels.iter().map(|s| warp.map_or_else(|| s.clone(), |warp| s.corrected(warp))).collect()
+    }
+
+    /// Corrections so far, six values a camera.
+    fn corrections(&self, poses: &[Pose]) -> DVector<f64> {
+        let all = self.reported.iter().zip(poses).flat_map(|(reported, pose)| {
+            let [moved, turned] = correction(reported, pose);
+            [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
+        });
+        DVector::from_iterator(6 * poses.len(), all)
+    }
+}
+
+/// The poses that make the fitted surfels of all states agree, and the sizes of the errors of the reported
+/// ones; with the errors of the sensor on the grid of `warp`, if that is given.
+pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Option<Solution> {
+    let mut sensor = warp.map(|warp| {
+        let count = warp.values.len();
+        Sensor { warp, covariance: DMatrix::zeros(count, count) }
+    });
+    let mut poses: Vec<Vec<Pose>> = problems.iter().map(|p| p.reported.clone()).collect();
+    let mut sizes = Sizes { poses: vec![PoseErrors::EXPECTED; problems.len()], warp: WARP };
+    let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
     let mut loosened = LOOSE.into_iter();
     for rounds in ROUNDS {
-        let mut covariance = None;
+        let mut last = None;
         for _ in 0..rounds {
             let loose = loosened.next();
-            let sums = comparison.sums(&poses, scale, loose.unwrap_or(0.0));
-            scale = sums.scale;
-            let Some((step, spread)) = step(&sums.pairs, reported, &poses, &noise) else {
-                return (poses, noise);
-            };
-            for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
-                *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
+            let warp = sensor.as_ref().map(|s| &s.warp);
+            let sums: Vec<Sums> = problems
+                .iter()
+                .zip(&poses)
+                .zip(&scales)
+                .map(|((p, poses), &scale)| {
+                    let corrected = p.corrected(warp);
+                    let views = Views { surfels: &corrected, world_from_camera: poses };
+                    p.comparison.sums(views, warp, scale, loose.unwrap_or(0.0))
+                })
+                .collect();
+            scales = sums.iter().map(|s| s.scale).collect();
+            let at: Vec<DVector<f64>> =
+                problems.iter().zip(&poses).map(|(p, poses)| p.corrections(poses)).collect();
+            let step = step(problems, &sums, &at, warp, &sizes)?;
+            let mut longest = 0.0f64;
+            for (poses, step) in poses.iter_mut().zip(&step.poses) {
+                for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
+                    *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
+                }
+                longest = longest.max(step.amax());
             }
-            covariance = Some(spread);
-            if loose.is_none() && step.amax() < STEP_M {
+            if let Some(sensor) = &mut sensor {
+                sensor.warp.values.iter_mut().zip(step.sensor.iter()).for_each(|(v, s)| *v += s);
+                sensor.covariance = step.sensor_covariance.clone();
+                longest = longest.max(step.sensor.amax());
+            }
+            last = Some((sums, at));
+            if loose.is_none() && longest < STEP_M {
                 break;
             }
         }
-        if let Some(covariance) = covariance {
-            noise = expected_noise(reported, &poses, &covariance);
+        if let Some((sums, at)) = last {
+            // The last equations, about the place that they were made at.
+            let values = sensor.as_ref().map(|s| s.warp.clone());
+            for _ in 0..SIZES {
+                let step = step(problems, &sums, &at, values.as_ref(), &sizes)?;
+                sizes = resized(problems, &at, values.as_ref(), &step, &sizes);
+            }
         }
     }
-    (poses, noise)
+    Some(Solution { poses, errors: sizes.poses, sensor })
 }
 
-/// One step for all cameras, 6 values each: translation and rotation in its optical frame; and its
-/// covariance.
+/// The step that the normal equations of all states ask for.
 fn step(
-    sums: &[PairSums],
-    reported: &[Pose],
-    poses: &[Pose],
-    noise: &PoseNoise,
-) -> Option<(DVector<f64>, DMatrix<f64>)> {
-    let unknowns = 6 * poses.len();
-    let (mut information, mut gradient) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
-    for sums in sums {
+    problems: &[&Problem<'_>],
+    sums: &[Sums],
+    at: &[DVector<f64>],
+    warp: Option<&DepthWarp>,
+    sizes: &Sizes,
+) -> Option<Step> {
+    let values = DVector::from_column_slice(warp.map_or(&[], |w| &w.values));
+    let sensor_information = match warp {
+        Some(warp) => sensor_information(warp, sizes.warp)?,
+        None => DMatrix::zeros(0, 0),
+    };
+    let mut information = sensor_information.clone();
+    let mut gradient = &sensor_information * &values;
+    // Of each state: covariance of the poses where the sensor is known, what they follow the sensor by, and
+    // their own step.
+    let mut eliminated = Vec::new();
+    let mut pose_information = Vec::new();
+    for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
+        let prior = problem.drift.information(errors)?;
+        let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
+        own += &prior;
+        own_gradient += &prior * at;
+        pose_information.push(prior);
+        let covariance = own.cholesky()?.inverse();
+        let own_step = &covariance * own_gradient;
+        let follow = match &sums.sensor {
+            Some(SensorSums { information: of_state, between, gradient: own }) => {
+                let follow = &covariance * between;
+                information += of_state - between.transpose() * &follow;
+                gradient += own - between.transpose() * &own_step;
+                follow
+            }
+            None => DMatrix::zeros(at.len(), values.len()),
+        };
+        eliminated.push((covariance, follow, own_step));
+    }
+    let sensor_covariance = if warp.is_some() { information.cholesky()?.inverse() } else { information };
+    let sensor = -(&sensor_covariance * gradient);
+    let (mut poses, mut pose_covariances) = (Vec::new(), Vec::new());
+    for (covariance, follow, own_step) in eliminated {
+        poses.push(-own_step - &follow * &sensor);
+        pose_covariances.push(covariance + &follow * &sensor_covariance * follow.transpose());
+    }
+    Some(Step { poses, pose_covariances, sensor, sensor_covariance, pose_information, sensor_information })
+}
+
+/// Normal equations about the poses of a state.
+fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f64>) {
+    let (mut information, mut gradient) = (DMatrix::zeros(6 * poses, 6 * poses), DVector::zeros(6 * poses));
+    for sums in pairs {
         let [i, j] = sums.frames.map(|f| 6 * f);
         let [own, between, other] = sums.information;
         for (r, c, block) in [(i, i, own), (i, j, between), (j, i, between.transpose()), (j, j, other)] {
@@ -67,41 +230,42 @@ fn step(
             place += g;
         }
     }
-    for (f, (reported, pose)) in reported.iter().zip(poses).enumerate() {
-        let [moved, turned] = correction(reported, pose);
-        for k in 0..3 {
-            for (at, value, sigma) in
-                [(6 * f + k, moved[k], noise.translation_m), (6 * f + 3 + k, turned[k], noise.rotation_rad)]
-            {
-                information[(at, at)] += sigma.powi(-2);
-                gradient[at] += value * sigma.powi(-2);
-            }
-        }
-    }
-    let covariance = information.cholesky()?.inverse();
-    Some((-(&covariance * gradient), covariance))
+    (information, gradient)
+}
+
+/// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones.
+fn sensor_information(warp: &DepthWarp, size: f64) -> Option<DMatrix<f64>> {
+    let covariance = warp.smooth() * size.powi(2);
+    Some(covariance.add_scalar(SCALE.powi(2)).cholesky()?.inverse())
+}
+
+/// Sizes of the errors by what was found and what is not known of it (expectation maximization). See
+/// docs/method.md (2.14).
+fn resized(
+    problems: &[&Problem<'_>],
+    at: &[DVector<f64>],
+    warp: Option<&DepthWarp>,
+    step: &Step,
+    sizes: &Sizes,
+) -> Sizes {
+    let of_state = |k: usize| {
+        let mean = &at[k] + &step.poses[k];
+        let covariance = &step.pose_covariances[k];
+        problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
+    };
+    let of_warp = |warp: &DepthWarp| {
+        let mean = DVector::from_column_slice(&warp.values) + &step.sensor;
+        let second = &mean * mean.transpose() + &step.sensor_covariance;
+        let information = &step.sensor_information;
+        let surprise = information * second * information - information;
+        let of_smooth = warp.smooth().dot(&surprise) / mean.len() as f64;
+        (sizes.warp.powi(2) + sizes.warp.powi(4) * of_smooth).max(LEAST_WARP.powi(2)).sqrt()
+    };
+    Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: warp.map_or(sizes.warp, of_warp) }
 }
 
 /// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.
 pub(super) fn correction(reported: &Pose, pose: &Pose) -> [Vector3<f64>; 2] {
     let change = reported.inverse() * pose;
     [change.translation.vector, log_so3(&change.rotation)]
-}
-
-/// Size of the errors by the corrections and what is not known of them (expectation maximization), as
-/// expected at most. See docs/method.md (2.14).
-fn expected_noise(reported: &[Pose], poses: &[Pose], covariance: &DMatrix<f64>) -> PoseNoise {
-    let mut squares = [0.0; 2];
-    for (f, (reported, pose)) in reported.iter().zip(poses).enumerate() {
-        for (k, part) in correction(reported, pose).iter().enumerate() {
-            let open: f64 = (0..3).map(|a| covariance[(6 * f + 3 * k + a, 6 * f + 3 * k + a)]).sum();
-            squares[k] += part.norm_squared() + open;
-        }
-    }
-    let [translation_m, rotation_rad] = squares.map(|s| (s / (3 * poses.len()) as f64).sqrt());
-    let most = PoseNoise::EXPECTED;
-    PoseNoise {
-        translation_m: translation_m.min(most.translation_m),
-        rotation_rad: rotation_rad.min(most.rotation_rad),
-    }
 }

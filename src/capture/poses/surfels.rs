@@ -2,7 +2,10 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::pose_noise::PoseNoise;
+use super::{
+    depth_warp::{DepthWarp, corrected_plane},
+    pose_noise::PoseNoise,
+};
 use crate::{
     capture::{
         NoiseConfig, RgbdFrame,
@@ -34,6 +37,8 @@ const ASIDE: f32 = 0.4;
 /// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surfel {
+    /// Inverse depth in its middle, 1/meter, and slopes along the image, 1/(meter pixel), as read.
+    plane: Vector3<f32>,
     /// Its middle, meters.
     pub point: Point3<f32>,
     /// Unit normal, away from the camera.
@@ -43,6 +48,7 @@ pub(super) struct Surfel {
 }
 
 /// The surfels of a frame on a grid of pixels.
+#[derive(Clone)]
 pub(super) struct Surfels {
     intrinsics: Intrinsics,
     step: usize,
@@ -67,6 +73,8 @@ pub(super) struct Residual {
     /// The same in the other frame.
     pub other_normal: Vector3<f64>,
     pub other_point: Point3<f64>,
+    /// The pixels where both frames see it.
+    pub pixels: [[f64; 2]; 2],
 }
 
 impl Surfel {
@@ -105,6 +113,25 @@ impl Surfels {
         Self { intrinsics: k, step, columns, rows, cells, facing }
     }
 
+    /// The same by readings that are put right, from what they were as read.
+    pub fn corrected(&self, warp: &DepthWarp) -> Self {
+        let mut corrected = self.clone();
+        for (i, cell) in corrected.cells.iter_mut().enumerate() {
+            let Some(surfel) = cell else { continue };
+            let pixel = self.pixel(i);
+            let plane = corrected_plane(warp, pixel, surfel.plane.cast());
+            let ray = self.intrinsics.ray(pixel[0], pixel[1]);
+            surfel.point = Point3::from(ray / plane.x).cast();
+            surfel.normal = normal(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
+        }
+        corrected
+    }
+
+    /// Pixel in the middle of a cell.
+    fn pixel(&self, cell: usize) -> [f64; 2] {
+        [R + cell % self.columns * self.step, R + cell / self.columns * self.step].map(|i| i as f64)
+    }
+
     /// Indices of the cells that hold a surfel, rising for each way that these face.
     pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
         &self.facing
@@ -135,7 +162,8 @@ impl Surfels {
         let this = self.cells[cell as usize]?;
         let point: Point3<f64> = this.point.cast();
         let other_point = other_from_this * point;
-        let there = other.at(&other_point)?;
+        let seen_at = other.intrinsics.project(&other_point)?;
+        let there = other.at(seen_at)?;
         let other_normal: Vector3<f64> = there.normal.cast();
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
         let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
@@ -147,12 +175,21 @@ impl Surfels {
         if normal.dot(&this.normal.cast()) < SAME_COSINE {
             return None;
         }
-        Some(Residual { distance_m, displacement_m, sigma_m, normal, point, other_normal, other_point })
+        let pixels = [self.pixel(cell as usize), seen_at.into()];
+        Some(Residual {
+            distance_m,
+            displacement_m,
+            sigma_m,
+            normal,
+            point,
+            other_normal,
+            other_point,
+            pixels,
+        })
     }
 
-    /// The surfel nearest to where a point is seen.
-    fn at(&self, point: &Point3<f64>) -> Option<&Surfel> {
-        let (u, v) = self.intrinsics.project(point)?;
+    /// The surfel nearest to a pixel.
+    fn at(&self, (u, v): (f64, f64)) -> Option<&Surfel> {
         let cell = |pixel: f64, count: usize| {
             let at = (pixel - R as f64) / self.step as f64 + 0.5;
             (at >= 0.0 && at < count as f64).then_some(at as usize)
@@ -163,7 +200,7 @@ impl Surfels {
 
 /// The plane about a pixel; `None` where its readings scatter.
 fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
-    let plane = WindowPlane::fit(frame, x, y)?;
+    let plane = WindowPlane::fit_with_holes(frame, x, y)?;
     (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
 }
 
@@ -218,18 +255,25 @@ fn surfel(
 ) -> Option<Surfel> {
     let reading_m = noise.sigma_m(plane.mean_depth_m);
     let ray = k.ray(x as f64, y as f64);
-    let [b, c] = [slopes[0] * k.fx, slopes[1] * k.fy];
-    let normal = Vector3::new(b, c, plane.inverse - b * ray.x - c * ray.y).try_normalize(0.0)?;
+    let inverse = Vector3::new(plane.inverse, slopes[0], slopes[1]);
+    let normal = normal(k, &ray, &inverse)?;
     let along = normal.dot(&ray);
     if along < GRAZING_COSINE * ray.norm() {
         return None;
     }
     let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
     Some(Surfel {
+        plane: inverse.cast(),
         point: Point3::from(ray / plane.inverse).cast(),
         normal: normal.cast(),
         sigma_m: sigma_m as f32,
     })
+}
+
+/// Unit normal of a plane of inverse depth with slopes `plane.y` and `plane.z` at the pixel of `ray`.
+fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let [b, c] = [plane.y * k.fx, plane.z * k.fy];
+    Vector3::new(b, c, plane.x - b * ray.x - c * ray.y).try_normalize(0.0)
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use super::*;
+use super::{depth_warp::DepthWarp, *};
 use crate::{
-    geometry::{Intrinsics, shift_and_turn},
+    geometry::{Intrinsics, exp_so3, shift_and_turn},
     random::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
@@ -69,7 +69,11 @@ fn disturbed(frames: &[RgbdFrame], translation_m: f64, rotation_rad: f64) -> Vec
 /// The poses of one state corrected.
 fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
     let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of(f, &NOISE, |_| true)).collect();
-    refine_state(frames, &surfels)
+    let Refined { poses, correction } = Refined::alone(&problem(frames, &surfels)?)?;
+    if correction.used {
+        frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
+    }
+    Some(correction)
 }
 
 /// Root mean square error of the cameras' motions from one to the next: meters, radians. These are free of
@@ -98,7 +102,7 @@ fn known_errors_are_found() {
     let corrections = found
         .iter()
         .zip(&reported)
-        .map(|(f, t)| super::correction(&t.world_from_camera, &f.world_from_camera)[0]);
+        .map(|(f, t)| super::solve::correction(&t.world_from_camera, &f.world_from_camera)[0]);
     let mean = corrections.sum::<Vector3<f64>>() / found.len() as f64;
     assert!(mean.norm() < 0.5 * correction.translation_rms_m, "{mean} {correction:?}");
 }
@@ -121,7 +125,7 @@ fn a_wall_seen_from_the_front_does_not_slide() {
     for (f, t) in found.iter().zip(&reported) {
         // Nothing shows motions along the wall and of turns about its normal, where the cameras look but
         // for 6 degrees: they stay within what is expected of poses.
-        let [moved, turned] = super::correction(&t.world_from_camera, &f.world_from_camera);
+        let [moved, turned] = super::solve::correction(&t.world_from_camera, &f.world_from_camera);
         assert!(
             moved.xy().norm() < PoseNoise::EXPECTED.translation_m
                 && turned.z.abs() < PoseNoise::EXPECTED.rotation_rad,
@@ -185,4 +189,101 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
     assert!(found.residual_m[1] < found.residual_m[0]);
     let still = align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false);
     assert!(still.is_none_or(|s| s.moved_m < 0.0005 && s.turned_rad < 0.0007));
+}
+
+/// A room: floor, two walls and boxes, which cameras see from all over.
+fn room(p: &Point3<f64>) -> f64 {
+    let floor = cuboid(Vector3::new(1.2, 1.2, 0.02))(&(p + Vector3::new(0.0, 0.0, 0.12)));
+    let side = cuboid(Vector3::new(0.02, 1.2, 0.8))(&(p + Vector3::new(0.8, 0.0, 0.0)));
+    let back = cuboid(Vector3::new(1.2, 0.02, 0.8))(&(p + Vector3::new(0.0, 0.8, 0.0)));
+    boxes(p).min(floor).min(side).min(back)
+}
+
+/// Frames of the room from places that are drawn, with depth noise and errors of the poses.
+fn of_room(seed: u64, count: usize) -> Vec<RgbdFrame> {
+    let mut normal = Normal::new(seed);
+    let mut drift = Pose::identity();
+    let view = |i: usize| {
+        let turn = 0.3 + 0.9 * i as f64 / count as f64 + 0.1 * (normal.0)();
+        let away = 1.0 + 0.2 * (normal.0)();
+        let eye = Point3::new(away * turn.cos(), away * turn.sin(), 0.5 + 0.15 * (normal.0)());
+        let mut frame = view_of(&room, INTRINSICS, looking_at_origin(eye));
+        frame.world_from_camera.rotation *= exp_so3(&normal.vector(0.1));
+        let mut frame = view_of(&room, INTRINSICS, frame.world_from_camera);
+        frame.mask = None;
+        for d in frame.depth_m.iter_mut().filter(|d| **d > 0.0) {
+            *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32;
+        }
+        let jitter = Pose::new(normal.vector(0.001), normal.vector(0.001));
+        drift *= Pose::new(normal.vector(0.0008), normal.vector(0.0008));
+        frame.world_from_camera = drift * frame.world_from_camera * jitter;
+        frame
+    };
+    (0..count).map(view).collect()
+}
+
+/// The frames as a sensor with those errors reads them.
+fn warped(mut states: Vec<Vec<RgbdFrame>>, warp: &DepthWarp) -> Vec<Vec<RgbdFrame>> {
+    let width = INTRINSICS.width;
+    for depth_m in states.iter_mut().flatten().map(|f| &mut f.depth_m) {
+        for (i, d) in depth_m.iter_mut().enumerate() {
+            *d /= (1.0 + warp.at([(i % width) as f64, (i / width) as f64])) as f32;
+        }
+    }
+    states
+}
+
+/// Smooth errors and one of scale, drawn.
+fn drawn_warp(seed: u64) -> DepthWarp {
+    let mut normal = Normal::new(seed);
+    let mut warp = DepthWarp::none(&INTRINSICS);
+    let smooth = warp.smooth().cholesky().unwrap().l();
+    let scale = 0.004 * (normal.0)();
+    let values = smooth * nalgebra::DVector::from_fn(warp.values.len(), |_, _| 0.004 * (normal.0)());
+    warp.values = values.iter().map(|v| v + scale).collect();
+    warp
+}
+
+#[test]
+fn the_errors_of_a_sensor_are_found_within_their_deviation() {
+    let (mut squares, mut left, mut before) = (Vec::new(), 0.0, 0.0);
+    for seed in 0..4 {
+        let truth = drawn_warp(seed);
+        let mut states = warped((0..2).map(|s| of_room(10 * seed + s, 12)).collect(), &truth);
+        let found = refine_poses(&mut states, &NOISE).sensor.unwrap();
+        assert!(found.used, "{found}");
+        let count = truth.values.len();
+        let covariance = nalgebra::DMatrix::from_column_slice(count, count, &found.covariance);
+        // At places all over the image.
+        for pixel in (0..48).map(|i| [15.0 + 30.0 * f64::from(i % 8), 15.0 + 30.0 * f64::from(i / 8)]) {
+            let mut support = nalgebra::DVector::zeros(count);
+            truth.support(pixel).iter().for_each(|(k, weight)| support[k] += weight);
+            let error = found.warp.at(pixel) - truth.at(pixel);
+            squares.push(error.powi(2) / (support.dot(&(&covariance * &support))));
+            left += error.powi(2);
+            before += truth.at(pixel).powi(2);
+        }
+    }
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!(left < 0.1 * before, "{left} of {before}");
+    assert!((0.05..2.25).contains(&mean), "{mean} squared deviations");
+}
+
+#[test]
+fn a_sensor_without_errors_stays() {
+    let read: Vec<_> = (0..2).map(|s| of_room(s, 10)).collect();
+    let mut states = read.clone();
+    let found = refine_poses(&mut states, &NOISE);
+    let sensor = found.sensor.unwrap();
+    assert!(!sensor.used, "{sensor}");
+    assert!(states.iter().flatten().zip(read.iter().flatten()).all(|(a, b)| a.depth_m == b.depth_m));
+}
+
+#[test]
+fn the_order_of_the_states_does_not_matter() {
+    let states = warped((0..2).map(|s| of_room(s, 8)).collect(), &drawn_warp(1));
+    let [mut forward, mut backward] = [states.clone(), states.into_iter().rev().collect()];
+    let [one, other] = [&mut forward, &mut backward].map(|s| refine_poses(s, &NOISE).sensor.unwrap());
+    let apart = one.warp.values.iter().zip(&other.warp.values).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) < 1e-6, "{one} {other}");
 }

@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    pairs::{Comparison, Gain, PairSums},
+    drift::adjoint,
+    pairs::{Comparison, Gain, PairSums, Views},
     pose_noise::PoseNoise,
     solve::LOOSE,
     surfels::Surfels,
@@ -79,7 +80,11 @@ pub(super) fn correct(
     let pairs = (0..count)
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
         .collect();
-    let comparison = Comparison::new(surfels.into_iter().flatten().collect(), pairs, *expected);
+    let all: Vec<Surfels> = surfels.into_iter().flatten().cloned().collect();
+    let comparison = Comparison::new(all.iter(), pairs, *expected);
+    fn seen_from<'a>(surfels: &'a [Surfels], world_from_camera: &'a [Pose]) -> Views<'a> {
+        Views { surfels, world_from_camera }
+    }
     let reported: Vec<Pose> = states.iter().flat_map(|s| s.iter()).map(|f| f.world_from_camera).collect();
     let center = middle(&reported[first..], surfels[1])?;
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
@@ -89,10 +94,11 @@ pub(super) fn correct(
         let world = from_center * moved * from_center.inverse();
         reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
     };
-    let mut scale = comparison.scale(&reported);
+    let mut scale = comparison.scale(seen_from(&all, &reported));
     for round in 0..ROUNDS {
         let poses = moved_poses(&moved);
-        let sums = comparison.sums(&poses, scale, LOOSE.get(round).copied().unwrap_or(0.0));
+        let sums =
+            comparison.sums(seen_from(&all, &poses), None, scale, LOOSE.get(round).copied().unwrap_or(0.0));
         scale = sums.scale;
         let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected)?;
         moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into()) * moved;
@@ -101,9 +107,10 @@ pub(super) fn correct(
         }
     }
     let poses = moved_poses(&moved);
-    let Gain { sigmas, residual_m } = comparison.gain(&reported, &poses)?;
+    let Gain { sigmas, residual_m } =
+        Gain::of(&[comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))])?;
     let covariance = || {
-        let sums = comparison.sums(&poses, scale, 0.0);
+        let sums = comparison.sums(seen_from(&all, &poses), None, scale, 0.0);
         let pairs: Vec<PairInformation> =
             sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
         let about_center = covariance(&pairs, [first, count - first], expected)?;
@@ -219,17 +226,6 @@ impl Observed {
             projector: unit * observed.projector * inverse,
         }
     }
-}
-
-/// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).
-fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
-    let rotation = target_from_source.rotation.to_rotation_matrix();
-    let mut carried = Matrix6::zeros();
-    carried.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
-    carried.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
-    let lever = target_from_source.translation.vector.cross_matrix() * rotation.matrix();
-    carried.fixed_view_mut::<3, 3>(0, 3).copy_from(&lever);
-    carried
 }
 
 /// Middle of the surfels that cameras see, in the world; `None` without any.

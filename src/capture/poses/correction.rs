@@ -1,0 +1,119 @@
+//! What was found of the poses of a state, and whether it is used.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    depth_warp::DepthWarp,
+    drift::PoseErrors,
+    pairs::{Gain, Views},
+    pose_noise::PoseNoise,
+    solve::{Problem, correction, solve},
+};
+use crate::geometry::Pose;
+
+/// The held-out distances must fall by this share ...
+const LEAST_GAIN: f64 = 0.05;
+/// ... and the frames gain by so many standard errors in the mean.
+const GAIN_SIGMAS: f64 = 4.0;
+/// What was found of the poses of a state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseCorrection {
+    /// Whether it is used.
+    pub used: bool,
+    /// Root mean square of the corrections' lengths, meters.
+    pub translation_rms_m: f64,
+    /// Root mean square of their angles, radians.
+    pub rotation_rms_rad: f64,
+    /// Robust standard deviation of the distances between surfaces that two frames see, held out, before and
+    /// after, meters.
+    pub residual_m: [f64; 2],
+    /// Mean gain of the frames in its standard errors.
+    pub gain_sigmas: f64,
+    /// Size of the errors of poses that each had their own and the same mean.
+    pub noise: PoseNoise,
+    /// Sizes of the errors along time.
+    pub errors: PoseErrors,
+}
+
+impl PoseCorrection {
+    /// Whether poses were moved by more than errors of poses are expected to be.
+    #[must_use]
+    pub fn beyond_expected(&self) -> bool {
+        self.used && self.errors.are_at_most()
+    }
+}
+
+impl fmt::Display for PoseCorrection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (mm, deg) = (1e3 * self.translation_rms_m, self.rotation_rms_rad.to_degrees());
+        let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
+        if self.used {
+            write!(
+                f,
+                "camera poses were corrected by {mm:.2} mm and {deg:.3} deg (root mean square); surfaces \
+                 that frames share "
+            )?;
+            write!(f, "lay {before_mm:.2} mm apart, now {after_mm:.2} mm")
+        } else {
+            write!(
+                f,
+                "camera poses are used as reported: surfaces that frames share lie {before_mm:.2} mm apart, \
+                 and a correction "
+            )?;
+            write!(f, "({mm:.2} mm, {deg:.3} deg) leaves {after_mm:.2} mm")
+        }
+    }
+}
+
+/// The poses of a state as they were found.
+pub(super) struct Refined {
+    pub poses: Vec<Pose>,
+    pub correction: PoseCorrection,
+}
+
+impl Refined {
+    /// Without regard to the sensor, of one state alone.
+    pub fn alone(problem: &Problem<'_>) -> Option<Self> {
+        let solution = solve(&[problem], None)?;
+        let mut refined = Self::new(problem, solution.poses.into_iter().next()?, &solution.errors[0], None)?;
+        let PoseCorrection { gain_sigmas, residual_m, .. } = refined.correction;
+        refined.correction.used = is_clear(&Gain { sigmas: gain_sigmas, residual_m });
+        Some(refined)
+    }
+
+    /// Poses that go with corrected readings; used.
+    pub fn new(
+        problem: &Problem<'_>,
+        poses: Vec<Pose>,
+        errors: &PoseErrors,
+        warp: Option<&DepthWarp>,
+    ) -> Option<Self> {
+        let corrected = problem.corrected(warp);
+        let after = Views { surfels: &corrected, world_from_camera: &poses };
+        let Gain { sigmas, residual_m } =
+            Gain::of(&[problem.comparison().changes(problem.as_reported(), after)])?;
+        let corrections: Vec<[Vector3<f64>; 2]> =
+            problem.reported.iter().zip(&poses).map(|(r, f)| correction(r, f)).collect();
+        let count = poses.len();
+        let rms =
+            |k: usize| (corrections.iter().map(|c| c[k].norm_squared()).sum::<f64>() / count as f64).sqrt();
+        let correction = PoseCorrection {
+            used: true,
+            translation_rms_m: rms(0),
+            rotation_rms_rad: rms(1),
+            residual_m,
+            gain_sigmas: sigmas,
+            noise: errors.of_mean(count).times((count as f64).sqrt()),
+            errors: *errors,
+        };
+        Some(Self { poses, correction })
+    }
+}
+
+/// Whether held-out surfels agree clearly better.
+pub(super) fn is_clear(gain: &Gain) -> bool {
+    gain.sigmas > GAIN_SIGMAS && gain.residual_m[1] < (1.0 - LEAST_GAIN) * gain.residual_m[0]
+}

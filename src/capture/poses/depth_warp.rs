@@ -1,0 +1,158 @@
+//! Errors of a depth sensor that stay with its pixels: a smooth share of the range by the pixel.
+//!
+//! True depth is a reading times `1 + c(u, v)`, where c is a cubic B-spline on a coarse grid over the image
+//! (Basso, Menegatti and Pretto 2018 call its map the undistortion map; Teichman, Miller and Thrun 2013 found
+//! it without a target). Its mean over the image is the error of the sensor's scale. See docs/method.md
+//! (2.19).
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::{capture::RgbdFrame, geometry::Intrinsics};
+
+/// Intervals of the spline along the width of an image.
+const INTERVALS: f64 = 8.0;
+/// Values that the spline has support from, along one side.
+const ORDER: usize = 4;
+/// Values that a pixel has support from.
+pub(super) const SUPPORT: usize = ORDER * ORDER;
+/// Distance over which the errors are alike, as a share of the width: 90 pixels of 640 (residual errors of
+/// lens and rectification: Teichman, Miller and Thrun 2013).
+const CORRELATED: f64 = 0.14;
+/// Share of the variance that neighbors do not have in common; it keeps the prior invertible.
+const OWN: f64 = 1e-4;
+
+/// The smooth error of a depth sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DepthWarp {
+    /// Pixels from one value to the next; the first lies one step outside the image.
+    pub step_px: f64,
+    /// Values in a row, and rows.
+    pub shape: [usize; 2],
+    /// Shares of the range by which readings are too short, row by row.
+    pub values: Vec<f64>,
+}
+
+/// What a pixel has of each value about it.
+#[derive(Clone, Copy)]
+pub(super) struct Support {
+    /// The first of them; the others follow in four rows of four.
+    first: usize,
+    columns: usize,
+    weights: [[f64; ORDER]; 2],
+}
+
+impl Support {
+    /// Indices of the values, and their weights.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        (0..SUPPORT).map(|i| {
+            let (row, column) = (i / ORDER, i % ORDER);
+            (self.first + row * self.columns + column, self.weights[0][column] * self.weights[1][row])
+        })
+    }
+}
+
+impl DepthWarp {
+    /// None, for images of that size.
+    pub fn none(intrinsics: &Intrinsics) -> Self {
+        let step_px = intrinsics.width as f64 / INTERVALS;
+        let shape = [intrinsics.width, intrinsics.height]
+            .map(|side| ((side - 1) as f64 / step_px).ceil().max(1.0) as usize + ORDER - 1);
+        Self { step_px, shape, values: vec![0.0; shape[0] * shape[1]] }
+    }
+
+    /// What the pixel has of the values.
+    pub(super) fn support(&self, [u, v]: [f64; 2]) -> Support {
+        let along = |pixel: f64, count: usize| {
+            let at = (pixel / self.step_px).max(0.0);
+            let cell = (at as usize).min(count - ORDER);
+            (cell, cubic(at - cell as f64))
+        };
+        let ((column, across), (row, down)) = (along(u, self.shape[0]), along(v, self.shape[1]));
+        Support { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
+    }
+
+    /// By which share of the range a reading is too short.
+    #[must_use]
+    pub fn at(&self, pixel: [f64; 2]) -> f64 {
+        self.support(pixel).iter().map(|(k, weight)| weight * self.values[k]).sum()
+    }
+
+    /// Its slopes along the image, 1/pixel.
+    pub(super) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        const STEP: f64 = 0.5;
+        let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
+        [(along(STEP, 0.0) - along(-STEP, 0.0)), (along(0.0, STEP) - along(0.0, -STEP))]
+    }
+
+    /// Share of each value in the mean over the image.
+    pub(super) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
+        const EVERY: usize = 8;
+        let mut mean = DVector::zeros(self.values.len());
+        let mut count = 0.0;
+        for v in (0..intrinsics.height).step_by(EVERY) {
+            for u in (0..intrinsics.width).step_by(EVERY) {
+                self.support([u as f64, v as f64]).iter().for_each(|(k, weight)| mean[k] += weight);
+                count += 1.0;
+            }
+        }
+        mean / count
+    }
+
+    /// Root mean square over the image of what differs from the mean.
+    pub(super) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
+        const EVERY: usize = 8;
+        let all: Vec<f64> = (0..intrinsics.height)
+            .step_by(EVERY)
+            .flat_map(|v| (0..intrinsics.width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
+            .map(|pixel| self.at(pixel))
+            .collect();
+        let mean = all.iter().sum::<f64>() / all.len() as f64;
+        (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+    }
+
+    /// Covariance of the values for errors of unit size that are alike over the distance of correlation.
+    pub(super) fn smooth(&self) -> DMatrix<f64> {
+        let width = self.step_px * INTERVALS;
+        let place =
+            |k: usize| [k % self.shape[0], k / self.shape[0]].map(|i| i as f64 * self.step_px / width);
+        DMatrix::from_fn(self.values.len(), self.values.len(), |a, b| {
+            let (p, q) = (place(a), place(b));
+            let squared = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
+            (-squared / (2.0 * CORRELATED * CORRELATED)).exp() + if a == b { OWN } else { 0.0 }
+        })
+    }
+
+    /// Puts every reading of the frames right.
+    pub(super) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
+        let mut factors: Vec<f32> = Vec::new();
+        for frame in frames {
+            let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+            if factors.is_empty() {
+                let row = |v: usize| (0..width).map(move |u| (1.0 + self.at([u as f64, v as f64])) as f32);
+                factors = (0..height).into_par_iter().flat_map_iter(row).collect();
+            }
+            frame.depth_m.iter_mut().zip(&factors).for_each(|(depth, factor)| *depth *= factor);
+        }
+    }
+}
+
+/// Inverse depth and its slopes at a pixel, put right.
+pub(super) fn corrected_plane(warp: &DepthWarp, pixel: [f64; 2], plane: Vector3<f64>) -> Vector3<f64> {
+    let factor = 1.0 + warp.at(pixel);
+    let slopes = warp.slopes(pixel);
+    let bent = plane.x / (factor * factor);
+    Vector3::new(plane.x / factor, plane.y / factor - bent * slopes[0], plane.z / factor - bent * slopes[1])
+}
+
+/// Uniform cubic B-splines at a place in their interval.
+fn cubic(t: f64) -> [f64; ORDER] {
+    let s = 1.0 - t;
+    [
+        s.powi(3) / 6.0,
+        (3.0 * t.powi(3) - 6.0 * t * t + 4.0) / 6.0,
+        (3.0 * s.powi(3) - 6.0 * s * s + 4.0) / 6.0,
+        t.powi(3) / 6.0,
+    ]
+}
