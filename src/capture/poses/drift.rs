@@ -96,19 +96,24 @@ impl Drift {
         for k in 0..corrections.len() {
             let of_step = self.from_steps.column(k).dot(&carried.column(k));
             let kind = usize::from(k % 6 >= 3);
-            if k >= 6 {
-                sums[0][kind] += walk[k] + walk[k].powi(2) * of_step;
-            }
+            sums[0][kind] += walk[k] + walk[k].powi(2) * of_step;
             sums[1][kind] += jitter[k] + jitter[k].powi(2) * surprise[(k, k)];
         }
-        let poses = corrections.len() / 6;
-        let size = |s: [f64; 2], count: usize| {
-            let [translation_m, rotation_rad] = s.map(|sum| (sum / (3 * count) as f64).max(0.0).sqrt());
-            PoseNoise { translation_m, rotation_rad }.at_least()
+        let count = (corrections.len() / 2) as f64;
+        let size = |[translation, rotation]: [f64; 2], before: &PoseNoise| PoseNoise {
+            translation_m: further(before.translation_m, (translation / count).max(0.0).sqrt()),
+            rotation_rad: further(before.rotation_rad, (rotation / count).max(0.0).sqrt()),
         };
-        let (walk, jitter) = (size(sums[0], poses - 1), size(sums[1], poses));
+        let (walk, jitter) =
+            (size(sums[0], &errors.walk).at_least(), size(sums[1], &errors.jitter).at_least());
         PoseErrors { jitter: jitter.at_most(&PoseNoise::EXPECTED), walk: walk.at_most(&PoseNoise::EXPECTED) }
     }
+}
+
+/// Expectation maximization comes slowly to sizes that are near zero: its steps are lengthened (over-relaxed).
+fn further(before: f64, after: f64) -> f64 {
+    const LONGER: f64 = 1.8;
+    before * (after / before).powf(LONGER)
 }
 
 /// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).

@@ -16,7 +16,7 @@ use crate::geometry::{Pose, log_so3};
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];
 /// Rounds of expectation maximization between them.
-const SIZES: usize = 4;
+const SIZES: usize = 12;
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when no camera moves further than this, meters (radians times one meter).
