@@ -110,7 +110,8 @@ impl Drift {
     }
 }
 
-/// Expectation maximization comes slowly to sizes that are near zero: its steps are lengthened (over-relaxed).
+/// Expectation maximization comes slowly to sizes that are near zero: its steps are lengthened
+/// (over-relaxation).
 fn further(before: f64, after: f64) -> f64 {
     const LONGER: f64 = 1.8;
     before * (after / before).powf(LONGER)
