@@ -33,7 +33,6 @@ pub use self::{
 };
 use self::{correction::Refined, solve::Problem, surfels::Surfels};
 use super::{NoiseConfig, RgbdFrame};
-use crate::geometry::Pose;
 
 /// Whether poses are corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

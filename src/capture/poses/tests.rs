@@ -3,7 +3,7 @@ use rand_core::Rng;
 
 use super::{depth_warp::DepthWarp, *};
 use crate::{
-    geometry::{Intrinsics, exp_so3, shift_and_turn},
+    geometry::{Intrinsics, Pose, exp_so3, shift_and_turn},
     random::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
 };
