@@ -308,6 +308,16 @@ pub const fn amplitude(name: &'static str, dimension: Dimension, signed: bool) -
     Parameter { name, dimension, neutral: Some(0.0), signed }
 }
 
+/// Largest factor by which one number may be off another of the same unit.
+/// derived: degrees for radians; what is off by more is in another unit.
+pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
+
+/// Shorthand for a factor, which has a neutral value of one.
+#[must_use]
+pub const fn ratio(name: &'static str) -> Parameter {
+    Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }
+}
+
 /// Shorthand for a parameter of the shape.
 #[must_use]
 pub const fn shape(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {

@@ -38,7 +38,7 @@ const VOXEL: f64 = 0.071;
 const LEAST_FACES: f64 = 2.25;
 /// Readings behind the twin for each before it, at most.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
+/// derived: midway between none, of geometry that is missing, and as many, of a part in a wrong place
 const OTHER_SIDE: f64 = 0.5;
 /// Share of the frames that must see a voxel.
 ///

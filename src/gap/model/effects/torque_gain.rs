@@ -1,6 +1,6 @@
 //! The effort that acts is `g` times the recorded one.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
+use crate::gap::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
 use crate::gap::model::format::{Expression, Format, JointNumbers};
 use crate::gap::model::plant::Plant;
 
@@ -8,8 +8,7 @@ use crate::gap::model::plant::Plant;
 #[derive(Debug)]
 pub struct TorqueGain;
 
-const PARAMETERS: &[Parameter] =
-    &[Parameter { name: "gain", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
+const PARAMETERS: &[Parameter] = &[ratio("gain")];
 
 const SPEC: Spec = Spec {
     name: "torque_gain",
@@ -29,7 +28,7 @@ impl Effect for TorqueGain {
     }
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
-        (0.05, 20.0)
+        (1.0 / LARGEST_RATIO, LARGEST_RATIO)
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
