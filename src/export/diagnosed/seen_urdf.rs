@@ -8,7 +8,7 @@ use crate::gap::camera::{
     judge::diagnosis::FrameDiagnosis,
     model::{
         hypothesis::Law,
-        twin::{SeenMotion, SeenJoint},
+        twin::{SeenJoint, SeenMotion},
     },
 };
 use crate::{

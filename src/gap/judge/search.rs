@@ -83,8 +83,9 @@ impl Search {
             let is_push = |c: &Candidate| {
                 c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
             };
-            let wanted =
-                |c: &Candidate| self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE });
+            let wanted = |c: &Candidate| {
+                self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE })
+            };
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
             if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
                 best = first;

@@ -224,8 +224,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
     fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
-    /// motion cannot show the effect.
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>>;
+    /// motion cannot show the effect. One that is all neutral, unless there are parameters of a shape.
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
+    }
     /// Whether an effect of this shape acts at all on a stretch of motion; only a matter of speed.
     fn reaches(&self, _shape: &[f64], _extent: &Extent) -> bool {
         true

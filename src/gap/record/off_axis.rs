@@ -260,11 +260,7 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
     } else {
         Across { shift_m: e.axis.turn_rad * travel, turn_rad: 0.0 }
     };
-    if !moved.is_within(NOISES, &e.noise) {
-        Suspect::AxisOffset
-    } else {
-        Suspect::TrackedFrame
-    }
+    if !moved.is_within(NOISES, &e.noise) { Suspect::AxisOffset } else { Suspect::TrackedFrame }
 }
 
 /// Whether no pose is turned against the mean of all by more than the noise.
@@ -470,7 +466,9 @@ mod tests {
         let turns = suspected(&slide, |q| off * turn.moved(q)).evidence;
         assert_eq!(turns.suspect, Suspect::WrongJointType, "{turns:?}");
         // A part that rocks widely on its slide turns about no one axis.
-        let rocks = suspected(&slide, |q| Pose::new(Vector3::zeros(), 0.4 * (9.0 * q).sin() * across) * slide.moved(q));
+        let rocks = suspected(&slide, |q| {
+            Pose::new(Vector3::zeros(), 0.4 * (9.0 * q).sin() * across) * slide.moved(q)
+        });
         assert_eq!(rocks.evidence.suspect, Suspect::SecondDof, "{:?}", rocks.evidence);
     }
 

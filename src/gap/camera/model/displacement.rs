@@ -51,7 +51,7 @@ mod tests {
         gap::camera::model::{
             hypothesis::Hypothesis,
             own_error::{JointError, OwnErrors},
-            twin::{SeenMotion, SeenJoint, SeenPart},
+            twin::{SeenJoint, SeenMotion, SeenPart},
         },
         geometry::Pose,
         surface::TriangleMesh,

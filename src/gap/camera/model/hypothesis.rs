@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::{
-    gap::camera::model::twin::{SeenMotion, SeenJoint, SeenTwin},
+    gap::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin},
     geometry::{Pose, Screw},
 };
 

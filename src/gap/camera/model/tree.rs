@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use crate::{
     gap::camera::model::{
         own_error::OwnErrors,
-        twin::{SeenMotion, SeenJoint, SeenPart, SeenTwin},
+        twin::{SeenJoint, SeenMotion, SeenPart, SeenTwin},
     },
     geometry::Pose,
     model::{JointType, Tree},

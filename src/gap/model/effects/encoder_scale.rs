@@ -21,10 +21,6 @@ impl Effect for EncoderScale {
         &SPEC
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![1.0]]
-    }
-
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (1.0 / LARGEST_RATIO, LARGEST_RATIO)
     }
