@@ -241,7 +241,8 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
 }
 
-/// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that contain a chosen one do not count, nor do other shapes of the same effect.
+/// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
+/// contain a chosen one do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
     let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();

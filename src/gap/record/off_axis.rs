@@ -472,10 +472,9 @@ mod tests {
         assert_eq!(rocks.evidence.suspect, Suspect::SecondDof, "{:?}", rocks.evidence);
     }
 
-    /// What is distinguished depends on the noise, not on a unit: an axis that is off shows over a twentieth of
-    /// the travel, and the same poses in a hundredth of the size and noise mean the same.
+    /// What is distinguished depends on the noise, not on an angle.
     #[test]
-    fn a_short_travel_distinguishes_axis_and_mount_and_no_size_is_absolute() {
+    fn a_travel_of_a_tenth_of_a_radian_shows_an_axis_and_a_type() {
         let (turn, slide) = (joint(Motion::Turn), joint(Motion::Slide));
         let across = turn.axis.cross(&Vector3::x()).normalize();
         let off = Pose::new(0.02 * across, Vector3::zeros());

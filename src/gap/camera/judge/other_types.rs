@@ -17,7 +17,7 @@ use crate::gap::camera::{
     judge::{
         follow::follow,
         laws::{laws, rank},
-        select::{Selected, is_doubtful},
+        select::Selected,
         type_change::TypeChange,
     },
     model::{
@@ -27,6 +27,11 @@ use crate::gap::camera::{
     },
 };
 
+/// Mean cost of a part's pixels from which the joints at it are doubted.
+///
+/// derived: the mean of half the square of a normal number, which errors without names in the middle of their
+/// grid have
+const DOUBT: f64 = 0.5;
 /// The cost under another type of joint must fall to this share of that under the type in the twin.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
@@ -48,12 +53,13 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
-    // Where a part stands off, what it uncovers is missed on the part before which it should stand.
+    // What a part uncovers or covers that stands in the wrong place conflicts on the part behind it.
     let cost = |j: usize| {
         let joint = &problem.twin.joints[j];
         before[joint.child].max(before[joint.parent])
     };
-    let joint = free_joints(problem.twin).max_by(|a, b| cost(*a).total_cmp(&cost(*b)))?;
+    let doubted = free_joints(problem.twin).map(|j| (j, cost(j))).filter(|(_, c)| *c > DOUBT);
+    let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
     // The run that the twin fits worst shows the motion best.
     let worst = (0..coarse.len())

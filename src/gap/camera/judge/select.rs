@@ -58,7 +58,7 @@ pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
 }
 
 /// Whether the twin errs more than in the middle of what is looked for, with the effects chosen.
-pub(super) fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
+fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
     selected.chosen.solution.components.surface_m > VarianceComponents::middle(&problem.scales).surface_m
 }
 

@@ -10,12 +10,12 @@ use crate::gap::{
             select::Selected,
         },
         model::{
-            interval::{INTERVAL, estimate},
+            interval::estimate,
             parameter::{Parameter, normals_of},
             twin::SeenMotion,
         },
     },
-    judge::verdict::Finding,
+    judge::{simplify::HALF_WIDTH, verdict::Finding},
 };
 
 /// Index in reports, behind the catalogue.
@@ -59,7 +59,7 @@ impl TypeChange {
             for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
                 *w = of(c.parameter);
             }
-            INTERVAL * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+            HALF_WIDTH * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
         };
         let joint = self.joint;
         let turned = |k: usize| {
