@@ -11,7 +11,7 @@ use crate::gap::{
     judge::{
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         report::{JointReport, ReplayWindow},
-        verdict::{Diagnosis, MAX_LEFT, Verdict, diagnose},
+        verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
         expressed::expressed,
@@ -22,6 +22,7 @@ use crate::gap::{
     record::{
         drive::Hold,
         log::{JointLog, Span},
+        off_axis::MAX_LEFT,
     },
 };
 

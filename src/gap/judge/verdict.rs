@@ -21,6 +21,7 @@ use crate::gap::{
         effect::{Coverage, Place},
         joint_model::{JointModel, SETTLE_S},
     },
+    record::off_axis::MAX_LEFT,
 };
 
 /// What a diagnosis ends in.
@@ -120,10 +121,6 @@ impl Diagnosis {
     }
 }
 
-/// Share of the explained that a table over one variable may still find before the names count as wrong; and
-/// of the gap of held-out runs, that a name may leave open.
-/// tuned: tests/python/gap/generate.py.
-pub const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
 /// tuned: tests/python/gap/generate.py.
 const MAX_NOISE_LEFT: f64 = 0.4;
