@@ -8,7 +8,7 @@ use crate::gap::camera::{
     judge::diagnosis::FrameDiagnosis,
     model::{
         hypothesis::Law,
-        twin::{JointKind, SeenJoint},
+        twin::{SeenJoint, SeenMotion},
     },
 };
 use crate::{
@@ -109,7 +109,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mu
             );
         }
     }
-    if let JointKind::Screw { pitch_m_per_rad } = law.kind
+    if let SeenMotion::Screw { pitch_m_per_rad } = law.kind
         && pitch_m_per_rad.abs() > LEAST_PITCH
     {
         // Declared at the element itself, as the root need not know this namespace.

@@ -16,9 +16,10 @@ use crate::gap::{
     record::{drive::Drive, log::Span},
 };
 
-/// A window whose squared whitened residuals exceed their number by this factor is searched further.
-/// tuned: tests/python/gap/generate.py.
-const MISFIT: f64 = 1.5;
+/// Standard deviations by which the sum of a window's squared whitened residuals must exceed its expectation
+/// for the window to be searched further.
+/// derived: the normal quantile at 99 %; of windows that fit, one of a hundred is searched in vain.
+const MISFIT_SIGMAS: f64 = 2.326_348;
 /// States of a searched window that are polished.
 const POLISHED: usize = 4;
 /// Steps of a polish.
@@ -151,7 +152,8 @@ pub fn improve(
     let bench = Bench { problem, model, drives: &drives, whitening, ridge };
     let mut carried = None;
     for w in 0..starts.len() {
-        let fits = |t: &Trial| t.cost <= MISFIT * problem.windows[w].len as f64;
+        let most = misfit(problem.windows[w].len);
+        let fits = |t: &Trial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
         if all || !fits(&given) {
@@ -171,6 +173,14 @@ pub fn improve(
         starts[w] = best.start;
         carried = bench.hand_on(w, best.start);
     }
+}
+
+/// The sum of so many squared normal numbers that chance exceeds by [`MISFIT_SIGMAS`] only: the quantile of
+/// chi-square (Wilson and Hilferty 1931).
+fn misfit(count: usize) -> f64 {
+    let n = count as f64;
+    let variance = 2.0 / (9.0 * n);
+    n * (1.0 - variance + MISFIT_SIGMAS * variance.sqrt()).powi(3)
 }
 
 /// The best start state of a window that fits badly.
@@ -228,6 +238,14 @@ mod tests {
         },
         record::{drive::Hold, log::JointLog},
     };
+
+    #[test]
+    fn a_misfit_is_a_quantile_of_chi_square() {
+        // Tables of chi-square, 1 % beyond each.
+        for (count, quantile) in [(8, 20.090), (50, 76.154), (200, 249.445)] {
+            assert!((misfit(count) / quantile - 1.0).abs() < 2e-3, "{count}: {}", misfit(count));
+        }
+    }
 
     /// A joint that runs into its stop and through its play, from start states that are far off in every
     /// window.

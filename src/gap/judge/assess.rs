@@ -11,7 +11,7 @@ use crate::gap::{
     judge::{
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         report::{JointReport, ReplayWindow},
-        verdict::{Diagnosis, MAX_LEFT, Verdict, diagnose},
+        verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
         expressed::expressed,
@@ -22,6 +22,7 @@ use crate::gap::{
     record::{
         drive::Hold,
         log::{JointLog, Span},
+        off_axis::MAX_LEFT,
     },
 };
 
@@ -73,7 +74,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
         let whole = prove(&held_out, &twin, &nearest.model).0;
-        let fewer = if runs.effects.is_empty() { fewer(&problem, &twin, &nearest.model) } else { None };
+        let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
         let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
         match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
             Some((proved, found)) => {
@@ -117,14 +118,10 @@ fn in_formats(
     Format::ALL.map(&mut one).to_vec()
 }
 
-/// Share of the residual that effects may leave of runs that they were not fitted to.
-/// tuned: tests/python/gap/generate.py.
-const MOST_LEFT: f64 = 0.5;
-
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
 /// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`
 /// where nothing can be.
-fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<Vec<usize>> {
+fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     if nearest.terms.len() < 2 {
         return None;
     }
@@ -132,11 +129,7 @@ fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<V
     let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
     let predicted = |model: &JointModel| {
         let one = |[fitted, other]: &[Problem; 2]| {
-            let known = if model.terms.is_empty() {
-                model.clone()
-            } else {
-                fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model
-            };
+            let known = fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model;
             windowed_rmse(other, &known).powi(2)
         };
         folds.iter().map(one).sum::<f64>().sqrt()
@@ -150,22 +143,19 @@ fn fewer(problem: &Problem, twin: &JointModel, nearest: &JointModel) -> Option<V
             (predicted(&fewer), fewer)
         };
         let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        if best.0 > SAME * rmse {
+        if best.0 > rmse {
             break;
         }
         (rmse, model) = best;
     }
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
-    let much = rmse < CLEARLY * whole && rmse < MOST_LEFT * predicted(twin);
+    let much = rmse < CLEARLY * whole;
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
 /// Share of a residual that is clearly less: the effects taken away misled.
 /// tuned: tests/python/gap/generate.py.
 const CLEARLY: f64 = 0.8;
-/// Multiple of a residual that counts as the same on the way.
-/// tuned: tests/python/gap/generate.py.
-const SAME: f64 = 1.05;
 
 /// Effort noise that such a fit begins with, as a share of the recorded effort.
 /// derived: a start value, which the fit replaces.

@@ -2,6 +2,7 @@
 
 pub mod assess;
 pub mod locate;
+pub mod name_weight;
 #[cfg(test)]
 mod new_effect_tests;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Damping that acts in one direction only, as that of a door closer: `effort = -b v` where `v > 0`.
 
 use crate::gap::model::{
-    effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
     format::{Expression, Format, JointNumbers, Nearest},
     plant::Plant,
 };
@@ -31,10 +31,6 @@ impl Effect for OneWayDamping {
             out.v = -p[0];
             out.p[0] = -at.v;
         }
-    }
-
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
     }
 
     fn is_of_velocity(&self) -> bool {

@@ -9,7 +9,10 @@ use crate::gap::{
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
         smooth::Trace,
     },
-    judge::screen::{Hit, Screen},
+    judge::{
+        name_weight::least_gain,
+        screen::{Hit, Screen},
+    },
     model::{
         effect::{At, Place, Response, Spec, run_time_s},
         joint_model::{JointModel, SETTLE_S, Term},
@@ -65,6 +68,8 @@ pub struct Search {
     pub by_size: Vec<Vec<Candidate>>,
     /// Index of the disturbance in the catalogue.
     pub disturbance: Option<usize>,
+    /// Gain of score that one more effect must bring.
+    pub least_gain: f64,
 }
 
 impl Search {
@@ -78,8 +83,9 @@ impl Search {
             let is_push = |c: &Candidate| {
                 c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
             };
-            let wanted =
-                |c: &Candidate| MIN_GAIN.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE });
+            let wanted = |c: &Candidate| {
+                self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE })
+            };
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
             if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
                 best = first;
@@ -88,10 +94,6 @@ impl Search {
         best
     }
 }
-
-/// Gain of score that one more effect must bring. See docs/method.md (14.16).
-/// tuned: tests/python/gap/generate.py.
-pub const MIN_GAIN: f64 = 12.0;
 
 /// What a set of effects costs: each parameter, and each choice of shape. See docs/method.md (14.15).
 fn price(problem: &Problem, model: &JointModel) -> f64 {
@@ -193,6 +195,7 @@ pub fn baseline(problem: &Problem) -> Candidate {
 #[must_use]
 pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
     let disturbance = problem.catalogue.iter().position(|e| e.is_of_one_run());
+    let least_gain = least_gain(problem.catalogue.len());
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
@@ -206,15 +209,15 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         let best_before = by_size[size - 1][0].score;
         // One more effect must bring a share of what the others brought: an inexact shape is no further
         // effect.
-        let wanted = MIN_GAIN.max(LOOK_SHARE * (best_before - nothing));
+        let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
             // A worse parent has to make up for what it lacks, of which the first order predicts a part.
             let lacks = 0.5 * (best_before - parent.score);
             let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
-            if rank == 0 && hope < MIN_GAIN {
-                return Search { by_size, disturbance };
+            if rank == 0 && hope < least_gain {
+                return Search { by_size, disturbance, least_gain };
             }
             let best = found.iter().map(|c| c.score).fold(f64::NEG_INFINITY, f64::max);
             found.extend(grow(problem, parent, &hits, best));
@@ -235,7 +238,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             break;
         }
     }
-    Search { by_size, disturbance }
+    Search { by_size, disturbance, least_gain }
 }
 
 /// The best candidates, of those that differ by an effect and one that contains it the better one.
@@ -276,7 +279,7 @@ pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
         chosen = next;
         by_size.push(Vec::new());
     }
-    (Search { by_size, disturbance: None }, chosen)
+    (Search { by_size, disturbance: None, least_gain: least_gain(problem.catalogue.len()) }, chosen)
 }
 
 /// The candidate with each of its effects taken away in turn, refitted; not what is known already.
@@ -312,10 +315,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
 
-/// Share of the gain so far that one more effect must add to be looked into.
-/// tuned: tests/python/gap/generate.py.
-const LOOK_SHARE: f64 = 0.03;
-/// The same to be accepted.
+/// Share of the gain so far that one more effect must add.
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
 /// The same for a push: one window that was misread looks like one.
@@ -331,7 +331,7 @@ const CLOSE: f64 = 0.5;
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;
 /// What each must gain for the next.
-/// tuned: tests/python/gap/generate.py.
+/// derived: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.

@@ -12,6 +12,7 @@ use crate::gap::{
     },
     judge::{
         locate::{Dependence, locate},
+        name_weight::rivals_in_doubt,
         screen::Screen,
         search::{Breadth, Candidate, Search, given, search},
         simplify::{HALF_WIDTH, simplified},
@@ -20,6 +21,7 @@ use crate::gap::{
         effect::{Coverage, Place},
         joint_model::{JointModel, SETTLE_S},
     },
+    record::off_axis::MAX_LEFT,
 };
 
 /// What a diagnosis ends in.
@@ -119,16 +121,6 @@ impl Diagnosis {
     }
 }
 
-/// Weight that a set of effects needs to be named.
-/// derived: one less a level of 5 %, as that of the intervals.
-const NAME_WEIGHT: f64 = 0.95;
-/// Weight below which an alternative is not reported.
-/// tuned: tests/python/gap/generate.py.
-const ALTERNATIVE_WEIGHT: f64 = 0.02;
-/// Share of the explained that a table over one variable may still find before the names count as wrong; and
-/// of the gap of held-out runs, that a name may leave open.
-/// tuned: tests/python/gap/generate.py.
-pub const MAX_LEFT: f64 = 0.12;
 /// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
 /// tuned: tests/python/gap/generate.py.
 const MAX_NOISE_LEFT: f64 = 0.4;
@@ -221,9 +213,11 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
         return diagnosis;
     }
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
-    let rivals = rivals(problem, &found, chosen);
-    let total: f64 = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
-    diagnosis.verdict = if 1.0 / total >= NAME_WEIGHT { Verdict::Named } else { Verdict::Ambiguous };
+    let mut rivals = rivals(problem, &found, chosen);
+    let weights: Vec<f64> = rivals.iter().map(|(_, w)| *w).collect();
+    let total: f64 = 1.0 + weights.iter().sum::<f64>();
+    rivals.truncate(rivals_in_doubt(1.0, &weights));
+    diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
     let (model, spread) = refined(problem, &chosen.fit);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.model = model;
@@ -244,8 +238,8 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
 }
 
-/// Candidates of the same size that explain about as much, with their weights relative to the chosen one.
-/// Effects that contain a chosen one do not count, nor do other shapes of the same effect.
+/// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
+/// contain a chosen one do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
     let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
@@ -268,12 +262,13 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     });
     let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
     let same_size = found.by_size[own.len()].iter().filter(|c| c.effects() != own);
-    same_size
+    let mut rivals: Vec<(Vec<usize>, f64)> = same_size
         .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names && !is_twin(&c.effects()))
         .map(|c| (c.effects(), (0.5 * (c.score - chosen.score)).exp()))
-        .filter(|(_, w)| *w > ALTERNATIVE_WEIGHT)
         .chain(twin.clone().map(|effects| (effects, 1.0)))
-        .collect()
+        .collect();
+    rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+    rivals
 }
 
 /// Whether every effect is of a size that a model of the joint, not its discretization, would show.

@@ -1,16 +1,33 @@
 //! Effects at one position: where they are looked for, and how far a fit may move them.
 
-use super::effect::Coverage;
+use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude, shape};
 
-/// Positions and widths that a local effect is looked for at.
+/// Parameters of a local effect of a strength.
 #[must_use]
-pub fn bumps(coverage: &Coverage) -> Vec<(f64, f64)> {
+pub const fn bump(strength: &'static str) -> [Parameter; 3] {
+    [
+        amplitude(strength, Dimension::Effort, false),
+        shape("position", Dimension::Position, true),
+        shape("width", Dimension::Position, false),
+    ]
+}
+
+/// Whether a local effect that reaches so many widths acts on a stretch of motion.
+#[must_use]
+pub fn bump_meets(extent: &Extent, shape: &[f64], reach: f64) -> bool {
+    Extent::meets(extent.position, shape[1], reach * shape[2])
+}
+
+/// Starting points of a local effect: no strength, at positions with widths.
+#[must_use]
+pub fn bumps(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;
     let range = high - low;
     let mut bumps = Vec::new();
     for (share, count) in [(0.012, 90), (0.03, 45), (0.075, 20)] {
         bumps.extend(
-            (0..count).map(|i| (low + range * (f64::from(i) + 0.5) / f64::from(count), share * range)),
+            (0..count)
+                .map(|i| vec![0.0, low + range * (f64::from(i) + 0.5) / f64::from(count), share * range]),
         );
     }
     bumps

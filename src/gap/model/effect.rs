@@ -224,8 +224,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
     fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
-    /// motion cannot show the effect.
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>>;
+    /// motion cannot show the effect. One that is all neutral, unless there are parameters of a shape.
+    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
+    }
     /// Whether an effect of this shape acts at all on a stretch of motion; only a matter of speed.
     fn reaches(&self, _shape: &[f64], _extent: &Extent) -> bool {
         true
@@ -306,6 +308,16 @@ pub struct Reported {
 #[must_use]
 pub const fn amplitude(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: Some(0.0), signed }
+}
+
+/// Largest factor by which one number may be off another of the same unit.
+/// derived: degrees for radians; what is off by more is in another unit.
+pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
+
+/// Shorthand for a factor, which has a neutral value of one.
+#[must_use]
+pub const fn ratio(name: &'static str) -> Parameter {
+    Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }
 }
 
 /// Shorthand for a parameter of the shape.

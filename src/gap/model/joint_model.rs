@@ -34,7 +34,8 @@ pub struct JointModel {
 
 /// Settle times of friction that are tried. Exact stick is the ideal; friction of compliant contacts and of
 /// simulators that soften it acts against the velocity that the joint will have a few milliseconds later.
-/// tuned: tests/python/gap/generate.py.
+/// derived: none; the time constant of a soft constraint, MuJoCo's default of 20 ms; and its halves down to a
+/// step of a rollout, below which settling is sticking.
 pub const SETTLE_S: [f64; 4] = [0.0, 0.005, 0.01, 0.02];
 
 /// Share of the load under which friction that settles creeps on, as of a soft constraint of impedance 0.9.

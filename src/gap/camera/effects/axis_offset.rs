@@ -7,12 +7,11 @@
 
 use crate::gap::{
     camera::model::{
-        interval::INTERVAL,
         parameter::Parameter,
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
-    judge::verdict::ParameterEstimate,
+    judge::{simplify::HALF_WIDTH, verdict::ParameterEstimate},
 };
 
 /// The effect.
@@ -61,7 +60,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
 
 /// A length whose interval holds what the twin itself does not know, a standard deviation.
 fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
-    let own = INTERVAL * own;
+    let own = HALF_WIDTH * own;
     p.interval =
         (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));
     p.interval.0 = p.interval.0.max(0.0);

@@ -8,7 +8,7 @@ mod depth_bias;
 mod depth_scale;
 mod encoder_bias;
 mod encoder_scale;
-mod screw_pitch;
+pub mod screw_pitch;
 mod second_dof;
 
 use super::{

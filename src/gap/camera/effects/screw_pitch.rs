@@ -5,13 +5,21 @@
 
 use crate::gap::camera::model::{
     parameter::Parameter,
+    scales::{GATE, MISPLACED},
     trial::{CameraEffect, column, free_joints},
 };
 
-/// Prior of the pitch, in sizes of the child a radian.
+/// Least pitch that is looked for by itself, in sizes of the child a radian.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
-const PITCH: f64 = 0.2;
+/// derived: half a turn takes a part of the object's size out of what belongs to its surface; a screw of less
+/// pitch is found from the revolute joint
+pub const LEAST_PITCH: f64 = GATE * MISPLACED / std::f64::consts::PI;
+/// Pitches that are looked for each way, each twice the one before.
+pub const PITCHES: i32 = 5;
+/// Standard deviation of the prior of the pitch, in sizes of the child a radian.
+///
+/// derived: half the steepest pitch that is looked for
+const PITCH: f64 = 0.5 * LEAST_PITCH * (1 << (PITCHES - 1)) as f64;
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {

@@ -2,17 +2,14 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::gap::camera::model::{
-    parameter::normals_of,
-    twin::{JointKind, SeenTwin},
+use crate::gap::camera::{
+    effects::screw_pitch::{LEAST_PITCH, PITCHES},
+    model::{
+        parameter::normals_of,
+        twin::{SeenMotion, SeenTwin},
+    },
 };
 
-/// Least pitch of a screw that is tried, in sizes of the part a radian.
-///
-/// tuned: made capped boxes
-const LEAST_PITCH: f64 = 0.02;
-/// Pitches that are tried each way, each twice the one before.
-const PITCHES: i32 = 5;
 /// Cosine above which two directions are one.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
@@ -23,16 +20,16 @@ const SAME_DIRECTION: f64 = 0.98;
 const SQUARE: f64 = 0.2;
 
 /// Place of a type among the three.
-pub(super) fn rank(kind: JointKind) -> usize {
+pub(super) fn rank(kind: SeenMotion) -> usize {
     match kind {
-        JointKind::Revolute => 0,
-        JointKind::Prismatic => 1,
-        JointKind::Screw { .. } => 2,
+        SeenMotion::Revolute => 0,
+        SeenMotion::Prismatic => 1,
+        SeenMotion::Screw { .. } => 2,
     }
 }
 
 /// Laws of the other type that are tried: type, direction, point.
-pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(JointKind, Unit<Vector3<f64>>, Point3<f64>)> {
+pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
     let spec = &twin.joints[joint];
     let faces = face_directions(twin, spec.child);
     let mut directions: Vec<Unit<Vector3<f64>>> = vec![spec.axis];
@@ -42,15 +39,15 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(JointKind, Unit<Vector
         }
     }
     if spec.kind.turns() {
-        let slides = directions.into_iter().map(|d| (JointKind::Prismatic, d, spec.point));
+        let slides = directions.into_iter().map(|d| (SeenMotion::Prismatic, d, spec.point));
         let size_m = twin.parts[spec.child].radius_m;
         let pitches = (0..PITCHES).map(|k| LEAST_PITCH * size_m * f64::from(1 << k)).flat_map(|p| [p, -p]);
         let screws =
-            pitches.map(|pitch_m_per_rad| (JointKind::Screw { pitch_m_per_rad }, spec.axis, spec.point));
+            pitches.map(|pitch_m_per_rad| (SeenMotion::Screw { pitch_m_per_rad }, spec.axis, spec.point));
         return slides.chain(screws).collect();
     }
     let mesh = &twin.parts[spec.child].mesh;
-    let mut all = vec![(JointKind::Revolute, spec.axis, spec.point)];
+    let mut all = vec![(SeenMotion::Revolute, spec.axis, spec.point)];
     for d in directions {
         let [u, v] = sides(&d, &faces);
         let range = |e: &Vector3<f64>| {
@@ -59,11 +56,11 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(JointKind, Unit<Vector
         };
         let (ru, rv, along) = (range(&u), range(&v), twin.parts[spec.child].center.coords.dot(&d));
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
-            all.push((JointKind::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
+            all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }
         let middle =
             Point3::from(u * (0.5 * (ru.0 + ru.1)) + v * (0.5 * (rv.0 + rv.1)) + d.into_inner() * along);
-        all.push((JointKind::Revolute, d, middle));
+        all.push((SeenMotion::Revolute, d, middle));
     }
     all
 }

@@ -7,21 +7,23 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
 
-use crate::gap::camera::{
-    fit::{
-        components::VarianceComponents,
-        problem::FrameProblem,
-        residual::compare,
-        sample::{Conflict, Sample},
+use crate::gap::{
+    camera::{
+        fit::{
+            components::VarianceComponents,
+            problem::FrameProblem,
+            residual::compare,
+            sample::{Conflict, Sample},
+        },
+        judge::missing_box::{area, sides},
+        model::{
+            hypothesis::Hypothesis,
+            missing::{Missing, Voxel, voxel},
+            posed::PosedTwin,
+        },
+        record::pixels::BORDER,
     },
-    judge::missing_box::{area, sides},
-    model::{
-        hypothesis::Hypothesis,
-        interval::INTERVAL,
-        missing::{Missing, Voxel, voxel},
-        posed::PosedTwin,
-    },
-    record::pixels::BORDER,
+    judge::simplify::HALF_WIDTH,
 };
 
 /// Standard deviations, of readings and errors without names, from which a reading is off the surface.
@@ -38,7 +40,7 @@ const VOXEL: f64 = 0.071;
 const LEAST_FACES: f64 = 2.25;
 /// Readings behind the twin for each before it, at most.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
+/// derived: midway between none, of geometry that is missing, and as many, of a part in a wrong place
 const OTHER_SIDE: f64 = 0.5;
 /// Share of the frames that must see a voxel.
 ///
@@ -151,7 +153,7 @@ fn region(
     let mean = |of: fn(&Reading) -> f64| own.iter().map(|r| of(r)).sum::<f64>() / own.len().max(1) as f64;
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
-    let (bounds, bounds_interval) = sides(&clouds, border_m, INTERVAL * mean(|r| r.sigma_m))?;
+    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH * mean(|r| r.sigma_m))?;
     let (area_m2, area_interval) = area(&areas, border_m);
     Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, voxels, voxel_m })
 }

@@ -23,14 +23,15 @@ use crate::gap::camera::{
     model::{
         hypothesis::Hypothesis,
         trial::{Trial, free_joints},
-        twin::{JointKind, SeenTwin},
+        twin::{SeenMotion, SeenTwin},
     },
 };
 
-/// Mean cost of a part's pixels from which its joint is doubted.
+/// Mean cost of a part's pixels from which the joints at it are doubted.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
-const DOUBT: f64 = 0.9;
+/// derived: the mean of half the square of a normal number, which errors without names in the middle of their
+/// grid have
+const DOUBT: f64 = 0.5;
 /// The cost under another type of joint must fall to this share of that under the type in the twin.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
@@ -52,9 +53,12 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
-    let doubted = free_joints(problem.twin)
-        .map(|j| (j, before[problem.twin.joints[j].child]))
-        .filter(|(_, c)| *c > DOUBT);
+    // What a part uncovers or covers that stands in the wrong place conflicts on the part behind it.
+    let cost = |j: usize| {
+        let joint = &problem.twin.joints[j];
+        before[joint.child].max(before[joint.parent])
+    };
+    let doubted = free_joints(problem.twin).map(|j| (j, cost(j))).filter(|(_, c)| *c > DOUBT);
     let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
     // The run that the twin fits worst shows the motion best.
@@ -133,7 +137,7 @@ fn starts(
 fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, State) {
     let mut twin = start.twin;
     let own = problem.of(&twin);
-    let screw = matches!(twin.joints[joint].kind, JointKind::Screw { .. });
+    let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });
     let name = if screw { "wrong_joint_type" } else { "axis_offset" };
     let free = |t: &Trial| t.joint == Some(joint) && t.name == name;
     let set: Vec<usize> = own.trials.iter().position(free).into_iter().collect();

@@ -10,12 +10,12 @@ use crate::gap::{
             select::Selected,
         },
         model::{
-            interval::{INTERVAL, estimate},
+            interval::estimate,
             parameter::{Parameter, normals_of},
-            twin::JointKind,
+            twin::SeenMotion,
         },
     },
-    judge::verdict::Finding,
+    judge::{simplify::HALF_WIDTH, verdict::Finding},
 };
 
 /// Index in reports, behind the catalogue.
@@ -27,9 +27,9 @@ pub struct TypeChange {
     /// Joint.
     pub joint: usize,
     /// Type in the twin.
-    pub from: JointKind,
+    pub from: SeenMotion,
     /// Type that explains the frames.
-    pub to: JointKind,
+    pub to: SeenMotion,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of it in the joint frame, meters.
@@ -44,7 +44,7 @@ impl TypeChange {
     pub fn free(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
             |name: &str| problem.trials.iter().position(|t| t.joint == Some(self.joint) && t.name == name);
-        let pitch = if matches!(self.to, JointKind::Screw { .. }) { of("wrong_joint_type") } else { None };
+        let pitch = if matches!(self.to, SeenMotion::Screw { .. }) { of("wrong_joint_type") } else { None };
         of("axis_offset").into_iter().chain(pitch).collect()
     }
 
@@ -59,7 +59,7 @@ impl TypeChange {
             for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
                 *w = of(c.parameter);
             }
-            INTERVAL * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+            HALF_WIDTH * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
         };
         let joint = self.joint;
         let turned = |k: usize| {
@@ -87,7 +87,7 @@ impl TypeChange {
                 ["x", "y", "z"].iter().enumerate().map(|(k, n)| estimate(n, point[k], "m", shifted(k))),
             );
         }
-        if let JointKind::Screw { pitch_m_per_rad } = law.kind {
+        if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
             let half = spread(&|p| f64::from(u8::from(p == Parameter::Pitch(joint))));
             parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
         }

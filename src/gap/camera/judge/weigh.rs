@@ -10,19 +10,8 @@ use crate::gap::{
         },
         model::trial::Fitted,
     },
-    judge::verdict::Finding,
+    judge::{name_weight::rivals_in_doubt, verdict::Finding},
 };
-
-/// Least weight of a set among its rivals for a name of its own.
-///
-/// tuned: made objects (tests/gap_frames.rs)
-const SURE: f64 = 0.9;
-/// Rivals below this weight are not reported.
-///
-/// derived: not among the first two digits of a weight
-const REPORTED: f64 = 0.02;
-/// Most rivals that are reported.
-const MOST_RIVALS: usize = 4;
 
 pub(super) fn findings_of(
     problem: &FrameProblem,
@@ -94,19 +83,14 @@ fn weigh(
     let top = best.iter().map(|b| b.1).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = best.iter().map(|b| (b.1 - top).exp()).sum();
     let share = |e: f64| (e - top).exp() / sum;
-    let own = best.iter().find(|b| b.0 == name(trial)).map_or(0.0, |b| share(b.1));
-    if own >= SURE {
-        return (own, Vec::new());
-    }
-    let mut others: Vec<(String, f64)> = best
-        .iter()
-        .filter(|b| b.0 != name(trial) && share(b.1) > REPORTED)
-        .map(|b| {
-            let joint = b.0.1.map_or(String::new(), |j| format!(" of {}", problem.twin.joints[j].name));
-            (format!("{}{joint}", b.0.0), share(b.1))
-        })
-        .collect();
+    let (own, mut others): (Vec<_>, Vec<_>) = best.into_iter().partition(|b| b.0 == name(trial));
+    let own = own.first().map_or(0.0, |b| share(b.1));
     others.sort_by(|a, b| b.1.total_cmp(&a.1));
-    others.truncate(MOST_RIVALS);
-    (own, others)
+    let weights: Vec<f64> = others.iter().map(|b| share(b.1)).collect();
+    others.truncate(rivals_in_doubt(own, &weights));
+    let in_words = |((effect, joint), evidence): ((&str, Option<usize>), f64)| {
+        let joint = joint.map_or(String::new(), |j| format!(" of {}", problem.twin.joints[j].name));
+        (format!("{effect}{joint}"), share(evidence))
+    };
+    (own, others.into_iter().map(in_words).collect())
 }

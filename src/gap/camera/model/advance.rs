@@ -7,7 +7,7 @@ use crate::{
         hypothesis::{Hypothesis, Law},
         parameter::{Parameter, component, normals_of},
         small_motion::small_motion,
-        twin::{JointKind, SeenTwin},
+        twin::{SeenMotion, SeenTwin},
     },
     geometry::Pose,
 };
@@ -74,8 +74,8 @@ fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Para
         }
         Parameter::Pitch(_) if law.kind.turns() => {
             let before =
-                if let JointKind::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
-            law.kind = JointKind::Screw { pitch_m_per_rad: before + x };
+                if let SeenMotion::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
+            law.kind = SeenMotion::Screw { pitch_m_per_rad: before + x };
         }
         _ => {}
     }

@@ -51,7 +51,7 @@ mod tests {
         gap::camera::model::{
             hypothesis::Hypothesis,
             own_error::{JointError, OwnErrors},
-            twin::{JointKind, SeenJoint, SeenPart},
+            twin::{SeenJoint, SeenMotion, SeenPart},
         },
         geometry::Pose,
         surface::TriangleMesh,
@@ -70,7 +70,7 @@ mod tests {
             parent: 0,
             child: 1,
             parent_from_joint: Pose::identity(),
-            kind: JointKind::Revolute,
+            kind: SeenMotion::Revolute,
             axis: Vector3::z_axis(),
             point: Point3::origin(),
             limit: None,

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::{
-    gap::camera::model::twin::{JointKind, SeenJoint, SeenTwin},
+    gap::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin},
     geometry::{Pose, Screw},
 };
 
@@ -11,7 +11,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     /// How it moves.
-    pub kind: JointKind,
+    pub kind: SeenMotion,
     /// Direction in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters.
@@ -26,9 +26,9 @@ impl Law {
     pub fn motion(&self, position: f64) -> Pose {
         let line = Screw { direction: self.axis, point: self.point, angle_rad: 0.0, advance_m: 0.0 };
         match self.kind {
-            JointKind::Revolute => line.motion_by(position, 0.0),
-            JointKind::Prismatic => line.motion_by(0.0, position),
-            JointKind::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
+            SeenMotion::Revolute => line.motion_by(position, 0.0),
+            SeenMotion::Prismatic => line.motion_by(0.0, position),
+            SeenMotion::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
         }
     }
 }

@@ -2,10 +2,6 @@
 
 use crate::gap::judge::verdict::ParameterEstimate;
 
-/// Standard deviations to both sides that hold the truth with 95 %.
-///
-/// derived: normal distribution
-pub const INTERVAL: f64 = 1.96;
 /// Squares of standard deviations that hold a vector of 1, 2, ... components with 95 %.
 ///
 /// derived: chi-square distribution

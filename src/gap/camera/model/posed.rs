@@ -7,7 +7,7 @@ use crate::{
         model::{
             hypothesis::Hypothesis,
             parameter::{Parameter, component, normals_of},
-            twin::{JointKind, SeenTwin},
+            twin::{SeenMotion, SeenTwin},
         },
         record::frames::FrameRun,
     },
@@ -164,9 +164,9 @@ impl<'a> PosedTwin<'a> {
             let around = axis.cross(&(seen.point - frame * law.point));
             sum += rate
                 * match law.kind {
-                    JointKind::Revolute => around,
-                    JointKind::Prismatic => axis,
-                    JointKind::Screw { pitch_m_per_rad } => around + axis * pitch_m_per_rad,
+                    SeenMotion::Revolute => around,
+                    SeenMotion::Prismatic => axis,
+                    SeenMotion::Screw { pitch_m_per_rad } => around + axis * pitch_m_per_rad,
                 };
         }
         sum

@@ -17,7 +17,7 @@ pub const MISCALIBRATED: f64 = 0.02;
 /// Standard deviations of what effects may move that a residual may have and still belong to the surface.
 ///
 /// derived: 95 % of a normal distribution
-const GATE: f64 = 2.0;
+pub const GATE: f64 = 2.0;
 /// Least lever of a turn, as a share of the object's size: a part without a mesh has none.
 ///
 /// derived: such a part is smaller than the gate, which is 0.06 of the object and more

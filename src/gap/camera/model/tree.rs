@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use crate::{
     gap::camera::model::{
         own_error::OwnErrors,
-        twin::{JointKind, SeenJoint, SeenPart, SeenTwin},
+        twin::{SeenJoint, SeenMotion, SeenPart, SeenTwin},
     },
     geometry::Pose,
     model::{JointType, Tree},
@@ -65,9 +65,9 @@ impl SeenTwin {
                     carriers.push(Some(joints.len()));
                     let own = facts.get(&joint.name).copied().unwrap_or_default();
                     let kind = match (joint.kind, own.pitch_m_per_rad) {
-                        (JointType::Prismatic, _) => JointKind::Prismatic,
-                        (_, Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
-                        _ => JointKind::Revolute,
+                        (JointType::Prismatic, _) => SeenMotion::Prismatic,
+                        (_, Some(pitch_m_per_rad)) => SeenMotion::Screw { pitch_m_per_rad },
+                        _ => SeenMotion::Revolute,
                     };
                     joints.push(SeenJoint {
                         name: joint.name.clone(),

@@ -5,15 +5,12 @@ use nalgebra::{DMatrix, DVector};
 use crate::gap::{
     camera::{
         model::{
-            hypothesis::Hypothesis,
-            interval::{CHI_SQUARE_95, INTERVAL},
-            parameter::Parameter,
-            scales::Scales,
+            hypothesis::Hypothesis, interval::CHI_SQUARE_95, parameter::Parameter, scales::Scales,
             twin::SeenTwin,
         },
         record::frames::FrameRun,
     },
-    judge::verdict::ParameterEstimate,
+    judge::{simplify::HALF_WIDTH, verdict::ParameterEstimate},
 };
 
 /// A parameter with the standard deviation of its prior.
@@ -73,7 +70,7 @@ impl Fitted<'_> {
     /// A linear combination of the columns with its interval.
     #[must_use]
     pub fn linear(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
-        let half = INTERVAL * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
+        let half = HALF_WIDTH * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
         let value = weights.dot(self.values);
         ParameterEstimate {
             name: name.to_owned(),

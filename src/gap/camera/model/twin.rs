@@ -6,7 +6,7 @@ use crate::{gap::camera::model::own_error::OwnErrors, geometry::Pose, surface::T
 
 /// How a joint moves its child.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum JointKind {
+pub enum SeenMotion {
     /// Turns; radians.
     Revolute,
     /// Slides; meters.
@@ -18,7 +18,7 @@ pub enum JointKind {
     },
 }
 
-impl JointKind {
+impl SeenMotion {
     /// Name in reports.
     #[must_use]
     pub fn name(&self) -> &'static str {
@@ -63,7 +63,7 @@ pub struct SeenJoint {
     /// Joint frame in the parent part's frame at position 0.
     pub parent_from_joint: Pose,
     /// How it moves.
-    pub kind: JointKind,
+    pub kind: SeenMotion,
     /// Direction in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters; the origin in every description file.

@@ -1,8 +1,6 @@
 //! Coulomb friction with another bound each way.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
 use crate::gap::model::plant::Plant;
 
@@ -33,10 +31,6 @@ impl Effect for AsymmetricFriction {
         let side = usize::from(at.direction < 0.0);
         out.value = p[side];
         out.p[side] = 1.0;
-    }
-
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0, 0.0]]
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {

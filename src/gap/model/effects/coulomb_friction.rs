@@ -1,8 +1,6 @@
 //! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 use crate::gap::model::format::{Expression, Format, JointNumbers};
 use crate::gap::model::plant::Plant;
 
@@ -28,10 +26,6 @@ impl Effect for CoulombFriction {
     fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0];
         out.p[0] = 1.0;
-    }
-
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
     }
 
     fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {

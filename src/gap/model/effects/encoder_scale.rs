@@ -1,13 +1,12 @@
 //! The recorded position is `s` times the true one.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
+use crate::gap::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
 
 /// See the module.
 #[derive(Debug)]
 pub struct EncoderScale;
 
-const PARAMETERS: &[Parameter] =
-    &[Parameter { name: "scale", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
+const PARAMETERS: &[Parameter] = &[ratio("scale")];
 
 const SPEC: Spec = Spec {
     name: "encoder_scale",
@@ -22,12 +21,8 @@ impl Effect for EncoderScale {
         &SPEC
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![1.0]]
-    }
-
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
-        (0.05, 20.0)
+        (1.0 / LARGEST_RATIO, LARGEST_RATIO)
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {

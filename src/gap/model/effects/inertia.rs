@@ -23,10 +23,6 @@ impl Effect for Inertia {
         &SPEC
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
-    }
-
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (-0.9 * coverage.inertia, 1e9)
     }

@@ -29,10 +29,6 @@ impl Effect for LoadDependentFriction {
         out.p[0] = at.u.abs();
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
-    }
-
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (0.0, 0.95)
     }

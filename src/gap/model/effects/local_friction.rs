@@ -1,19 +1,15 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
 use crate::gap::model::{
-    bump::{bump_bounds, bumps},
-    effect::{At, Coverage, Dimension, Effect, Extent, Parameter, Place, Response, Spec, amplitude, shape},
+    bump::{bump, bump_bounds, bump_meets, bumps},
+    effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };
 
 /// See the module.
 #[derive(Debug)]
 pub struct LocalFriction;
 
-const PARAMETERS: &[Parameter] = &[
-    amplitude("friction", Dimension::Effort, false),
-    shape("position", Dimension::Position, true),
-    shape("width", Dimension::Position, false),
-];
+const PARAMETERS: &[Parameter] = &bump("friction");
 
 const SPEC: Spec = Spec {
     name: "local_friction",
@@ -46,11 +42,11 @@ impl Effect for LocalFriction {
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        bumps(coverage).into_iter().map(|(position, width)| vec![0.0, position, width]).collect()
+        bumps(coverage)
     }
 
     fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
-        Extent::meets(extent.position, shape[1], REACH * shape[2])
+        bump_meets(extent, shape, REACH)
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {

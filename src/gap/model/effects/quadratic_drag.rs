@@ -1,8 +1,6 @@
 //! Drag that grows with the square of the speed: `effort = -c v |v|`.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 use crate::gap::model::format::{Expression, Format, JointNumbers};
 use crate::gap::model::plant::Plant;
 
@@ -29,10 +27,6 @@ impl Effect for QuadraticDrag {
         out.value = -p[0] * at.v * at.v.abs();
         out.v = -2.0 * p[0] * at.v.abs();
         out.p[0] = -at.v * at.v.abs();
-    }
-
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
     }
 
     fn is_of_velocity(&self) -> bool {

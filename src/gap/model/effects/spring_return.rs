@@ -1,7 +1,7 @@
 //! A spring: `effort = e - k q`, at rest where `q = e / k`.
 
 use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude,
+    At, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude,
 };
 use crate::gap::model::format::{Expression, Format, JointNumbers, Spring};
 use crate::gap::model::plant::Plant;
@@ -31,10 +31,6 @@ impl Effect for SpringReturn {
         out.q = -p[0];
         out.p[0] = -at.q;
         out.p[1] = 1.0;
-    }
-
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0, 0.0]]
     }
 
     fn reported(&self, p: &[f64]) -> Vec<Reported> {

@@ -1,6 +1,6 @@
 //! The effort that acts is `g` times the recorded one.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec};
+use crate::gap::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
 use crate::gap::model::format::{Expression, Format, JointNumbers};
 use crate::gap::model::plant::Plant;
 
@@ -8,8 +8,7 @@ use crate::gap::model::plant::Plant;
 #[derive(Debug)]
 pub struct TorqueGain;
 
-const PARAMETERS: &[Parameter] =
-    &[Parameter { name: "gain", dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }];
+const PARAMETERS: &[Parameter] = &[ratio("gain")];
 
 const SPEC: Spec = Spec {
     name: "torque_gain",
@@ -24,12 +23,8 @@ impl Effect for TorqueGain {
         &SPEC
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![1.0]]
-    }
-
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
-        (0.05, 20.0)
+        (1.0 / LARGEST_RATIO, LARGEST_RATIO)
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {

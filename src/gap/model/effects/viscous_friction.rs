@@ -31,10 +31,6 @@ impl Effect for ViscousFriction {
         out.p[0] = -at.v;
     }
 
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
-    }
-
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         // A joint damps; it does not drive itself.
         (-coverage.damping, 1e9)

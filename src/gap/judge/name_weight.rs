@@ -1,0 +1,51 @@
+//! When a name stands alone: its weight among all that could stand in its place.
+
+/// Weight that a name needs.
+/// derived: one less a level of 5 %, as that of the intervals.
+const NAME_WEIGHT: f64 = 0.95;
+
+/// Twice the log likelihood that one of `effects` effects must gain to be there with the weight of a name,
+/// where beforehand each is as likely as any other, and that one of them is there as likely as none.
+/// See docs/method.md (14.16).
+#[must_use]
+pub fn least_gain(effects: usize) -> f64 {
+    2.0 * (effects as f64 * NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
+}
+
+/// How many rivals, of weights sorted from the largest, the fewest hypotheses hold that have the weight of a
+/// name together with the one of weight `own`: none where that has it alone.
+#[must_use]
+pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
+    let wanted = NAME_WEIGHT * (own + rivals.iter().sum::<f64>());
+    let held = rivals.iter().scan(own, |held, w| {
+        let before = *held;
+        *held += w;
+        Some(before)
+    });
+    held.take_while(|held| *held < wanted).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rivals_are_in_doubt_until_the_rest_weighs_a_twentieth() {
+        assert_eq!(rivals_in_doubt(1.0, &[]), 0);
+        assert_eq!(rivals_in_doubt(1.0, &[0.05]), 0);
+        assert_eq!(rivals_in_doubt(1.0, &[0.06]), 1);
+        // Many of little weight count as one of much.
+        assert_eq!(rivals_in_doubt(1.0, &[0.03, 0.03]), 1);
+        assert_eq!(rivals_in_doubt(0.5, &[0.4, 0.06, 0.04]), 2);
+        // Any unit of weight.
+        assert_eq!(rivals_in_doubt(50.0, &[40.0, 6.0, 4.0]), 2);
+    }
+
+    #[test]
+    fn the_least_gain_gives_the_weight_of_a_name() {
+        for effects in [1, 22, 100] {
+            let odds = (0.5 * least_gain(effects)).exp() / effects as f64;
+            assert!((odds / (1.0 + odds) - NAME_WEIGHT).abs() < 1e-12);
+        }
+    }
+}
