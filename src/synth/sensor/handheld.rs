@@ -80,7 +80,7 @@ impl FromStr for HandheldSensor {
     /// Reads `handheld` or `handheld:LEVEL`.
     fn from_str(text: &str) -> Result<Self, ParseSensorError> {
         let (name, level) = text.split_once(':').unwrap_or((text, "1"));
-        let level: f64 = level.trim().parse().map_err(|_| ParseSensorError)?;
+        let level: f64 = level.trim().parse().unwrap_or(f64::NAN);
         if name.trim() == "handheld" && (0.0..=Self::MAX_LEVEL).contains(&level) {
             Ok(Self::new(level))
         } else {
