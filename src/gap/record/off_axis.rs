@@ -85,8 +85,8 @@ const NOISES: f64 = 3.0;
 /// Least noise: that of the numbers.
 /// derived: six decimals, which messages of poses hold at least.
 const LEAST: Across = Across { shift_m: 1e-6, turn_rad: 1e-6 };
-/// Share of what there is to explain that an explanation may leave: of poses off a joint, of what a table over
-/// one variable finds, of the gap of held-out runs.
+/// Share of what there is to explain that an explanation may leave: of poses off a joint, of what a table
+/// over one variable finds, of the gap of held-out runs.
 /// tuned: tests/python/gap/generate.py.
 pub const MAX_LEFT: f64 = 0.12;
 
