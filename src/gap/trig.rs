@@ -37,11 +37,14 @@ const COSINE: [f64; 6] = [
 #[inline]
 #[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
+    // Negated: NaN goes to the standard library as well.
     if !(angle.abs() < MAX_ANGLE) {
         return angle.sin_cos();
     }
+    // The sum has no bits below one, which rounds it; its last two bits are the quadrant.
     let shifted = angle * FRAC_2_PI + ROUNDING;
     let quarters = shifted - ROUNDING;
+    // Taken off in two parts, the first without rounding, so that no digits cancel.
     let r = angle - quarters * QUARTER.0 - quarters * QUARTER.1;
     let z = r * r;
     let at = |c: &[f64; 6]| c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * (c[4] + z * c[5]))));

@@ -104,10 +104,13 @@ impl TwinTree {
         acceleration: &[f64],
         with_gravity: bool,
     ) -> Vec<f64> {
+        // A root that accelerates upwards makes the same efforts as gravity: no link needs a term of its
+        // own.
         let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
         let rest =
             LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
         let mut motion = vec![rest; self.links.len()];
+        // Outward: the motion of each link from that of its parent.
         for (j, joint) in self.joints.iter().enumerate() {
             motion[joint.child] =
                 step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
@@ -116,10 +119,12 @@ impl TwinTree {
         let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> =
             self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
         let mut effort = vec![0.0; self.joints.len()];
+        // Inward: a joint carries what its child needs and hands it on to the parent.
         for (j, joint) in self.joints.iter().enumerate().rev() {
             let (force, moment) = wrench[joint.child];
             let pose = &motion[joint.child].pose;
             let axis = pose.rotation * joint.axis.into_inner();
+            // A hinge feels the moment about its own origin, not about the world's.
             effort[j] = match joint.motion {
                 Motion::Fixed => 0.0,
                 Motion::Turn => axis.dot(&(moment - pose.translation.vector.cross(&force))),
@@ -138,6 +143,8 @@ impl TwinTree {
         let zero = vec![0.0; n];
         let mut matrix = DMatrix::zeros(n, n);
         for j in (0..n).filter(|&j| self.joints[j].motion != Motion::Fixed) {
+            // At rest and without gravity, a unit acceleration of one joint needs the efforts of its
+            // column.
             let mut unit = zero.clone();
             unit[j] = 1.0;
             let column = self.inverse_dynamics(position, &zero, &unit, false);
@@ -227,12 +234,14 @@ fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> L
     let pose = frame * joint.moved(q);
     let arm = pose.translation.vector - parent.pose.translation.vector;
     let (w, dw) = (parent.w, parent.dw);
+    // Tangential and centripetal acceleration of the child's origin, which the parent carries along.
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
     match joint.motion {
         Motion::Fixed => LinkMotion { pose, w, dw, acc: carried },
         Motion::Turn => {
             LinkMotion { pose, w: w + axis * v, dw: dw + axis * a + w.cross(&(axis * v)), acc: carried }
         }
+        // The way of a slide turns with the parent: Coriolis.
         Motion::Slide => LinkMotion { pose, w, dw, acc: carried + axis * a + 2.0 * w.cross(&(axis * v)) },
     }
 }
@@ -243,6 +252,7 @@ fn newton_euler(link: &TwinLink, motion: &LinkMotion) -> (Vector3<f64>, Vector3<
     let force = acc * link.mass_kg;
     let r = motion.pose.rotation.to_rotation_matrix();
     let inertia = r.matrix() * link.inertia * r.matrix().transpose();
+    // Euler's equation; moved to the world's origin, where wrenches of links add up.
     let spin = inertia * motion.dw + motion.w.cross(&(inertia * motion.w));
     (force, spin + (motion.pose.translation.vector + arm).cross(&force))
 }

@@ -60,9 +60,11 @@ impl<'a> Acting<'a> {
         if !self.has_contact {
             return None;
         }
+        // Columns before the terms': start position, start velocity, lag.
         let (mut first, mut column) = (None::<Meeting>, 3);
         for (effect, _, p) in &self.terms {
             if let Some(i) = effect.begins() {
+                // At rest this is infinite or no number, and the comparisons below fail.
                 let after_s = (p[i] - q) / v;
                 let enters = (v > 0.0) == effect.is_upper();
                 if enters && after_s > 0.0 && after_s < first.map_or(h, |f| f.after_s) {
@@ -79,6 +81,7 @@ impl<'a> Acting<'a> {
     pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
         let plant = self.plant;
         let (load, slope) = plant.load_at(at.carried, at.q);
+        // An inertia that changes as a chain moves acts as damping: d(I v)/dt = I a + dI/dt v.
         let damping = plant.damping + plant.inertia_at(at.carried).1;
         let mut sum = Sum {
             effort: -load - damping * at.v,
@@ -98,6 +101,7 @@ impl<'a> Acting<'a> {
                     sum.v += r.v;
                     &mut *effort
                 } else {
+                    // A bound below zero would let friction drive.
                     sum.friction += r.value.max(0.0);
                     sum.friction_q += r.q;
                     sum.friction_u += r.u;
@@ -129,6 +133,7 @@ impl<'a> Acting<'a> {
             sum.q += r.q + r.load * sum.q;
             sum.v += r.v + r.load * sum.v;
             sum.taken -= r.load;
+            // What the contact takes off the efforts it takes off their derivatives as well.
             if r.load != 0.0 {
                 effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
             }

@@ -32,6 +32,8 @@ pub fn most_likely_noise(
         let mut rollout = Rollout::default();
         predict(problem, model, &drives, w, *start, &mut rollout);
         let residual = residual_column(model.free());
+        // Rollouts do not depend on the noise and are made once; of their columns the likelihood needs
+        // three.
         let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
         rollouts.push(compact);
     }
@@ -50,6 +52,7 @@ pub fn most_likely_noise(
         -0.5 * twice
     };
     let mut best = (score(around), around);
+    // The grid moves while a side is better; then its ratio shrinks to the root.
     let mut factor = 4.0f64;
     loop {
         let (middle, center) = best;

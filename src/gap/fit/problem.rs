@@ -110,6 +110,7 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
         let mut problem = Self::new(fitted.catalogue, &fitted.plant, fitted.turns, logs, fitted.hold);
+        // The noise is the sensor's: held-out runs are judged by that of the fit.
         problem.sigma_y = fitted.sigma_y;
         problem.finer = FINER;
         problem
@@ -143,6 +144,7 @@ impl<'c> Problem<'c> {
         let sensor = model.sensor(self.catalogue);
         let start = |w: &Span| {
             let trace = &self.traces[w.log];
+            // A joint that moves up drags what measures it behind, at the lower end of the gap.
             let play = -trace.direction[w.start];
             let position = (trace.position[w.start] - sensor.bias) / sensor.scale - play * sensor.half_gap;
             Start { position, velocity: trace.velocity[w.start] / sensor.scale, play }
@@ -189,6 +191,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
         hi - lo
     };
+    // Every twentieth sample is enough to see whether the load depends on the position at all.
     let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
     let seen: Vec<_> =
         std::iter::once(None).filter(|_| logs.iter().all(|l| l.carried.is_empty())).chain(carried).collect();
@@ -199,6 +202,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     Coverage {
         position: (low, high),
         travel: traces.iter().map(range).fold(0.0, f64::max),
+        // A quantile, not the highest: shapes are laid over it, and one bad sample would shift them all.
         speed: (at(0.6), at(0.995)),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),

@@ -102,6 +102,7 @@ struct Layout {
 impl Layout {
     fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
         let scalar = |place, neutral| {
+            // The first two columns are the start state.
             model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)))
         };
         let (added, inertia_column) = scalar(Place::Inertia, 0.0);
@@ -120,8 +121,10 @@ impl Layout {
     /// the delay.
     #[inline]
     fn by_drive(&self, sum: &Sum, effort: f64, by_delay: f64, effort_p: &mut Row, friction_p: &mut Row) {
+        // A contact takes its share off the measured effort too, and off whatever changes that.
         let by_u = 1.0 - sum.taken;
         (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
+        // Lag (column 2) and delay shift the same effort.
         if let Some(c) = self.delay_column {
             (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
         }
@@ -134,6 +137,8 @@ impl Layout {
 /// One over an inertia and what is added to it.
 #[must_use]
 pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
+    // The bound of the added inertia knows the chain at rest only: where the others move, the sum could
+    // fall to zero.
     1.0 / (inertia + added).max(1e-3 * inertia)
 }
 
@@ -160,6 +165,7 @@ impl Moving {
     fn meet<const W: usize>(&mut self, column: usize, leap: f64) {
         let rate = leap / self.v;
         for c in 0..W {
+            // (14.9), where the contact's own position counts against that of the joint.
             self.dv[c] += rate * (self.dq[c] - f64::from(u8::from(c == column)));
         }
     }
@@ -192,25 +198,32 @@ impl Kicks<'_> {
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
         self.layout.by_drive(&sum, effort, by_delay, &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
+        // (14.7): implicit in the velocity, so that strong damping does not overshoot; the floor bounds
+        // the step where an effort drives the joint.
         let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
+        // The kick divides by the inertia: the derivative is an effort of minus total / I.
         if let Some(c) = self.layout.inertia_column {
             (self.effort_p[c], self.friction_p[c]) = (-total * inverse, -sum.friction * inverse);
         }
         let free = v + kick * total;
+        // The joint would turn back within the step, where another bound of the friction may hold it.
         if free * at.direction < 0.0 {
             sum.friction = bound_at_turn(&self.acting, at, sum.friction, &mut self.friction_p);
         }
         let bound = kick * sum.friction;
+        // The velocity that friction gives a joint that it can hold, (14.7) and (14.8).
         let target = settling.keep * v + settling.creep * kick * total;
         let taken = free - target;
         let (dq, dv) = (&moving.dq, &mut moving.dv);
         if taken.abs() <= bound {
             moving.v = target;
+            // Stick: friction takes up whatever the parameters change, save the creep.
             let creep = settling.creep * kick;
             for c in 0..W {
                 dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + self.effort_p[c]);
             }
         } else {
+            // Slide: friction acts at its bound, whose changes with position and parameters count.
             let sign = taken.signum();
             moving.v = free - sign * bound;
             let by_q = kick * (sum.q - sign * sum.friction_q);
@@ -224,6 +237,7 @@ impl Kicks<'_> {
     /// Leap of the acceleration where a contact begins, at a state that is before it, as a kick of `h`
     /// seconds has it.
     fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
+        // A contact's damping sets in at once: the effort differs on both sides of its position.
         let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
         let (before, after) = (side(-BESIDE), side(BESIDE));
         let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
@@ -253,6 +267,7 @@ fn roll_columns<const W: usize>(
     let mut kicks =
         Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
     let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
+    // Sensitivities of the start state to itself.
     (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
     let (mut gauge, mut dgauge) = (moving.q + start.play * sensor.half_gap, moving.dq);
     if let Some(c) = sensors[2] {
@@ -274,18 +289,25 @@ fn roll_columns<const W: usize>(
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
             let (effort, by_delay) = (drive.effort[index], gain * drive.by_delay[index]);
+            // A step across the begin of a contact is split there; else the contact would act too long or
+            // too late.
             let meeting = kicks.acting.meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
             for (h, meeting) in [(before, None), (step - before, meeting)]
                 .into_iter()
                 .take(if meeting.is_some() { 2 } else { 1 })
             {
+                // Most steps are equally long, and the exponential is dear.
                 if h != settled_h {
                     (settled_h, settling) = (h, Settling::over(model.settle_s, h));
                 }
+                // At rest either side will do: the kick looks up the other one where the joint leaves
+                // that way.
                 let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
                 let t = t + (s as f64 + 0.5) * step;
                 let Moving { q, v, .. } = moving;
+                // The kick acts after the first half drift: its efforts are those of the middle of the
+                // step.
                 let at = At {
                     q: q + 0.5 * h * v,
                     v,
@@ -322,6 +344,7 @@ fn measure<const W: usize>(
     each: &mut impl FnMut(f64, &Row),
 ) {
     let half = sensor.half_gap;
+    // Without a gap the gauge goes with the joint; within a gap it stands, and so do its sensitivities.
     let side = if *gauge < q - half || half == 0.0 {
         -1.0
     } else if *gauge > q + half {

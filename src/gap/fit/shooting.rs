@@ -82,6 +82,7 @@ fn evaluate(
     whitening: &Whitening,
     frozen: &[bool],
 ) -> Evaluation {
+    // A constant number of columns lets the compiler unroll and vectorize the loops over them.
     match width(model.free()) {
         4 => evaluate_columns::<4>(problem, model, starts, whitening, frozen),
         8 => evaluate_columns::<8>(problem, model, starts, whitening, frozen),
@@ -106,8 +107,10 @@ fn evaluate_columns<const W: usize>(
     for (w, start) in starts.iter().enumerate() {
         predict(problem, model, &drives, w, *start, &mut rollout);
         let span = problem.windows[w];
+        // The residual stands behind the sensitivities, so that one filter whitens both alike (14.10).
         whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
         let sums = products::<W>(&rollout.rows);
+        // A frozen parameter keeps its place with zeros: indices stay those of the model.
         let held = |i: usize, j: usize| frozen[i] || frozen[j];
         blocks.push(Block {
             cost: sums[residual][residual],
@@ -134,6 +137,7 @@ fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bo
     let lag = model.lag_s / problem.lag_sigma_s;
     let cost = blocks.iter().map(|b| b.cost).sum::<f64>() + lag * lag;
     let cost = if cost.is_finite() { cost } else { f64::INFINITY };
+    // The lag's prior is one more squared residual; parameter 0 is always the lag.
     if !frozen[0] {
         hessian[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
         gradient[0] -= lag / problem.lag_sigma_s;
@@ -147,6 +151,7 @@ fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     for row in rows {
         for i in 0..W {
             let x = row[i];
+            // From an even column on, the loop runs over whole pairs, which vectorize.
             for j in i & !1..W {
                 sums[i][j] += x * row[j];
             }
@@ -166,15 +171,19 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     let inverses: Vec<Matrix2<f64>> =
         normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
     for (b, inverse) in normal.blocks.iter().zip(&inverses) {
+        // (14.11): what a window's free start state could explain as well says nothing about parameters.
         let weighted = b.cross.transpose() * inverse;
         s -= &weighted * &b.cross;
         g -= &weighted * b.start_gradient;
     }
     for i in 0..g.len() {
         if frozen[i] {
+            // A unit row with no gradient: the step is zero, and the matrix stays invertible.
             s[(i, i)] = 1.0;
             g[i] = 0.0;
         } else {
+            // Marquardt's scaling by the diagonal is free of units. The two small terms keep a parameter
+            // that no window shows from making the matrix singular.
             s[(i, i)] = s[(i, i)] * (1.0 + damping) + 1e-12 * normal.hessian[(i, i)] + 1e-300;
         }
     }
@@ -192,6 +201,7 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
 fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.parameters();
     let mut at = 1;
+    // A lag far outside its prior would stand in for the effect `delay`.
     parameters[0] = (parameters[0] + step[0]).clamp(-5.0 * problem.lag_sigma_s, 5.0 * problem.lag_sigma_s);
     for term in &model.terms {
         for i in 0..term.p.len() {
@@ -255,6 +265,7 @@ pub fn fit(
     pace: Pace,
 ) -> Fit {
     let mut best = fit_settled(problem, model, starts, sigma_u, free, pace);
+    // Without friction the settle time changes nothing.
     if !pace.settles || free != Free::All || !model.has_friction(problem.catalogue) {
         return best;
     }
@@ -265,8 +276,11 @@ pub fn fit(
             let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
             let Some(&settle_s) = SETTLE_S.get(next) else { break };
             let trial = JointModel { settle_s, ..best.model.clone() };
+            // The next settle time changes little: the fit starts from this one's states and needs few
+            // steps.
             let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
             let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, trial_pace);
+            // Negated, so that a likelihood that is not a number ends the search.
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;
             }
@@ -293,6 +307,7 @@ fn fit_settled(
     let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
     let mut sigma_u = sigma_u.max(problem.min_sigma_u);
     let mut frozen = vec![free == Free::Starts; model.free()];
+    // Lag and delay add up to one shift of the effort; with both free, neither would be determined.
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
     let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
     let mut whitening = Whitening::new(problem, &model, sigma_u);
@@ -302,6 +317,7 @@ fn fit_settled(
     } else {
         &[]
     };
+    // Annealing: little noise first, so that no window counts its misfit as noise.
     for share in anneal {
         whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
         improve(problem, &model, &mut starts, &whitening, true);
@@ -310,10 +326,14 @@ fn fit_settled(
     }
     let mut end = None;
     for round in 0..pace.rounds.max(1) {
+        // A model that is not fitted yet leaves its misfit in the residuals, and the estimate would take
+        // that for noise.
         if round > 0 || !anneal.is_empty() || pace.hears {
             sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
             whitening = Whitening::new(problem, &model, sigma_u);
         }
+        // Gauss-Newton cannot move a start across the play, so that with play every round searches all
+        // windows.
         improve(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
@@ -398,11 +418,14 @@ fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
     for i in (0..n).filter(|&i| frozen[i]) {
         s[(i, i)] = 1.0;
     }
+    // Parameters that the windows do not determine have no finite interval.
     let Some(mut c) = s.clone().cholesky().map(|c| c.inverse()) else {
         return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
     };
     let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
     for (own, gradient) in &windows {
+        // At the optimum the gradient of the other windows is minus this one's: one solve without the
+        // window gives the step that its absence makes, up to a sign.
         let without = (&s - own).cholesky().map_or_else(|| &c * gradient, |rest| rest.solve(gradient));
         let (known, within) = (&c * own * &c, &c * gradient);
         for i in 0..n {
@@ -412,12 +435,14 @@ fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
             shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
         }
     }
+    // (14.13): residuals that are not white move a parameter by more than its variance says.
     let wider: Vec<f64> = (0..n)
         .map(|i| (moved[i] / c[(i, i)]).max(1.0).sqrt())
         .map(|w| if w.is_finite() { w } else { 1.0 })
         .collect();
     for i in 0..n {
         for j in 0..n {
+            // Rows and columns alike, which keeps the correlations.
             c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
         }
     }
@@ -432,6 +457,7 @@ fn restricted(problem: &Problem, model: &JointModel, at: &Evaluation, whitening:
     let mut twice = whitening.log_variance + lag * lag;
     for b in &at.normal.blocks {
         let inverse = b.start.try_inverse().unwrap_or_else(Matrix2::zeros);
+        // Integrating a start state out takes its best step off the cost and adds its log determinant.
         twice += b.cost - b.start_gradient.dot(&(inverse * b.start_gradient))
             + b.start.determinant().max(1e-300).ln();
     }

@@ -46,6 +46,7 @@ impl Predict<'_> {
         let (inertia, rate) = self.plant.inertia_at(carried);
         let i = 1.0 / inertia;
         let (k, b) = (self.plant.load_at(carried, q).1 * i, (self.plant.damping + rate) * i);
+        // Exact in the damping, which may be strong over an interval; first order in the load's slope.
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
@@ -53,6 +54,7 @@ impl Predict<'_> {
     fn step(&self, carried: Option<&Carried>, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
         let (a, g) = self.matrices(carried, s.q, dt);
         let (load, slope) = self.plant.load_at(carried, s.q);
+        // The transition carries the load's linear part about this position; the push carries the rest.
         let push = effort - load + slope * s.q;
         let w = self.noise * self.noise;
         let (m00, m01) = (a[0] * s.qq + a[1] * s.qv, a[0] * s.qv + a[1] * s.vv);
@@ -74,6 +76,7 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise
     let effort: Vec<Vec<f64>> = logs.iter().zip(drives).map(|(l, d)| sample_efforts(l, d)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
+    // A joint that was released has no effort; then the load sets the scale.
     let scale = rms.max(plant.load.amplitude()).max(1e-9);
     let likelihood = |noise: f64| -> f64 {
         let each = logs
@@ -82,6 +85,7 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise
             .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, position_noise).1);
         each.sum()
     };
+    // From 0.3 % of the effort to six times it (section 14.3).
     let best = (0..9)
         .map(|i| scale * 0.003 * 2.6f64.powi(i))
         .map(|n| (likelihood(n), n))
@@ -95,6 +99,7 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise
 fn sample_efforts(log: &JointLog, drive: &Drive) -> Vec<f64> {
     let mut means: Vec<f64> =
         drive.effort.chunks(drive.steps.max(1)).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
+    // No interval follows the last sample.
     means.resize(log.time_s.len(), log.effort.last().copied().unwrap_or(0.0));
     means
 }
@@ -113,6 +118,7 @@ fn forward(
     let mut likelihood = 0.0;
     for span in log.segments(index) {
         let first = log.position[span.start];
+        // Nothing is known of the motion within a gap: each segment begins anew.
         let mut belief = Belief { q: first, v: 0.0, qq: sigma * sigma * 1e4, qv: 0.0, vv: 1e4 };
         let mut transition = [1.0, 0.0, 0.0, 1.0];
         let mut passed = Vec::with_capacity(span.len);
@@ -128,6 +134,7 @@ fn forward(
             let predicted = belief;
             let s = predicted.qq + sigma * sigma;
             let innovation = log.position[k] - predicted.q;
+            // The first innovations show the wide prior only.
             if k > span.start + 2 {
                 likelihood -= 0.5 * (innovation * innovation / s + s.ln());
             }
@@ -169,6 +176,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sig
                     updated.qv * a[2] + updated.vv * a[3],
                 ];
                 let det = next.qq * next.vv - next.qv * next.qv;
+                // Where rounding makes the prediction singular, the filtered state stands.
                 if det > 0.0 {
                     let (x, y) = (q - next.q, v - next.v);
                     let (ix, iy) = ((next.vv * x - next.qv * y) / det, (next.qq * y - next.qv * x) / det);
@@ -188,6 +196,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sig
         let (inertia, rate) = plant.inertia_at(carried);
         trace.acceleration[k] =
             (effort[k] - (plant.damping + rate) * v - plant.load_at(carried, q).0) / inertia;
+        // Near rest the sign of the smoothed velocity is noise: the last clear one stands.
         if v.abs() > 0.02 * top {
             last = v.signum();
         }

@@ -43,6 +43,8 @@ struct Trial {
 impl Trial {
     /// The cost that one step of the start state promises.
     fn reach(&self) -> f64 {
+        // A state in the right basin may begin with the higher cost, so trials are ranked by what a step
+        // promises.
         let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
         if self.cost.is_finite() { self.cost - step } else { f64::INFINITY }
     }
@@ -103,6 +105,7 @@ impl Bench<'_, '_> {
             if trial.cost < now.cost {
                 let gained = now.cost - trial.cost;
                 (now, damping) = (trial, damping * 0.2);
+                // Half a squared standard deviation does not change which state wins.
                 if gained < 0.5 {
                     break;
                 }
@@ -120,6 +123,7 @@ impl Bench<'_, '_> {
         if next.log != span.log || next.start != span.start + span.len {
             return None;
         }
+        // Windows share no sample: the next one begins an interval later.
         let longer = Span { len: span.len + 1, ..span };
         let log = &self.problem.logs[span.log];
         let end = roll_starts(
@@ -156,6 +160,7 @@ pub fn improve(
         let fits = |t: &Trial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
+        // These trials cost one rollout each; most windows need no more.
         if all || !fits(&given) {
             trials.extend(std::iter::once(fresh[w]).chain(carried).map(|s| bench.try_start(w, s)));
             if half_gap > 0.0 {
@@ -171,6 +176,7 @@ pub fn improve(
             best = searched(&bench, w, trials, &fresh[w], half_gap, &fits);
         }
         starts[w] = best.start;
+        // Motion is continuous: where one window ends well, the next begins well.
         carried = bench.hand_on(w, best.start);
     }
 }
@@ -192,6 +198,7 @@ fn searched(
     half_gap: f64,
     fits: &dyn Fn(&Trial) -> bool,
 ) -> Trial {
+    // One polish costs less than the search below and often is enough.
     let quick = bench.polish(w, trials[0]);
     if fits(&quick) {
         return quick;
@@ -200,6 +207,8 @@ fn searched(
     let (log, scale) = (&bench.problem.logs[span.log], bench.model.sensor(bench.problem.catalogue).scale);
     let last = log.time_s.len() as i64 - 1;
     let places: &[f64] = if half_gap > 0.0 { &PLAY } else { &[0.0] };
+    // The smoothed motion knows no contact and no catch: near one its velocity is wrong, and slopes of
+    // the record beside it are better.
     for (from, to) in SLOPES {
         let at = |k: i64| (span.start as i64 + k).clamp(0, last) as usize;
         let (a, b) = (at(from), at(to));
@@ -215,6 +224,7 @@ fn searched(
     trials.push(quick);
     trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
     trials.truncate(POLISHED);
+    // Whatever the ranking says, the quick polish stays a candidate.
     trials.push(quick);
     let polished: Vec<Trial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
     polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)

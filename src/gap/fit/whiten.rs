@@ -38,6 +38,7 @@ pub fn linearize(
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
     let mut now = [0.0; 8];
+    // A smoothed velocity is never exactly zero: below this share of the top speed a joint may stick.
     let still = 0.003 * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let acting = Acting::of(model, catalogue);
     let mut locals = Vec::with_capacity(n);
@@ -61,18 +62,22 @@ pub fn linearize(
         };
         let sum = acting.at(&at);
         let settling = Settling::over(model.settle_s, dt);
+        // Friction that settles must also brake the velocity within its settle time.
         let held = if settling.keep > 0.0 {
             v / (model.settle_s * inverse) + u + sum.effort
         } else {
             u + sum.effort
         };
         let slow = settling.keep > 0.0 || v.abs() <= still;
+        // A joint that sticks forgets its velocity; noise of the effort moves it by the creep alone.
         if slow && held.abs() < sum.friction {
             let g = settling.creep * dt * inverse;
             locals
                 .push(Local { a: [1.0, 0.5 * dt * settling.keep, 0.0, settling.keep], g: [0.5 * dt * g, g] });
             continue;
         }
+        // The clamps keep the transition of a stiff or driving effect, and with it the variances, from
+        // growing without bound.
         let spring = (-sum.q * inverse * dt * dt).clamp(-0.2, 1.0);
         let kept = 1.0 - (-sum.v * inverse * dt).clamp(-0.2, 0.9);
         let mean = 0.5 * (1.0 + kept);
@@ -105,6 +110,7 @@ pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut
     // Logarithms of products: variances of positions are far from the bounds of a double.
     let (mut log_variance, mut product) = (0.0, 1.0f64);
     for local in &locals[span.start..span.start + span.len] {
+        // (14.10)
         let s = qq + r;
         product *= s;
         if !(1e-200..1e200).contains(&product) {

@@ -43,6 +43,7 @@ impl Whitening {
 
     /// Another noise level.
     pub fn set_noise(&mut self, problem: &Problem, sigma_u: f64) {
+        // The linearizations do not depend on the noise: another level needs new gains only.
         self.log_variance = 0.0;
         for (w, out) in problem.windows.iter().zip(&mut self.gains) {
             self.log_variance += gains(&self.locals[w.log], *w, problem.sigma_y, sigma_u, out);
@@ -73,5 +74,6 @@ pub fn predict(
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let (q, v) = ((range + problem.sigma_y).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
+    // Deviations of ten times the range and the top speed: any moving window outweighs them.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }
