@@ -24,6 +24,7 @@ pub fn bumps(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;
     let range = high - low;
     let mut bumps = Vec::new();
+    // Centers lie less than a width apart, so that no place falls between two bumps.
     for (share, count) in [(0.012, 90), (0.03, 45), (0.075, 20)] {
         bumps.extend(
             (0..count)

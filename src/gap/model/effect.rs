@@ -226,6 +226,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
     /// motion cannot show the effect. One that is all neutral, unless there are parameters of a shape.
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+        // One parameter without a neutral value empties the list: such an effect must bring its own grid.
         self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
     }
     /// Whether an effect of this shape acts at all on a stretch of motion; only a matter of speed.

@@ -56,9 +56,11 @@ impl Settling {
     /// Of a settle time over a step, seconds.
     #[must_use]
     pub fn over(settle_s: f64, step_s: f64) -> Self {
+        // Exact stick, the limit of (14.8) at T = 0: nothing is left of the velocity, and nothing creeps.
         if !(settle_s > 0.0 && step_s > 0.0) {
             return Self::default();
         }
+        // (14.8)
         let keep = (-step_s / settle_s).exp();
         Self { keep, creep: CREEP * settle_s * (1.0 - keep) / step_s }
     }
@@ -114,6 +116,7 @@ impl JointModel {
     /// The first parameter of the term with a place, and its index among the free parameters.
     #[must_use]
     pub fn scalar(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
+        // Parameter 0 is the lag.
         let mut at = 1;
         for term in &self.terms {
             if catalogue[term.effect].place() == place {

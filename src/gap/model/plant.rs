@@ -36,6 +36,7 @@ impl Load {
     /// Load and its slope at a position.
     #[must_use]
     pub fn at(&self, position: f64) -> (f64, f64) {
+        // Slides and upright hinges: rollouts spend most of their time in sine and cosine.
         if self.sine == 0.0 && self.cosine == 0.0 {
             return (self.constant, 0.0);
         }
@@ -97,6 +98,7 @@ impl Plant {
         }
         let mut position = vec![0.0; tree.joints.len()];
         let inertia = tree.mass_matrix(&position)[(joint, joint)];
+        // Negated, so that an inertia that is not a number is refused as well.
         if !(inertia > 1e-12) {
             return Err(PlantError::NoMass(name()));
         }
@@ -107,10 +109,12 @@ impl Plant {
         let load = match spec.motion {
             Motion::Turn => {
                 let quarter = std::f64::consts::FRAC_PI_2;
+                // Three positions fix a constant, a sine and a cosine (14.3).
                 let (a, b, c) = (load_at(0.0), load_at(quarter), load_at(2.0 * quarter));
                 let constant = 0.5 * (a + c);
                 Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
             }
+            // Gravity along a straight axis is the same everywhere.
             Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
         };
         Ok(Self { inertia, damping: spec.damping, friction: spec.friction, load })

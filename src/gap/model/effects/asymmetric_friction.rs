@@ -28,6 +28,7 @@ impl Effect for AsymmetricFriction {
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+        // By the direction that friction acts against, since a joint at rest has no sign of the velocity.
         let side = usize::from(at.direction < 0.0);
         out.value = p[side];
         out.p[side] = 1.0;

@@ -23,6 +23,8 @@ impl Effect for Backlash {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
+        // A gap within the noise cannot be seen, and one of much of the range leaves no motion to
+        // explain.
         let fit = |g: &f64| *g > 0.7 * coverage.position_noise && *g < 0.15 * range;
         (0..14).map(|i| 3e-4 * range * 1.6f64.powi(i)).filter(fit).map(|g| vec![g]).collect()
     }

@@ -31,10 +31,12 @@ impl Effect for Delay {
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        // A little below zero: efforts may be stamped after they act.
         (-2.0 * coverage.interval_s, 60.0 * coverage.interval_s)
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        // A simulator cannot act before its command.
         Expression::native_if(format == Format::Mjcf && p[0] >= 0.0)
     }
 

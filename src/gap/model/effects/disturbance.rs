@@ -48,6 +48,7 @@ impl Effect for Disturbance {
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let mut shapes = Vec::new();
         for (run, duration_s) in coverage.durations_s.iter().enumerate() {
+            // Starts lie less than two widths apart, so that a push between two of them still shows.
             for (width_s, step_s) in [(0.06, 0.1), (0.2, 0.25)] {
                 let count = (duration_s / step_s) as usize;
                 shapes.extend(

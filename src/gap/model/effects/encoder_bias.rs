@@ -24,6 +24,7 @@ impl Effect for EncoderBias {
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        // Where no effort depends on the position, an offset of it changes nothing.
         if coverage.has_load_slope { vec![vec![0.0]] } else { Vec::new() }
     }
 

@@ -49,6 +49,7 @@ impl Effect for EndStop {
             return;
         }
         let push = p[0] * depth + p[1] * side * at.v + p[3] * side * at.load;
+        // The contact's damping would hold a joint that leaves; a stop never pulls.
         if push < 0.0 {
             return;
         }
@@ -65,6 +66,7 @@ impl Effect for EndStop {
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
         let range = high - low;
+        // A soft stop lets the joint past it: the contact begins inside the covered range.
         let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
         [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23]
             .iter()
@@ -84,8 +86,11 @@ impl Effect for EndStop {
 
     fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
         let at_rate = |(rate, impedance): (f64, f64)| {
+            // Damping ratio 0.2, far from both no bounce and no loss.
             vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2], impedance]
         };
+        // The cost has several minima over stiffness and impedance; a fit ends in the one that it starts
+        // near.
         [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)].into_iter().map(at_rate).collect()
     }
 

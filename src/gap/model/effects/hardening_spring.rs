@@ -40,6 +40,8 @@ impl Effect for HardeningSpring {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
+        // A spring may pull one way over the whole range: its rest position lies up to a quarter of it
+        // outside.
         (0..7).map(|i| vec![0.0, 0.0, low + (high - low) * (f64::from(i) - 1.0) / 4.0]).collect()
     }
 

@@ -24,10 +24,12 @@ impl Effect for Inertia {
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+        // A tenth stays: without inertia there is no motion to integrate.
         (-0.9 * coverage.inertia, 1e9)
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        // Armature only adds.
         match format {
             Format::Mjcf => Expression::native_if(p[0] >= 0.0),
             Format::Usd => Expression::native_if(p[0] > 0.0),

@@ -30,6 +30,7 @@ impl Effect for LoadDependentFriction {
     }
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+        // From 1 on no effort could ever move the joint.
         (0.0, 0.95)
     }
 }
