@@ -35,6 +35,7 @@ pub fn carried(
     let zero = vec![0.0; n];
     let mut unit = zero.clone();
     unit[joint] = 1.0;
+    // A unit acceleration of this joint alone: the diagonal of the mass matrix.
     let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
     let one = |t: &f64| {
         let (mut q, mut v, mut a) = (zero.clone(), zero.clone(), zero.clone());
@@ -59,6 +60,7 @@ pub fn carried(
         };
         Carried { inertia: now, inertia_rate, load }
     };
+    // Values count from stamp to stamp, so they are taken in the middle.
     let next = stamps.iter().skip(1).chain(stamps.last());
     stamps.iter().zip(next).map(|(a, b)| one(&(0.5 * (a + b)))).collect()
 }
@@ -71,6 +73,7 @@ fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
         let value = load_at(angle);
         let (s, c) = angle.sin_cos();
         let (ss, cc) = (2.0 * angle).sin_cos();
+        // Over five equal angles the five terms are orthogonal, so plain sums solve for them.
         load[0] += value / 5.0;
         for (place, factor) in [(2, s), (3, c), (4, ss), (5, cc)] {
             load[place] += 0.4 * value * factor;
@@ -95,6 +98,7 @@ pub fn motions(
     let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
     let logs: Option<Vec<JointLog>> =
         joints.iter().map(|j| run.joint(name(j), &[], &mut Vec::new()).ok()).collect();
+    // Efforts at different stamps give no common acceleration; then the positions alone must do.
     let Some(logs) = logs.filter(|l| l.iter().all(|x| x.time_s == l[0].time_s)) else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
     let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
@@ -121,8 +125,10 @@ fn expected(
             let state = motion.at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
         }
+        // M a = u - h - damping - friction, at the motion that the positions show.
         let bias = tree.inverse_dynamics(&q, &v, &zero, true);
         let whole = tree.mass_matrix(&q);
+        // Rows of fixed joints are zero, and the whole matrix has no inverse.
         let mass = nalgebra::DMatrix::from_fn(motions.len(), motions.len(), |a, b| {
             whole[(motions[a].0, motions[b].0)]
         });

@@ -91,6 +91,7 @@ impl Drive {
             for s in 0..steps {
                 let h = width / steps as f64;
                 let next = signal.at(log.time_s[k] + (s + 1) as f64 * h - delay_s);
+                // Differences of the integral are exact also where a delay moves a sample into the step.
                 drive.effort.push((next.1 - last.1) / h);
                 drive.by_delay.push((last.0 - next.0) / h);
                 last = next;

@@ -51,6 +51,7 @@ pub fn complete(
         run.joints.retain(|s| s.name != samples.name);
         run.joints.push(samples);
     }
+    // Replaced joints stand at the end; what follows must not depend on which these were.
     run.joints.sort_by(|a, b| a.name.cmp(&b.name));
     let mut added: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     let position = |j: usize, t: f64| run.samples(&tree.joints[j].name).map_or(0.0, |s| position_at(s, t));

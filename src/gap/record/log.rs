@@ -99,6 +99,7 @@ pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
         let Some(interval) = log.interval_s() else { continue };
         let wanted = (length_s / interval).round().max(8.0) as usize;
         for segment in log.segments(index) {
+            // Such a segment says little beyond its own start state.
             if segment.len * 3 < wanted || segment.len < 8 {
                 continue;
             }
@@ -137,7 +138,9 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     let sigma = difference / 0.674_49 / 70f64.sqrt();
     // A quantized encoder that stands still still has its rounding noise.
     steps.sort_by(f64::total_cmp);
+    // A quantile, since rounding in the record may split single steps.
     let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
+    // Steps on a lattice are whole multiples of the smallest: fractions near 0 or near 1.
     let quantized =
         steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > 0.49).count() * 10 > steps.len() * 9;
     let step = if quantized { Some(smallest) } else { lattice(logs) };

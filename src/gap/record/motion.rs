@@ -26,6 +26,7 @@ impl SmoothMotion {
     pub fn of(time_s: &[f64], position: &[f64], sigma: f64, expected: &[f64]) -> Self {
         let low = position.iter().copied().fold(f64::INFINITY, f64::min);
         let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        // A joint that stood still has a scale of its own noise.
         let range = (high - low).max(10.0 * sigma).max(1e-12);
         let level = |i: i32| 1e-4 * range * RATIO.powi(i);
         let best = (0..LEVELS)
@@ -33,6 +34,7 @@ impl SmoothMotion {
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let (passed, _) = filter(time_s, position, sigma, level(best.map_or(0, |b| b.1)), expected);
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
+        // Backward pass of Rauch, Tung and Striebel.
         for k in (0..state.len().saturating_sub(1)).rev() {
             let (here, next) = (&passed[k], &passed[k + 1]);
             let Some(inverse) = next.predicted.1.try_inverse() else { continue };
@@ -81,6 +83,7 @@ fn filter(time_s: &[f64], position: &[f64], sigma: f64, jerk: f64, expected: &[f
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
             let (a, b, c) = (h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0);
             let (d, e) = (h.powi(3) / 3.0, h.powi(2) / 2.0);
+            // (14.5)
             let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
             let push = expected.get(k - 1).copied().unwrap_or(0.0);
             belief = (
@@ -91,6 +94,7 @@ fn filter(time_s: &[f64], position: &[f64], sigma: f64, jerk: f64, expected: &[f
         let predicted = belief;
         let s = predicted.1[(0, 0)] + variance;
         let innovation = y - predicted.0[0];
+        // The first innovations show the wide start only.
         if k > 5 {
             likelihood -= 0.5 * (innovation * innovation / s + s.ln());
         }

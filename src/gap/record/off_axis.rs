@@ -110,6 +110,7 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
     let spec = &tree.joints[joint];
     let (own, base) = (tree.carrier(spec.child), tree.carrier(spec.parent));
     let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
+    // Links that are fixed to each other move as one: any of their tracks serves, brought to the carrier.
     let on_carrier = |link: usize| rest[tree.carrier(link)].inverse() * rest[link];
     let mut found: Vec<(usize, usize, &PoseTrack, Pose, Pose)> = Vec::new();
     for track in tracks {
@@ -188,11 +189,13 @@ fn evidence(
         return None;
     }
     let axis = joint.axis.into_inner();
+    // The unit vector least along the axis, so that the product is far from zero.
     let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
     let second = axis.cross(&first);
     let flat = |v: &Vector3<f64>| Complex::new(first.dot(v), second.dot(v));
     let shifts: Vec<Vector3<f64>> = left.iter().map(|e| e.translation.vector).collect();
     let turns: Vec<Vector3<f64>> = left.iter().map(|e| log_so3(&e.rotation)).collect();
+    // What goes round or along with the part (14.2).
     let basis: Vec<Complex<f64>> =
         position
             .iter()
@@ -248,7 +251,10 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
         high - low
     };
     let travel = range(&mut position.iter().copied());
+    // Neither another axis nor another tracked frame explains these poses.
     if !e.left.is_within(NOISES, &e.noise) && !e.left.is_within(MAX_LEFT, &e.measured) {
+        // The type is called wrong only where the other type makes the poses; else there is a second
+        // motion.
         let is_other = match joint.motion {
             Motion::Turn => is_still(poses, &e.noise),
             _ => !is_still(poses, &e.noise) && is_one_turn(poses, &e.noise),
@@ -305,11 +311,13 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
         .collect();
     let logs: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
     let scatter: Matrix3<f64> = logs.iter().map(|w| w * w.transpose()).sum();
+    // Turns about one axis scatter along one line; the two smaller eigenvalues are what leaves it.
     let across = {
         let mut spreads: Vec<f64> = scatter.symmetric_eigenvalues().iter().copied().collect();
         spreads.sort_unstable_by(f64::total_cmp);
         ((spreads[0] + spreads[1]).max(0.0) / logs.len() as f64).sqrt()
     };
+    // An error of the turn moves the shift at the end of the lever.
     rms(&left) <= NOISES * noise.shift_m.hypot(lever_m * noise.turn_rad) && across <= NOISES * noise.turn_rad
 }
 

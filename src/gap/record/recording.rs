@@ -214,6 +214,7 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
         return vec![0.0; stamps.len()];
     }
     let mean = |k: usize| {
+        // As wide on both sides, also at the ends: a lopsided mean would lag.
         let half = OTHERS_HALF_WIDTH.min(k).min(usable.len() - 1 - k);
         usable[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
     };

@@ -136,6 +136,7 @@ fn names(tree: &TwinTree) -> String {
 #[must_use]
 pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> Vec<f64> {
     let usual = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
+    // A value held across a gap would be an effort that nobody recorded.
     let widest = GAP_INTERVALS * usual.unwrap_or(0.0);
     let mut first = 0;
     let one = |(k, t): (usize, &f64)| {
