@@ -267,7 +267,6 @@ fn roll_columns<const W: usize>(
     let mut kicks =
         Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
     let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
-    // Sensitivities of the start state to itself.
     (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
     let (mut gauge, mut dgauge) = (moving.q + start.play * sensor.half_gap, moving.dq);
     if let Some(c) = sensors[2] {
@@ -297,7 +296,7 @@ fn roll_columns<const W: usize>(
                 .into_iter()
                 .take(if meeting.is_some() { 2 } else { 1 })
             {
-                // Most steps are equally long, and the exponential is dear.
+                // Most steps are equally long, and an exponential costs time.
                 if h != settled_h {
                     (settled_h, settling) = (h, Settling::over(model.settle_s, h));
                 }
