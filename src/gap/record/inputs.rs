@@ -45,6 +45,7 @@ pub fn complete(
             let of = |values: &[f64]| usable.iter().map(|&k| values[k]).collect::<Vec<f64>>();
             resampled(&of(&s.time_s), &of(&s.effort), &found.time_s, hold)
         });
+        // Unknown, unless a wrench gives it below.
         let effort = effort.unwrap_or_else(|| vec![f64::NAN; found.time_s.len()]);
         let samples =
             JointSamples { name: name.clone(), time_s: found.time_s, position: found.position, effort };
@@ -54,6 +55,7 @@ pub fn complete(
     // Replaced joints stand at the end; what follows must not depend on which these were.
     run.joints.sort_by(|a, b| a.name.cmp(&b.name));
     let mut added: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    // A joint of which nothing is recorded counts as standing at 0.
     let position = |j: usize, t: f64| run.samples(&tree.joints[j].name).map_or(0.0, |s| position_at(s, t));
     for track in &run.wrenches {
         for (j, efforts) in joint_efforts(tree, track, &position)?.into_iter().enumerate() {

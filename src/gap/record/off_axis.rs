@@ -128,10 +128,12 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
     let of_part = found.iter().filter(|f| f.1 == own);
     for (frame, _, track, carrier_from_frame, link_from_carrier) in of_part {
         let whole = |pose: &Pose| carrier_from_frame * pose * link_from_carrier;
+        // Given in the frame of the part that the joint hangs on: only the joint lies between.
         if *frame == base {
             let poses: Vec<Pose> = track.pose.iter().map(|p| base_from_joint.inverse() * whole(p)).collect();
             return Ok(read(spec, &track.time_s, &poses));
         }
+        // Else both parts must be tracked in one frame, and the joint is what differs.
         let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
         let (mut time_s, mut poses) = (Vec::new(), Vec::new());
         for (t, pose) in track.time_s.iter().zip(&track.pose) {
@@ -163,6 +165,7 @@ fn read(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint>
     for p in poses {
         let q = match joint.motion {
             Motion::Fixed => 0.0,
+            // The turn about the axis that comes nearest to the pose's rotation.
             Motion::Turn => 2.0 * axis.dot(&p.rotation.imag()).atan2(p.rotation.w),
             Motion::Slide => axis.dot(&p.translation.vector),
         };

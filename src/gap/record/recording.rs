@@ -189,6 +189,7 @@ impl Recording {
             });
         }
         let beside = others.iter().filter(|o| o.as_str() != name);
+        // A joint without samples counts as standing at 0.
         log.others = beside
             .map(|o| {
                 self.joints

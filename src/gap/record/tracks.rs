@@ -195,6 +195,7 @@ pub fn joint_efforts(
             (poses[frame].rotation * track.force[k], poses[frame].rotation * track.moment[k]);
         for (j, own) in efforts.iter_mut().enumerate() {
             if let Some(own) = own {
+                // A joint feels the moment about its own origin.
                 let lever = poses[at].translation.vector - poses[tree.joints[j].child].translation.vector;
                 own.push(tree.effort_of(j, &poses, &force, &(moment + lever.cross(&force))));
             }
