@@ -67,6 +67,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
     let mut proof = prove(&held_out, &twin, &updated);
+    // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     if !updated.terms.is_empty() && !is_proven(&proof.0) {
         diagnosis.withdraw();
         updated = twin.clone();
@@ -75,6 +76,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     if let Some(nearest) = diagnosis.nearest.clone() {
         let whole = prove(&held_out, &twin, &nearest.model).0;
         let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
+        // A smaller set is diagnosed and proven like any other.
         let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
         match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
             Some((proved, found)) => {
@@ -102,6 +104,7 @@ fn in_formats(
 ) -> Vec<(&'static str, f64)> {
     let unchanged = JointModel { settle_s: updated.settle_s, ..twin.clone() };
     let mut known: Vec<(JointModel, f64)> = vec![(updated.clone(), gap.after)];
+    // The twin was proven with exact stick: its residual stands for no other settle time.
     if updated.settle_s == 0.0 || !unchanged.has_friction(effects) {
         known.push((unchanged, gap.before));
     }
@@ -129,6 +132,7 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
     let predicted = |model: &JointModel| {
         let one = |[fitted, other]: &[Problem; 2]| {
+            // Parameters come from the other runs; a run's own samples give its start states alone.
             let known = fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model;
             windowed_rmse(other, &known).powi(2)
         };
@@ -148,6 +152,7 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
         }
         (rmse, model) = best;
     }
+    // A push of one run predicts no other run.
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
     let much = rmse < CLEARLY * whole;
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
@@ -175,6 +180,7 @@ const UNPREDICTED: f64 = 0.1;
 /// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
 fn is_proven(gap: &Gap) -> bool {
     let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
+    // The same windows are left out before and after: those that the updated twin misses most.
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
     windows.truncate(windows.len() - (UNPREDICTED * windows.len() as f64) as usize);
     let mean = |of: fn(&WindowGap) -> f64| {

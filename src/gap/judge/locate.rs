@@ -125,6 +125,7 @@ pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dep
         least = least.min(found[i].p * found.len() as f64 / (rank + 1) as f64);
         found[i].q = least;
     }
+    // By chance a table gains one a bin; less two a bin, tables of different sizes compare.
     let strength = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
     found.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
     found
@@ -133,6 +134,7 @@ pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dep
 /// Value of a variable at a sample; `None` where it does not apply.
 fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: usize) -> Option<f64> {
     let m = &screen.middle()[log];
+    // Below 1 % of the top speed the sign of the velocity is noise.
     let still = 0.01 * problem.coverage.speed.1;
     let (q, v) = (m.position[k], m.velocity[k]);
     match variable {
@@ -164,8 +166,10 @@ fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
         }
         _ => (0..=n).map(|i| low + (high - low) * share(i)).collect(),
     };
+    // A variable that rests at one value has equal quantiles there.
     edges.dedup_by(|a, b| *a - *b <= 1e-12);
     if let Some(last) = edges.last_mut() {
+        // The highest value belongs to the last bin.
         *last += 1e-9 * (high - low).abs() + 1e-12;
     }
     edges
@@ -202,6 +206,7 @@ fn dependence(
         }
     })?;
     let flipped = (0..FLIPS).filter(|_| flipped_gain(&score, rng) >= score.gain).count();
+    // The recorded signs are one of the draws: p is never 0, and the test holds its level.
     let p = (flipped + 1) as f64 / (FLIPS + 1) as f64;
     let bins: Vec<Bin> = (0..columns)
         .map(|c| {
@@ -215,6 +220,7 @@ fn dependence(
         })
         .collect();
     let peak = (0..columns).max_by(|&a, &b| bins[a].sigmas.abs().total_cmp(&bins[b].sigmas.abs()))?;
+    // A region in time ends with its run.
     let alike = |c: usize| {
         bins[c].sigmas * bins[peak].sigmas.signum() >= 0.5 * bins[peak].sigmas.abs()
             && c / count == peak / count
@@ -234,6 +240,8 @@ fn flipped_gain(score: &crate::gap::judge::screen::Score, rng: &mut impl Rng) ->
         if w % 64 == 0 {
             bits = rng.next_u64();
         }
+        // Whole windows change sign, since samples within one err together; without a further effect
+        // either sign was as likely.
         let sign = if bits >> (w % 64) & 1 == 1 { 1.0 } else { -1.0 };
         for (sum, x) in z.iter_mut().zip(window) {
             *sum += sign * x;

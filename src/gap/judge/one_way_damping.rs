@@ -38,6 +38,7 @@ impl Effect for OneWayDamping {
     }
 
     fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
+        // Formats damp both ways alike: half of it errs least over a motion to and fro.
         Expression::Approximated(vec![Nearest::effect("viscous_friction", vec![0.5 * p[0]])])
     }
 

@@ -71,7 +71,9 @@ pub struct ResidualSeries {
 /// A model without the nuisance lag, and its start state of each window by plain least squares.
 #[must_use]
 pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
+    // The lag belongs to the stamps of the runs that were fitted.
     let model = JointModel { lag_s: 0.0, ..model.clone() };
+    // With next to no effort noise, whitened residuals are the residuals up to a factor.
     let starts = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, Pace::thorough(1)).starts;
     (model, starts)
 }
@@ -91,6 +93,7 @@ pub fn prove(
     before: &JointModel,
     after: &JointModel,
 ) -> (Gap, Vec<ResidualSeries>, Vec<Start>) {
+    // Each model starts where it fits best; else one would pay for start states of the other.
     let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
     let (one, other) =
         (residuals(held_out, &before, &before_starts), residuals(held_out, &after, &after_starts));

@@ -184,6 +184,7 @@ pub fn overall(joints: &[JointReport]) -> Verdict {
 #[must_use]
 pub fn main_joint(joints: &[JointReport]) -> Option<&JointReport> {
     let size = |j: &&JointReport| {
+        // Added as a number larger than any gap over its noise.
         let found = f64::from(u8::from(!j.diagnosis.findings.is_empty()));
         j.gap.as_ref().map_or(-1.0, |g| found * 1e12 + g.before / g.noise_floor.max(1e-12))
     };
@@ -216,6 +217,7 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
 }
 
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
+    // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
     let one = |r: &crate::gap::judge::proof::RunGap| RunJson {
         run: r.run.clone(),

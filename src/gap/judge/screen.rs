@@ -80,6 +80,7 @@ impl Columns {
     /// Zero over a window of so many samples.
     fn clear(&mut self, len: usize) {
         for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
+            // Only what was written is cleared: most local shapes reach few windows.
             if *active || effort.len() != len {
                 effort.clear();
                 effort.resize(len, 0.0);
@@ -148,6 +149,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
         normal[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
         for i in 0..free {
+            // A parameter that no window shows must not stop the inversion.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-12;
         }
         let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
@@ -201,6 +203,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                         sums[i] += x * row[i];
                     }
                 }
+                // In the order of a row: residual, start columns, parameters.
                 window[c] = sums[0];
                 starts[c] = [sums[1], sums[2]];
                 for i in 0..p {
@@ -210,6 +213,8 @@ impl<'p, 'c> Screen<'p, 'c> {
             for i in (0..count).filter(|&i| columns.active[i]) {
                 for j in (0..=i).filter(|&j| columns.active[j]) {
                     let dot: f64 = seen[i].iter().zip(&seen[j]).map(|(a, b)| a * b).sum();
+                    // The start columns are orthonormal: what they span of two columns comes off by two
+                    // products.
                     let dot = dot - starts[i][0] * starts[j][0] - starts[i][1] * starts[j][1];
                     normal[(i, j)] += dot;
                     if i != j {
@@ -230,6 +235,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     ) -> Option<Score> {
         let count = normal.nrows();
         let raw: Vec<f64> = (0..count).map(|i| normal[(i, i)]).collect();
+        // (14.14): what the model's own parameters could explain comes off.
         normal -= with_parameters * &self.inverse * with_parameters.transpose();
         let taken = with_parameters * &self.inverse * &self.gradient;
         let gradient = DVector::from_fn(count, |i, _| products.iter().map(|w| w[i]).sum::<f64>() - taken[i]);
@@ -246,6 +252,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             }
         }
         for i in 0..count {
+            // So much information leaves an amplitude of zero, and a finite inverse.
             if normal[(i, i)].is_infinite() {
                 normal[(i, i)] = 1e300;
             }
@@ -305,6 +312,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                 })
             }
             Place::Delay => {
+                // The effort is not linear in the delay: each delay of the grid is a column of its own.
                 let late = problem.drives_late(shape[0]);
                 self.score(tested, |_, span, columns| {
                     let d = &late[span.log];
@@ -338,6 +346,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             }
         }?;
         let mut p = shape.to_vec();
+        // Delay and play are tested at their full size, which is the start already.
         if !matches!(place, Place::Delay | Place::Play) {
             for (i, a) in score.amplitude.iter().enumerate() {
                 let (low, high) = effect.bounds(i, &problem.coverage);
@@ -361,6 +370,8 @@ impl<'p, 'c> Screen<'p, 'c> {
         for (i, at) in states.iter().enumerate() {
             let mut r = Response::default();
             effect.respond(at, shape, &mut r);
+            // Near rest friction takes up what acts, not its bound, so that a larger bound changes
+            // little.
             let factor = if is_friction { -grip[i] } else { 1.0 };
             for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
                 effort[i] = factor * by;
@@ -373,6 +384,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     fn scalar_effort(&self, place: Place, log: usize, k: usize) -> f64 {
         let m = &self.middle[log];
         let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
+        // First-order changes of (14.3), a recorded position y being s q + o.
         match place {
             Place::Inertia => -m.acceleration[k],
             Place::Gain => m.effort[k],
@@ -433,6 +445,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             let sum = acting.at(&at);
             let free = u + sum.effort;
             let slow = 0.01 * problem.coverage.speed.1;
+            // At rest friction takes up what acts, as far as its bound reaches.
             let friction = if v.abs() > slow {
                 sum.friction * v.signum()
             } else {
@@ -461,6 +474,7 @@ fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
             o
         })
         .collect();
+    // Gram and Schmidt: the second start column without the first, all others without both.
     for basis in [1, 2] {
         let norm = out.iter().map(|r| r[basis] * r[basis]).sum::<f64>().sqrt();
         let scale = if norm > 1e-12 { 1.0 / norm } else { 0.0 };

@@ -87,6 +87,7 @@ impl Search {
                 self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE })
             };
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
+            // Sets behind the finalists were not fitted to the end.
             if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
                 best = first;
             }
@@ -109,6 +110,7 @@ fn price(problem: &Problem, model: &JointModel) -> f64 {
 #[must_use]
 pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
+    // An effect that stands alone may be weak: there is no other whose shape it could mend.
     let whole = fit.model.terms.len() < 2
         || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
     Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
@@ -184,6 +186,7 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
 /// The twin as it is, with its start states and noise fitted.
 #[must_use]
 pub fn baseline(problem: &Problem) -> Candidate {
+    // A start value, which the fit replaces.
     let guess = 0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0);
     candidate(
         problem,
@@ -216,6 +219,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             let lacks = 0.5 * (best_before - parent.score);
             let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
+            // Not even the first order promises enough beside the best set.
             if rank == 0 && hope < least_gain {
                 return Search { by_size, disturbance, least_gain };
             }
@@ -224,6 +228,7 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         }
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
+        // Growing one by one misses sets whose members show only beside each other.
         let smaller: Vec<Candidate> = if size > 1 {
             sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
         } else {
@@ -392,6 +397,7 @@ const STARTS: usize = 2;
 /// The most likely fits of each set of effects, all of them under the same noise.
 fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
+    // Starts of one set pay the same price, so that their likelihoods compare.
     let mut kept: Vec<Candidate> = Vec::new();
     for c in fits {
         if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
@@ -411,6 +417,7 @@ const MIN_SHARE_OF_BEST: f64 = 0.1;
 /// Best shapes, so many of each, of the effects that score best beside a candidate and may bring what is
 /// wanted.
 fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wanted: f64) -> Vec<Vec<Hit>> {
+    // A fit has a fixed number of columns, and an effect may need three more.
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
@@ -423,6 +430,7 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wa
     let mut hits: Vec<Vec<Hit>> =
         free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
     let n = problem.samples().max(2) as f64;
+    // Less the price of the parameters (14.15): more of them gain more by chance.
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);

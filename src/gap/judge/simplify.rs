@@ -52,6 +52,7 @@ fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidat
 /// strengths which may as well be zero. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
+    // Parameter 0 is the lag.
     let mut at = 1;
     for (i, term) in chosen.fit.model.terms.iter().enumerate() {
         let general = &problem.catalogue[term.effect];
@@ -62,6 +63,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             };
             let own = problem.catalogue[effect].parameters();
             for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
+                // Shared parameters come first in both, so the same place and unit mean the same number.
                 if own.dimension == other.dimension {
                     p[k] = term.p[k];
                 }
@@ -73,6 +75,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let begun =
                 fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.sigma_u, Free::All, Pace::NEXT);
             let begun = candidate(problem, begun);
+            // So far behind after a first round, a fit does not catch up.
             if lost_is_sure && begun.score < chosen.score - HOPELESS {
                 continue;
             }

@@ -146,6 +146,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
         ));
     }
     let range = coverage.travel;
+    // Negated, so that a range that is not a number is too small as well.
     if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
@@ -207,6 +208,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
         nearest: None,
     };
     if chosen.fit.model.terms.is_empty() {
+        // Something depends on a variable, and no effect of the catalog explains it.
         if open > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
@@ -253,6 +255,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
         let effect = &problem.catalogue[*e];
         Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
     });
+    // A partner that no recording separates from an effect is a rival of the same weight.
     let twin = same.next().map(|(a, b)| {
         let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
         let mut effects: Vec<usize> =
@@ -296,6 +299,7 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     if fine.model.has_friction(problem.catalogue) {
         let own = fine.model.settle_s;
         let between = SETTLE_S.iter().copied().filter(|s| *s != own);
+        // The grid's ratio of two is too coarse for an average: likely times lie close about the best.
         let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
         let more: Vec<Fit> = between
             .chain(near)
@@ -321,10 +325,12 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     for (i, before) in coarse.model.parameters().into_iter().enumerate() {
         let spread: f64 =
             own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
+        // What small steps leave, a third of the shift that they made, and the spread over settle times.
         covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
     }
     let model =
         JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
+    // Beside a delay the lag was held at zero, and is as uncertain as its prior.
     if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
@@ -363,6 +369,7 @@ fn findings(
 ) -> Vec<Finding> {
     let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
     own.sort_unstable();
+    // Parameter 0 is the lag.
     let mut at = 1;
     let mut findings = Vec::new();
     for term in &model.terms {
@@ -375,6 +382,7 @@ fn findings(
                 .flat_map(|i| (0..n).map(move |j| (i, j)))
                 .map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j])
                 .sum();
+            // An interval is as good as the parameter that the fewest windows show.
             let fewest =
                 (0..n).filter(|i| r.gradient[*i] != 0.0).map(|i| witnesses[i]).fold(f64::INFINITY, f64::min);
             let half = half_width(fewest - 1.0) * variance.max(0.0).sqrt();
