@@ -25,6 +25,8 @@ pub const EFFECT: CameraEffect = CameraEffect {
             let line = |of: fn(usize, usize) -> Parameter, prior: f64| -> Vec<Column> {
                 (0..2).map(|k| column(of(j, k), prior)).collect()
             };
+            // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
+            // it suffices.
             let turns = line(Parameter::AxisTurn, MISPLACED);
             if turning {
                 let shifts = line(Parameter::AxisShift, shift_m);

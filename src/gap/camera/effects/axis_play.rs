@@ -32,6 +32,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
             f.length("play_shift_rms", "m", &f.columns(false)),
         ];
         for p in &mut all {
+            // The length is over all recordings together; reports give the root mean square of one.
             (p.value, p.interval) = (p.value / runs, (p.interval.0 / runs, p.interval.1 / runs));
         }
         all

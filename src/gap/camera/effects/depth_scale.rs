@@ -14,6 +14,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
     trials: |_, _, _| vec![(None, vec![column(Parameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,
     reported: |f| {
+        // The column is the scale less one.
         let mut p = f.column("scale", "1", 0);
         (p.value, p.interval) = (1.0 + p.value, (1.0 + p.interval.0, 1.0 + p.interval.1));
         vec![p]

@@ -24,6 +24,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
     log_odds: 0.0,
     reported: |f| {
         let turns = f.trial.joint.is_some_and(|j| f.twin.joints[j].kind.turns());
+        // The column is added to reported positions, so the bias is its opposite.
         let mut p = f.column("bias", if turns { "rad" } else { "m" }, 0);
         (p.value, p.interval) = (-p.value, (-p.interval.1, -p.interval.0));
         vec![p]

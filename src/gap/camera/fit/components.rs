@@ -38,6 +38,7 @@ impl VarianceComponents {
     /// The middle of the grid, while a hypothesis is being moved.
     #[must_use]
     pub fn middle(scales: &Scales) -> Self {
+        // The geometric mean, since the grid is even on a logarithmic scale.
         let m = (scales.accuracy_m * largest_m(scales)).sqrt();
         Self { surface_m: m, frame_m: m, rest_m: m }
     }
@@ -52,6 +53,7 @@ impl VarianceComponents {
 /// The largest value of a component, meters.
 #[must_use]
 pub fn largest_m(scales: &Scales) -> f64 {
+    // A twin that is said to be coarser than that leaves a grid of one value.
     (LARGEST * scales.gate_m()).max(scales.accuracy_m)
 }
 

@@ -50,6 +50,7 @@ impl FrameProblem<'_> {
         let posed = PosedTwin::new(self.twin, self.runs, &state.hypothesis);
         let (means, patches) = patch_means(self.twin, &posed.parts, &samples, |_, f| !self.is_held_out(f));
         let mut columns = self.nuisance.clone();
+        // Trials share parameters; each parameter has one column.
         let mut of_trial = Vec::new();
         for t in &self.trials {
             of_trial.push(
@@ -90,6 +91,7 @@ impl FrameProblem<'_> {
     pub fn step(&self, state: &mut State, set: &[usize], components: &VarianceComponents, gate_m: f64) {
         let mut linear = self.linearize(state, gate_m);
         let subset = self.subset(&linear, set);
+        // Outliers show only about a solution, and have drawn the first one.
         for _ in 0..2 {
             let Some(solution) = linear.system.reduce(components).and_then(|r| r.solve(&subset)) else {
                 return;
@@ -110,6 +112,8 @@ impl FrameProblem<'_> {
             let parameter = linear.system.columns[c].parameter;
             let reported =
                 |r: usize, j: usize| self.runs[r].positions.contains_key(&self.twin.joints[j].name);
+            // The twin's own errors and those of reported positions explain residuals, but what was given
+            // stays.
             let stays = match parameter {
                 Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
                 Parameter::Position(r, j) => reported(r, j),
@@ -124,9 +128,11 @@ impl FrameProblem<'_> {
             target.push((linear.system.columns[c].parameter, x));
         }
         let of = |all: &[(Parameter, f64)], p: Parameter| all.iter().find(|a| a.0 == p).map_or(0.0, |a| a.1);
+        // Values count from the twin as given, steps from where the state is.
         for (p, x) in &target {
             steps.push((*p, x - of(&state.applied, *p)));
         }
+        // What is no longer chosen is taken back.
         for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
             steps.push((*p, -x));
         }

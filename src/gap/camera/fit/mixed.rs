@@ -44,6 +44,7 @@ impl System {
         radius_m: f64,
         derivative: impl Fn(Parameter, &PatchMean) -> f64 + Sync,
     ) -> (Self, Vec<PatchMean>) {
+        // A frame's rows stand together, so that its pose error is one block.
         means.sort_by_key(|(c, _)| (c.seen.run, c.seen.frame, c.patch));
         let n = means.len();
         let rows: Vec<Vec<f64>> = means
@@ -73,6 +74,7 @@ impl System {
         for (v, r) in self.variance.iter_mut().zip(residuals) {
             let limit = 3.0 * (spread * spread + *v).sqrt();
             if r.abs() > limit {
+                // The patch stays, with its excess as variance.
                 *v += r * r - limit * limit;
             }
         }
@@ -110,6 +112,8 @@ impl System {
             let mut corner = gram.view_mut((fx, fx), (x, x));
             corner += block.view((6, 6), (x, x));
         }
+        // Patches first: each has one error, so their block is diagonal. (15.6) gets ln det V in the same
+        // parts.
         let precision = components.surface_m.powi(-2);
         for (p, w) in weights.iter().enumerate() {
             by_patch.row_mut(p).scale_mut((w + precision).sqrt().recip());
@@ -121,11 +125,13 @@ impl System {
         for i in 0..fx {
             corner[(i, i)] += frame_precision;
         }
+        // Eliminated patches tie the frames that saw them together: one factor for all frames.
         let chol = Cholesky::new(corner)?;
         log_det += log_determinant(&chol) - fx as f64 * frame_precision.ln();
         let mut side = gram.view((0, fx), (fx, x)).into_owned();
         chol.l_dirty().solve_lower_triangular_mut(&mut side);
         let reduced = gram.view((fx, fx), (x, x)) - side.tr_mul(&side);
+        // The last column is the residual.
         let c = x - 1;
         Some(Reduced {
             gram: reduced.view((0, 0), (c, c)).into_owned(),
@@ -155,6 +161,7 @@ impl System {
 fn frame_derivative(mean: &PatchMean, k: usize, radius_m: f64) -> f64 {
     let seen = &mean.seen;
     let e = seen.camera.rotation * Vector3::from_fn(|i, _| if i == k % 3 { 1.0 } else { 0.0 });
+    // About the camera itself, a small turn would look like a shift.
     let middle = seen.camera * nalgebra::Point3::new(0.0, 0.0, seen.depth_m);
     seen.normal.dot(&if k < 3 { e } else { e.cross(&(seen.point - middle)) / radius_m })
 }

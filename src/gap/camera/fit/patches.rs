@@ -84,6 +84,7 @@ fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
     }
     let middle = median(group.iter().map(|g| g.1).collect())?;
     let spread = SIGMAS_PER_MAD * median(group.iter().map(|g| (g.1 - middle).abs()).collect())?;
+    // Readings in whole millimeters may not spread at all: a pixel's own noise is the least spread.
     let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
     let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
     let mean =

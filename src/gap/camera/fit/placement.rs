@@ -74,8 +74,11 @@ impl CoarseRun {
                 let object = frame.is_object(i);
                 let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {
                     (true, true) if reading > 0.0 => ((measured - predicted).abs() / wrong_m).min(1.0),
+                    // No reading on the object says nothing of its depth.
                     (true, true) => continue,
                     (true, false) => 1.0,
+                    // What stands before the twin may hide it; only what lies behind, or nothing, speaks
+                    // against it.
                     (false, true) if reading == 0.0 || measured > predicted + wrong_m => 1.0,
                     _ => continue,
                 };
@@ -148,6 +151,7 @@ fn search_joint(
     // Steps that move the part by what counts as wrong pass over no minimum.
     let count = ((reach_m / coarse.wrong_m).ceil() as usize).clamp(STEPS[0], STEPS[1]);
     let mut step = (high - low) / count as f64;
+    // Where the joint stands is one of the starts: the cost never rises.
     let mut minima = vec![(best, start)];
     if first {
         let scan: Vec<(f64, f64)> = (0..=count)
@@ -163,6 +167,7 @@ fn search_joint(
         minima.sort_by(|a, b| a.0.total_cmp(&b.0));
         minima.truncate(MINIMA);
     } else {
+        // Later rounds only follow what the other joints moved.
         step *= 0.25;
     }
     for _ in 0..HALVINGS {

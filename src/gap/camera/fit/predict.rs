@@ -15,6 +15,7 @@ pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose 
     let reported = run.frames[frame].world_from_camera;
     let moved =
         run.velocities.get(frame).map_or_else(Pose::identity, |twist| twist_motion(twist, camera.delay_s));
+    // Velocities are those of reported poses, so the delay acts before the camera's offset.
     reported * moved * camera.reported_from_true
 }
 

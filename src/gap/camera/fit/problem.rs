@@ -110,6 +110,7 @@ fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> 
             });
         }
     }
+    // The root's placement is free in every recording already.
     for p in 1..twin.parts.len() {
         let turn = scales.lever_m(twin, p).recip();
         all.extend((0..6).map(|k| twin_column(Parameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })));
@@ -117,6 +118,7 @@ fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> 
     for j in free_joints(twin) {
         let turn = scales.child_lever_m(twin, j).recip();
         all.extend((0..2).map(|k| twin_column(Parameter::AxisTurn(j, k), turn)));
+        // The axis of a slide has a direction and no place.
         if twin.joints[j].kind.turns() {
             all.extend((0..2).map(|k| twin_column(Parameter::AxisShift(j, k), 1.0)));
         }

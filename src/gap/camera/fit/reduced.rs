@@ -58,6 +58,7 @@ impl Reduced {
         });
         let rhs = DVector::from_fn(n, |i, _| self.rhs[subset[i]] * prior(i));
         Cholesky::new(system).map_or(f64::NEG_INFINITY, |chol| {
+            // (15.6)
             -0.5 * (self.energy - rhs.dot(&chol.solve(&rhs)) + self.log_det + log_determinant(&chol))
         })
     }

@@ -123,6 +123,7 @@ impl FrameView<'_> {
         let measured_m = (reading - camera.bias_m) / camera.scale;
         let k = &self.image.intrinsics;
         let Some(item) = self.image.item[i] else {
+            // At the outline, half a pixel's error would make a conflict.
             let alone = around(i, k.width, k.height).all(|n| self.image.item[n].is_none());
             // Without a mask the pixel may show something else.
             return (alone && frame.mask.is_some()).then(|| Sample::Conflict {
@@ -142,12 +143,16 @@ impl FrameView<'_> {
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
         else {
+            // Without a normal there is no height over the surface: only a gross difference along the ray
+            // counts.
             return (off_m.abs() > WITHOUT_NORMAL * self.gate_m).then(|| conflict(kind));
         };
+        // (15.3)
         let residual_m = slant * off_m * camera.scale;
         if residual_m.abs() > self.gate_m {
             return Some(conflict(kind));
         }
+        // (15.4)
         let sigma_m = {
             let across = slant * frame.sigma_m(i, &self.data.noise);
             let aside =

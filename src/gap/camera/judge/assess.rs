@@ -49,6 +49,7 @@ pub fn assess(
     let problem = FrameProblem::new(twin, runs, options);
     let start = State { hypothesis: placed(&problem), applied: Vec::new() };
     let first = select(&problem, start).ok_or(AssessError::NothingSeen)?;
+    // Only looked for here: whether it is better is judged once missing geometry is known.
     let changed = other_types(&problem, &first);
     let second = around_missing(&problem, &first);
     let as_given = second.as_ref().map_or(&first, |s| &s.1);
@@ -88,6 +89,7 @@ fn is_better(
     change: &TypeChange,
     (other, state): (&FrameProblem, &State),
 ) -> bool {
+    // What fits every state by itself costs less than any law; a law need only come near it.
     let statewise = as_given.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let most = if statewise { STATEWISE_COST } else { TYPE_COST };
     let null = (problem.twin, &as_given.null.hypothesis);
@@ -112,6 +114,7 @@ fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missi
         return None;
     }
     let mut without = problem.of(problem.twin);
+    // Missing geometry draws the fit, and the fit decides what seems to be missing.
     for _ in 0..2 {
         without.lacks = lacks;
         settle(&without, &mut null);

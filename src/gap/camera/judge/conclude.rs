@@ -84,6 +84,7 @@ pub(super) fn conclude(
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if too_few => Verdict::Insufficient,
+        // Frames that agree say nothing of joints that never moved.
         (true, _, false) if nothing_moves => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,

@@ -20,6 +20,7 @@ pub(super) fn without_small(
         let own_m =
             |i: usize| accuracy_m.max(made_m(problem.twin, problem.trials[selected.chosen.set[i]].joint));
         let all = (0..selected.chosen.set.len()).map(|i| (i, moved_m(problem, &selected, i), own_m(i)));
+        // One at a time, the least first: without it the others move more or less than before.
         let least = all.min_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
         let Some((i, moved_m, own_m)) = least.filter(|(_, moved_m, own_m)| moved_m < own_m) else {
             return selected;

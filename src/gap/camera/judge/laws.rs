@@ -55,6 +55,7 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
             of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
         };
         let (ru, rv, along) = (range(&u), range(&v), twin.parts[spec.child].center.coords.dot(&d));
+        // Hinges mostly stand at an edge of their part; the middle is for a part that turns in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
             all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }
@@ -94,6 +95,7 @@ fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
             .sum::<f64>()
     };
     let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
+    // Two by area; the third is square to both.
     for _ in 0..2 {
         let free = candidates.iter().filter(|c| chosen.iter().all(|d| d.dot(c).abs() < SQUARE));
         let Some(best) = free.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };

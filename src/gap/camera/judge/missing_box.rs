@@ -53,6 +53,7 @@ fn quantile(all: &[f64], share: f64) -> f64 {
 
 /// 95 % interval of a statistic over groups that are drawn anew.
 fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+    // A seed of its own: the same frames give the same interval.
     let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);
     let mut values: Vec<f64> = (0..DRAWS)
         .map(|_| {
@@ -63,6 +64,7 @@ fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f6
         })
         .collect();
     values.sort_unstable_by(f64::total_cmp);
+    // 2.5 % on either side.
     let cut = DRAWS / 40;
     (values[cut], values[DRAWS - 1 - cut])
 }

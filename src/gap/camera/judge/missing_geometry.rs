@@ -81,6 +81,7 @@ pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<
             (0..problem.twin.parts.len()).filter_map(|p| region(problem, &posed, &readings, p, voxel_m));
         let largest = regions.max_by(|a, b| a.area_m2.total_cmp(&b.area_m2).then(b.part.cmp(&a.part)));
         let Some(best) = largest.filter(|m| m.area_m2 >= least_m2) else { break };
+        // A reading belongs to one region.
         readings.retain(|r| !best.covers(&posed.parts[r.run], &r.point));
         found.push(best);
     }
@@ -124,6 +125,7 @@ fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     sigmas.sort_unstable_by(f64::total_cmp);
     let high = sigmas.get(sigmas.len() * 9 / 10).copied().unwrap_or_default();
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
+    // (15.10)
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 
@@ -151,6 +153,7 @@ fn region(
         view.1.push(place(r));
     }
     let mean = |of: fn(&Reading) -> f64| own.iter().map(|r| of(r)).sum::<f64>() / own.len().max(1) as f64;
+    // Pixels this near the outline are not compared: the region may reach so much further.
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
     let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH * mean(|r| r.sigma_m))?;

@@ -107,6 +107,7 @@ fn starts(
         .map(|(kind, axis, point)| {
             let mut twin = problem.twin.clone();
             let spec = &mut twin.joints[joint];
+            // Limits in radians say nothing in meters.
             if kind.turns() != spec.kind.turns() {
                 spec.limit = None;
             }
@@ -119,6 +120,7 @@ fn starts(
         })
         .collect();
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    // Some of each type go on: the coarse cost of one run must not choose the type.
     let mut kept = [0usize; 3];
     starts.retain(|s| {
         let count = &mut kept[rank(s.twin.joints[joint].kind)];

@@ -53,6 +53,7 @@ struct Sums {
 impl Sums {
     /// Conflicts count with the gate.
     fn rms_m(&self, gate_m: f64) -> f64 {
+        // (15.11)
         ((self.square + self.conflict * gate_m * gate_m) / (self.area + self.conflict).max(1e-12)).sqrt()
     }
 }
@@ -65,6 +66,7 @@ pub fn frame_gap(
     after: &Hypothesis,
     missing: &[Missing],
 ) -> FrameGap {
+    // Without held-out frames the gap is that of the fitted ones.
     let held = |f: usize| problem.options.held_out_every == 0 || problem.is_held_out(f);
     let sums = |twin: &SeenTwin, h: &Hypothesis, known: &[Missing]| -> Vec<Sums> {
         let mut samples = compare(twin, problem.runs, &problem.pixels, h, problem.gate_m());
@@ -168,6 +170,7 @@ pub fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
         for k in 0..3 {
             let mut values: Vec<f64> = points.iter().map(|p| p[k]).collect();
             values.sort_unstable_by(f64::total_cmp);
+            // Single stray readings would stretch the box.
             let cut = values.len() / 20;
             sides[0][k] = values[cut];
             sides[1][k] = values[values.len() - 1 - cut];

@@ -56,6 +56,7 @@ pub(super) fn search(
                 s
             })
             .collect();
+        // Several parents grow into the same set.
         let mut unique = grown;
         unique.sort();
         unique.dedup();

@@ -62,6 +62,7 @@ impl TypeChange {
             HALF_WIDTH * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
         };
         let joint = self.joint;
+        // A turn about one normal moves the axis along the other.
         let turned = |k: usize| {
             spread(&|p| match p {
                 Parameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],

@@ -70,16 +70,19 @@ fn weigh(
     let name = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
     let mut best: Vec<((&'static str, Option<usize>), f64)> = Vec::new();
     for t in 0..problem.trials.len() {
+        // What is chosen already cannot stand in another's place.
         if chosen.set.contains(&t) && t != trial {
             continue;
         }
         let set: Vec<usize> = chosen.set.iter().map(|&s| if s == trial { t } else { s }).collect();
         let evidence = problem.evidence(&selected.linear, &selected.reduced, &set);
+        // Ways of one effect at one joint bear one name, and the best of them speaks for it.
         match best.iter_mut().find(|b| b.0 == name(t)) {
             Some(b) => b.1 = b.1.max(evidence),
             None => best.push((name(t), evidence)),
         }
     }
+    // Evidences are large logarithms: shares are taken from the top to stay finite.
     let top = best.iter().map(|b| b.1).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = best.iter().map(|b| (b.1 - top).exp()).sum();
     let share = |e: f64| (e - top).exp() / sum;

@@ -57,6 +57,7 @@ fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Para
     let [u, v] = normals_of(&start.axis);
     match parameter {
         Parameter::AxisTurn(_, k) => {
+            // About the point next to the child, where turning and shifting an axis mix least.
             let pivot = start.point + start.axis.into_inner() * start.axis.dot(&(center - start.point));
             let turn = UnitQuaternion::from_scaled_axis([u, v][k] * x);
             law.axis = turn * law.axis;

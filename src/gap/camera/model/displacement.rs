@@ -24,6 +24,7 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
     let of = |r: usize| {
         let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.poses(twin, r).0[child]);
         let apart = (a * part.center - b * part.center).norm();
+        // A part that turns in place moves at its rim.
         apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m)
     };
     (0..one.1.positions.len()).map(of).fold(0.0, f64::max)

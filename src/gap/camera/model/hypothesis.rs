@@ -97,6 +97,7 @@ impl Hypothesis {
         let mut frames = Vec::with_capacity(twin.joints.len());
         for (j, joint) in twin.joints.iter().enumerate() {
             let law = &self.laws[j];
+            // Joints stand in the order of the tree: the parent's pose is known.
             let frame = parts[joint.parent] * joint.parent_from_joint * law.frame;
             parts[joint.child] = frame * self.extra[run][j] * law.motion(self.position(twin, run, j));
             frames.push(frame);

@@ -32,6 +32,7 @@ impl Missing {
     #[must_use]
     pub fn covers(&self, world_from_parts: &[Pose], point: &Point3<f64>) -> bool {
         let [x, y, z] = voxel(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
+        // Voxels around count too: noise carries readings of the region over its border.
         (-1..=1).any(|i| (-1..=1).any(|j| (-1..=1).any(|k| self.voxels.contains(&[x + i, y + j, z + k]))))
     }
 }

@@ -49,6 +49,7 @@ impl Parameter {
 #[must_use]
 pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
     let a = axis.into_inner();
+    // The unit vector least along the axis, so that the product is far from zero.
     let k = a.iamin();
     let e = Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 });
     let u = a.cross(&e).normalize();

@@ -61,6 +61,7 @@ impl<'a> PosedTwin<'a> {
     /// parameter.
     #[must_use]
     pub fn derivative(&self, parameter: Parameter, seen: &Seen) -> f64 {
+        // (15.7)
         match parameter {
             Parameter::DepthScale => seen.slant * seen.depth_m,
             Parameter::DepthBias => seen.slant,
@@ -95,6 +96,7 @@ impl<'a> PosedTwin<'a> {
             }
             _ => return Vector3::zeros(),
         };
+        // A camera that moves one way sees the surface move the other.
         -(frame.rotation * (t + w.cross(&point.coords)))
     }
 
@@ -182,6 +184,7 @@ impl<'a> PosedTwin<'a> {
         let x = frame.inverse_transform_point(&seen.point);
         let before = motion.inverse_transform_point(&x);
         let by = |p: &Point3<f64>| if turns { e.cross(&(p - self.axis_point(joint))) } else { e };
+        // (15.8) to first order.
         frame.rotation * (by(&x) - motion.rotation * by(&before))
     }
 

@@ -8,12 +8,14 @@ use crate::geometry::Pose;
 #[must_use]
 pub fn twist_motion([t, w]: &[Vector3<f64>; 2], seconds: f64) -> Pose {
     let (rate, turn) = (w.norm(), w * seconds);
+    // The closed form divides by the rate.
     if rate * seconds.abs() < 1e-9 {
         return small_motion(&(t * seconds), &turn);
     }
     let angle = rate * seconds;
     let n = w / rate;
     let across = n.cross(t);
+    // Integral of the turning velocity: an arc across the axis, a straight way along it.
     let path = t * (angle.sin() / rate)
         + across * ((1.0 - angle.cos()) / rate)
         + n * (n.dot(t) * (angle - angle.sin()) / rate);

@@ -87,6 +87,7 @@ impl SeenTwin {
                 open.push(joint.child);
             }
         }
+        // After all joints: a leader may come behind its follower.
         for (j, mimic) in mimics.iter().enumerate() {
             let Some(m) = mimic else { continue };
             let leader = joints.iter().position(|k| k.name == m.joint);

@@ -30,6 +30,7 @@ pub struct FrameRun {
 pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
     let (width, height) = (k.width / step, k.height / step);
+    // The middle of each block, so that coarse pixels look along the rays of fine ones.
     let off = (step - 1) / 2;
     let center = |c: f64| (c - off as f64) / step as f64;
     let intrinsics = Intrinsics {

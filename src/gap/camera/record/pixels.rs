@@ -54,6 +54,7 @@ fn choose(frame: &crate::capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec
     let stride = ((count as f64 / SAMPLES as f64).sqrt().round() as usize).max(1);
     let grid = (0..h).step_by(stride).flat_map(|y| (0..w).step_by(stride).map(move |x| y * w + x));
     let object = grid.clone().filter(|&i| usable(i)).collect();
+    // Without a mask no pixel is known to be off the object.
     let off = |i: usize| frame.mask.is_some() && around(i, w, h).all(|n| !frame.is_object(n));
     let empty = grid.filter(|&i| off(i)).collect();
     (object, empty, stride)
