@@ -67,8 +67,10 @@ impl Bvh {
         }
         let axis = (bounds.upper - bounds.lower).imax();
         let center = |b: &usize| boxes[*b].lower[axis] + boxes[*b].upper[axis];
+        // Ties by index: the same boxes give the same tree.
         members.sort_by(|a, b| center(a).total_cmp(&center(b)).then(a.cmp(b)));
         let middle = (start + end) / 2;
+        // An empty range marks an inner node.
         (self.nodes[here].start, self.nodes[here].end) = (0, 0);
         self.build(boxes, start, middle);
         self.nodes[here].second = self.nodes.len();

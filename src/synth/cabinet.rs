@@ -17,6 +17,7 @@ const LID_LIMITS_RAD: [f64; 2] = [0.05, 1.75];
 /// A cabinet of `parts` rigid parts.
 pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let movers = parts - 1;
+    // The area of the front grows with the number of openings.
     let grow = (movers as f64).sqrt();
     let board = range(rng, 0.014, 0.024);
     let height = (range(rng, 0.28, 0.5) * grow).min(1.4);
@@ -33,6 +34,7 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
     let wood = look.material(rng);
     let trim = look.trim(rng);
     let lid = height < 0.75 && chance(rng, 0.3);
+    // Some cabinets have an opening without a front.
     let open = usize::from(chance(rng, 0.3));
     let mut cells = Vec::new();
     let mut solids = boards(&carcass, &wood);
@@ -81,6 +83,7 @@ fn divide(
             (0..cells.len()).max_by(|a, b| area(&cells[*a]).total_cmp(&area(&cells[*b]))).unwrap_or_default();
         let cell = cells.swap_remove(largest);
         let ratio = cell.width() / cell.height();
+        // A long opening is cut across its length, which keeps openings near square.
         let upright = if (0.7..1.4).contains(&ratio) { chance(rng, 0.5) } else { ratio > 1.0 };
         let [low, high] = if upright { cell.y } else { cell.z };
         let margin = MIN_CELL_M.min(0.4 * (high - low));

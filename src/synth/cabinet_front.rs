@@ -65,6 +65,7 @@ pub(super) fn front(
         Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
     let wide = cell.width() / cell.height();
     let kind = range(rng, 0.0, 1.0);
+    // A drawer needs an opening that is not tall, a flap one that is clearly wide; the rest have doors.
     if cell.width() > MIN_SLIDE_M && kind < 0.15 {
         sliding(c, cell, number, &material, trim, carcass_solids, rng)
     } else if wide > 0.7 && kind < 0.6 {
@@ -107,6 +108,7 @@ fn hinged(
     };
     let upright = matches!(edge, Edge::Left | Edge::Right);
     let [near, far] = if upright { slab.y } else { slab.z };
+    // The handle stands near the free edge, away from the hinge.
     let inward = (0.12 * (far - near)).max(0.02);
     let free = if matches!(edge, Edge::Left | Edge::Bottom) { far - inward } else { near + inward };
     let middle = 0.5 * if upright { slab.z[0] + slab.z[1] } else { slab.y[0] + slab.y[1] };
@@ -154,6 +156,7 @@ fn drawer(
             rng,
         ),
     ];
+    // A quarter stays in the carcass: a drawer does not fall out.
     let limits = [0.0, 0.75 * length];
     Part::moving(
         format!("drawer_{number}"),

@@ -54,6 +54,7 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
         }
         // Neighbors in the chain lie on either side of y = 0; the post and a turntable lie below it.
         let y = if (link % 2 == 1) == turntable { [-thick, -0.001] } else { [0.001, thick] };
+        // Links reach half a thickness beyond their pins.
         let reach = 0.5 * thick;
         let mut solids = vec![Solid::between(
             [x - reach, y[0], z - reach],
@@ -61,6 +62,7 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
             &material,
         )];
         let tip = z + length;
+        // The head of the lamp, on the last link.
         if link == links {
             let (wide, tall) = (range(rng, 0.03, 0.05), range(rng, 0.03, 0.05));
             let middle = 0.5 * (y[0] + y[1]);
@@ -108,6 +110,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
         let y1 = y0 + width - gap;
         let mut solids = vec![Solid::between([-0.5 * thick, y0, bottom], [0.5 * thick, y1, top], &material)];
         let forward = panel % 2 == 1;
+        // A handle on the last panel.
         if panel == panels {
             let out =
                 if forward { [0.5 * thick, 0.5 * thick + 0.02] } else { [-0.5 * thick - 0.02, -0.5 * thick] };
@@ -118,6 +121,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
                 &trim,
             ));
         }
+        // Panels fold forward and back in turn, each about an edge on the side that it folds to.
         let (axis, x) = if forward { (-1.0, 0.5 * thick) } else { (1.0, -0.5 * thick) };
         let limits = if panel == 1 { [0.02, 1.6] } else { [0.05, 2.6] };
         let origin = Vector3::new(x, y0 - 0.5 * gap, 0.0);

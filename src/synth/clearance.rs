@@ -45,6 +45,7 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
     let (half_a, half_b) = (shrink(a), shrink(b));
     let between = pose_b.translation.vector - pose_a.translation.vector;
+    // Spheres settle most pairs.
     if between.norm() > half_a.norm() + half_b.norm() {
         return false;
     }
@@ -54,6 +55,7 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
         (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
     };
     let separated = |along: Vector3<f64>| {
+        // Parallel edges have no product; the axes of the faces stand for them.
         along.norm_squared() > 1e-12
             && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
     };

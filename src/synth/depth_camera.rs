@@ -89,6 +89,7 @@ impl DepthCamera {
         rng: &mut impl Rng,
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
+        // Drawn in order before threads share the pixels, so that their number changes nothing.
         let white: Vec<f64> = (0..pixels).map(|_| random::normal(rng)).collect();
         let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [random::unit(rng), random::unit(rng)]).collect();
         let noise = if self.disparity_sigma_px > 0.0 {
@@ -107,6 +108,7 @@ impl DepthCamera {
             if between_m.is_none() && holes[i][1] < fails && self.grazing_cosine >= 0.0 {
                 return 0;
             }
+            // What the second imager does not see has no disparity.
             if between_m.is_none() && self.shadows {
                 let seen =
                     world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
@@ -119,6 +121,8 @@ impl DepthCamera {
             }
             let focal_m = k.fx * self.baseline_m;
             let read_m = between_m.unwrap_or(depth_m) * errors.factor(i);
+            // Stereo errs in disparity, evenly; in depth the same error grows with the square of the
+            // range.
             let mut disparity_px =
                 focal_m / read_m + self.disparity_sigma_px * noise[i] + errors.disparity_px(i);
             if self.disparity_step_px > 0.0 {

@@ -43,9 +43,11 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let parts = config.parts.unwrap_or_else(|| fewest + random::below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
     let textured = config.textured.unwrap_or_else(|| random::chance(rng, 0.75));
+    // Turned and moved, so that no program may rely on the world's axes.
     let yaw = random::range(rng, 0.0, TAU);
     let foot = Vector3::new(random::range(rng, -FOOT_M, FOOT_M), random::range(rng, -FOOT_M, FOOT_M), 0.0);
     for shape in 0..SHAPES {
+        // A stream of its own: how many positions one shape took does not change the next.
         let rng = &mut stage_rng(config.seed, "synth/shape", shape);
         let mut look = Look { textured, scale_m: 1.0 };
         let parts = match family {
@@ -61,7 +63,9 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             for joint in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
                 joint.positions = positions(joint, rng);
             }
+            // Clearance first: visibility casts rays, which cost far more.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
+                // Only after the checks, so that scale and skew leave the object itself as it is.
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
         }
@@ -110,6 +114,7 @@ fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
     };
     let motion = random::range(rng, least, most);
     let near = random::range(rng, low, high - motion);
+    // Either state may be the more open one.
     if random::chance(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
 }
 

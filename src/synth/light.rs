@@ -27,6 +27,7 @@ impl Light {
 
     /// Light that a matt surface of unit normal `normal` sends on.
     pub(super) fn diffuse(&self, normal: &Vector3<f64>) -> Vector3<f64> {
+        // The shares add up to 1, so that white stays white where all of it shines.
         self.tint * (0.55 + 0.15 * normal.z + 0.3 * normal.dot(&self.lamp).max(0.0))
     }
 

@@ -21,6 +21,7 @@ impl Look {
         if !self.textured {
             return Material::plain(base);
         }
+        // Darker as well: features are found in gray.
         let second = base.lerp(&color(rng), 0.35) * random::range(rng, 0.25, 0.5);
         let mut wavelength_m = Vector3::repeat(self.scale_m * random::range(rng, 0.1, 0.25));
         // Some textures run along one axis, as wood does.

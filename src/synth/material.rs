@@ -34,10 +34,12 @@ impl Material {
         let Some(wavelength_m) = self.wavelength_m else { return self.base };
         let (mut sum, mut amplitude, mut scale) = (0.0, 1.0, 1.0);
         for octave in 0..OCTAVES {
+            // Waves shorter than two pixels would alias.
             if wavelength_m.min() * scale < 2.0 * footprint_m {
                 break;
             }
             let p = Vector3::from_fn(|k, _| point[k] / (wavelength_m[k] * scale));
+            // Each octave has noise of its own: with one noise, all would be alike at the origin.
             sum += amplitude * value_noise(&p, self.seed.wrapping_add(octave.wrapping_mul(0x9e37_79b9)));
             amplitude *= FALL;
             scale *= 0.5;
@@ -52,6 +54,7 @@ impl Material {
 /// Smooth noise in `[-1, 1]` with one random value a node of the integer lattice.
 fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
     let cell = p.map(f64::floor);
+    // Slopes vanish at the nodes, so that the lattice does not show.
     let t = (p - cell).map(|f| f * f * (3.0 - 2.0 * f));
     let node = |i: usize| {
         let at = Vector3::from_fn(|k, _| (cell[k] as i64 + (i >> k & 1) as i64) as u32);

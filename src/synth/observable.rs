@@ -19,6 +19,7 @@ pub(super) fn is_observable(object: &Object, config: &SynthConfig, rng: &mut imp
     let k = recording::intrinsics(config);
     let (floor, _) = recording::surroundings(config.seed);
     let poses = [0, 1].map(|state| object.world_from_parts(state));
+    // No floor: it hides nothing of what stands on it.
     let scenes = [0, 1].map(|state| Scene::new(object, state, &floor, 0.0));
     let cameras = [0, 1].map(|state| {
         let path = recording::camera_path(object, state, config);

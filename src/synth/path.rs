@@ -45,6 +45,7 @@ impl CameraPath {
         half_view_rad: f64,
         rng: &mut impl Rng,
     ) -> Self {
+        // Where the object's sphere fits the smaller field of view.
         let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
         let mut wave = |amplitude: f64, low: f64, high: f64| {
             (
@@ -77,6 +78,7 @@ impl CameraPath {
         eye.z = eye.z.max(self.center.z + 0.1 * self.radius_m);
         let target = self.center + Vector3::from(self.look.map(at)) * self.radius_m;
         let forward = (target - eye).try_normalize(1e-12).unwrap_or(-outward);
+        // A level horizon first; the roll comes on top.
         let right = forward.cross(&Vector3::z()).try_normalize(1e-12).unwrap_or_else(Vector3::x);
         let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
         let upright = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));

@@ -89,18 +89,22 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     // The floor and what stands on it are the same in all states.
     let (floor, lamp) = surroundings(config.seed);
     let camera = handheld_camera(config);
+    // Around all that the object reaches in any state, so that nothing stands in its way.
     let clutter = camera.clutter(&whole_way(object), object.world_from_rest.translation.vector.z);
     let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
     let depth_camera = DepthCamera::scaled(config.noise);
     let period_nanos = period_nanos(&path, config);
+    // Views stand in the middle of their share of the path: poses shortly before and after lie on it too.
     let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / config.views as f64;
     let cameras: Vec<Pose> = (0..config.views).map(|i| path.pose(time(i, 0.0))).collect();
     let hands: Vec<Vec<Solid>> =
         cameras.iter().enumerate().map(|(i, pose)| camera.hand(take, i, pose, &sphere)).collect();
+    // Few views have a hand; all others share one scene.
     let with_hands: Vec<Option<Scene>> =
         hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with(hand))).collect();
     let scene = |i: usize| with_hands[i].as_ref().unwrap_or(&still);
     let poses = camera.poses(take, &cameras);
+    // The first take defines the world.
     let offset = if take == 0 { Pose::identity() } else { drift(config) };
     let recorded_from_world = offset * poses.relocalization;
     let frame = |i: usize| {
@@ -112,7 +116,9 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
         let depth_mm =
             depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
         let velocity = velocity(&path, time(i, 0.0), config.views as f64 * period_nanos as f64 * 1e-9);
+        // Depth is read from the sharp view: blur and shift are of color alone.
         view.color = camera.colors(take, i, &view, &intrinsics, &velocity);
+        // One error for both poses about a view, or interpolation would average it away.
         let error = poses.jitter[i] * error(config, &mut rng("pose", i));
         let reported = [-1.0, 1.0].map(|side| {
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
@@ -130,6 +136,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
         }
     };
     let frames: Vec<SynthFrame> = (0..config.views).map(frame).collect();
+    // Scenes with their hands: what a hand hides was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..config.views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, poses }
@@ -169,6 +176,7 @@ pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
         height: config.height,
         fx: focal,
         fy: focal,
+        // Off the middle, so that a program which assumes the middle is found out.
         cx: 0.5 * config.width as f64 + 2.7,
         cy: 0.5 * config.height as f64 - 3.2,
     }

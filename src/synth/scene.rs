@@ -79,6 +79,7 @@ impl<'a> Scene<'a> {
     #[must_use]
     pub fn sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
         let mut best: Option<Sight> = None;
+        // The floor first: its hit bounds the search among the solids. A level ray fails the comparisons.
         let to_floor = (self.floor_z_m - origin.z) / ray.z;
         if to_floor > 0.0 && to_floor < farthest {
             let point_in_part = origin + ray * to_floor;

@@ -7,6 +7,7 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
     let reach = (3.0 * sigma_px).ceil() as isize;
     let mut kernel: Vec<f64> =
         (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
+    // Divided by the root of the sum of squares, white noise keeps its variance.
     let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
     kernel.iter_mut().for_each(|w| *w /= norm);
     // The border repeats by reflection, which keeps the variance near one.
@@ -20,6 +21,7 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
             .map(|i| (-reach..=reach).zip(&kernel).map(|(d, w)| w * from[at(i, d)]).sum())
             .collect()
     };
+    // A Gaussian over rows, then over columns, is one over the image.
     let rows = along(white, &|i, d| i / width * width + reflect((i % width) as isize + d, width));
     along(&rows, &|i, d| reflect((i / width) as isize + d, height) * width + i % width)
 }

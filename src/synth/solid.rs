@@ -68,6 +68,7 @@ impl Solid {
     #[must_use]
     pub fn capsule(radius_m: f64, from: Point3<f64>, to: Point3<f64>, material: &Material) -> Self {
         let along = to - from;
+        // Straight down the turn is not unique; half a turn about x is one.
         let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
         Self {
@@ -121,12 +122,14 @@ impl Shape {
 fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
     let (mut near, mut far, mut axis) = (f64::NEG_INFINITY, f64::INFINITY, 0);
     for k in 0..3 {
+        // A ray along a slab crosses neither side: it runs inside or misses.
         if ray[k] == 0.0 {
             if origin[k].abs() > half[k] {
                 return None;
             }
             continue;
         }
+        // The sign of the ray says which side comes first.
         let (enter, leave) = (
             (-half[k].copysign(ray[k]) - origin[k]) / ray[k],
             (half[k].copysign(ray[k]) - origin[k]) / ray[k],
@@ -144,10 +147,12 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
 }
 
 fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+    // Distance from the axis along the ray: a quadratic.
     let a = ray.x * ray.x + ray.y * ray.y;
     let b = origin.x * ray.x + origin.y * ray.y;
     let c = origin.x * origin.x + origin.y * origin.y - radius_m * radius_m;
     let (mut near, mut far, mut side) = (f64::NEG_INFINITY, f64::INFINITY, true);
+    // A ray along the axis never crosses the side.
     if a > 0.0 {
         let root = b * b - a * c;
         if root < 0.0 {
@@ -197,6 +202,7 @@ fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64)
         let root = b * b - a * (from.coords.norm_squared() - radius_m * radius_m);
         let at = (-b - root.max(0.0).sqrt()) / a;
         let p = from + ray * at;
+        // The inner half of a ball lies within the capsule.
         (root >= 0.0 && p.z * z.signum() >= 0.0).then(|| Hit { at, normal: p.coords / radius_m })
     };
     let hits = [side(), ball(half_m), ball(-half_m)];
@@ -204,6 +210,7 @@ fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64)
 }
 
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
+    // Bit k of a corner's number is its side along axis k.
     let corner = |i: usize| {
         Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast()
     };
@@ -223,6 +230,7 @@ fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
         }
         mesh.vertices.push(Point3::new(0.0, 0.0, z).cast());
     }
+    // Middles of both ends.
     let (bottom, top) = (n, 2 * n + 1);
     for i in 0..n {
         let (a, b) = (i, (i + 1) % n);

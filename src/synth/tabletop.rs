@@ -31,6 +31,7 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
         let material = look.material(rng);
         let top = height + 0.001 + tall;
         let grip = look.material(rng);
+        // Further to one side than to the other: a symmetric bar looks the same after half a turn.
         let bar = Vector3::new(0.95 * radius_m, 0.22 * radius_m, 0.5 * range(rng, 0.008, 0.016));
         let solids = vec![
             Solid::cylinder(radius_m, 0.5 * tall, at(height + 0.001 + 0.5 * tall), &material),
@@ -69,6 +70,7 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
         base.push(Solid::between([x, y, thick], [x + 0.2 * half_x, y + 0.14 * half_y, thick + 0.002], &keys));
     }
     let lid_thick = range(rng, 0.006, 0.014);
+    // The slit holds the keys and the screen.
     let bottom = thick + 0.004;
     let screen = look.material(rng);
     let lid = vec![

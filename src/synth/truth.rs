@@ -64,6 +64,7 @@ pub fn seen_points(
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
             let sees = |(scene, camera): &&(&Scene, Pose)| sees(scene, k, camera, &point, &normal);
+            // Counting ends at enough views, since each costs a ray.
             (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS)
                 .then_some(SeenSample { point, part })
         });

@@ -89,6 +89,7 @@ impl Rays<'_> {
             return Shade { color: Vector3::repeat(NOTHING), reflectance: 0.0, gloss: 0.0 };
         };
         let ray = self.ray(at);
+        // A pixel covers more of a slanted surface.
         let footprint_m =
             sight.at / self.intrinsics.fx / cosine(&ray, &sight).max(LEAST_COSINE) / samples as f64;
         self.scene.shade(&sight, self.light, &self.eye, &(self.eye + ray * sight.at), footprint_m)
@@ -98,6 +99,7 @@ impl Rays<'_> {
     fn pixel_shade(&self, sights: &[Option<Sight>], pixel: usize) -> Shade {
         let [u, v] = self.center(pixel);
         let shade = self.shade(sights[pixel], [u, v], 1);
+        // Within a surface the texture was left without waves that the pixel cannot resolve.
         if !self.is_on_edge(sights, pixel) {
             return shade;
         }
@@ -130,5 +132,6 @@ fn cosine(ray: &Vector3<f64>, sight: &Sight) -> f64 {
 
 /// The solid that is seen, and about how it faces.
 fn surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
+    // Rounded, so that a round side is no edge between most of its pixels.
     sight.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)))
 }

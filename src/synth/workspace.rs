@@ -37,6 +37,7 @@ pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
         }
         moved
     };
+    // An arc may reach furthest between its limits.
     let [low, half, high] = [0.0, 0.5, 1.0].map(at);
     workspace(&[&low, &half, &high])
 }

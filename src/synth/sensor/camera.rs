@@ -47,6 +47,7 @@ impl HandheldCamera {
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| stream(seed, "camera", effect, 0);
+        // Without the effect no field is made: one of zeros would cost as much.
         let has_warp = sensor.of(Effect::DepthWarp) > 0.0;
         let warp = || {
             let rng = &mut rng(Effect::DepthWarp);
@@ -135,6 +136,7 @@ impl HandheldCamera {
         let jitter =
             |i| pose_jitter::draw(self.level(Effect::PoseJitter), &mut self.rng(take, Effect::PoseJitter, i));
         TakePoses {
+            // Take 0 gives the world that the others are off from.
             relocalization: if take == 0 { Pose::identity() } else { world },
             drift: pose_drift::walk(
                 self.level(Effect::PoseDrift),
@@ -186,6 +188,7 @@ impl HandheldCamera {
         k: &Intrinsics,
         velocity: &[Vector3<f64>; 2],
     ) -> Vec<Vector3<f64>> {
+        // On linear color: blur and gain act on light, before it is encoded.
         let mut colors = view.color.clone();
         if self.level(Effect::MotionBlur) > 0.0 {
             colors = motion_blur::blurred(self.level(Effect::MotionBlur), &colors, view, k, velocity);

@@ -26,6 +26,7 @@ pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
         let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
         let glossy = GLOSSY_SHARE * view.gloss[i];
         let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
+        // Three draws whatever is seen, so that neither view nor level shifts the draws of later pixels.
         let draws = [(); 3].map(|()| random::unit(rng));
         [dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share)
     };

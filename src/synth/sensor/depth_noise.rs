@@ -13,6 +13,7 @@ const CORRELATION_PX: f64 = 3.0;
 /// What is added to the disparity of every pixel of a frame, pixels.
 pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
     let white: Vec<f64> = (0..width * height).map(|_| random::normal(rng)).collect();
+    // A Gaussian of deviation s correlates as exp(-d^2 / 4 s^2).
     let mut noise = smooth(&white, width, height, 0.5 * CORRELATION_PX);
     noise.iter_mut().for_each(|n| *n *= level * SIGMA_PX);
     noise

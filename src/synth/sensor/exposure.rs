@@ -14,6 +14,7 @@ const WHITE_BALANCE: f64 = 0.03;
 pub(super) fn gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
     let [exposure, red, blue] =
         [EXPOSURE, WHITE_BALANCE, WHITE_BALANCE].map(|s| level * s * random::normal(rng));
+    // Errors of the logarithm: a gain stays positive at any level.
     Vector3::new(exposure + red, exposure, exposure + blue).map(f64::exp)
 }
 

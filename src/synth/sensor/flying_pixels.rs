@@ -18,6 +18,7 @@ const MARGIN: f64 = 0.1;
 /// Depth of every pixel that reads one between two surfaces.
 pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl Rng) -> Vec<Option<f64>> {
     let flies = |i: usize| {
+        // Drawn for every pixel, on an edge or not, so that the view does not shift later draws.
         let [draw, share] = [random::unit(rng), random::range(rng, MARGIN, 1.0 - MARGIN)];
         let depth_m = view.depth_m[i];
         let step = depth_step(&view.depth_m, k, i);

@@ -40,6 +40,7 @@ pub(super) fn hand(
     radius_m: f64,
     rng: &mut impl Rng,
 ) -> Vec<Solid> {
+    // The level decides whether there is a hand, not where: all draws come first.
     let is_there = random::unit(rng) < level * SHARE;
     let share = random::range(rng, DEPTH_SHARE[0], DEPTH_SHARE[1]);
     let aside = random::range(rng, ASIDE_SHARE[0], ASIDE_SHARE[1]);

@@ -33,6 +33,7 @@ pub(super) fn bulb(
         let aim = center + random::direction(rng).into_inner() * (0.8 * radius_m * random::unit(rng));
         let ray = (aim - eye).normalize();
         let sight = scene.sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some())?;
+        // A bulb along the mirrored ray is seen at this place.
         let mirrored: Vector3<f64> = ray - sight.normal * (2.0 * ray.dot(&sight.normal));
         Some(eye + ray * sight.at + mirrored * distance_m)
     })

@@ -28,6 +28,7 @@ pub(super) fn blurred(
         let trace = trace_px(view.depth_m[i], k, [u, v], velocity).map(|s| s * level * EXPOSURE_S);
         let samples = (trace[0].hypot(trace[1]).ceil() + 1.0).min(MOST_SAMPLES);
         let at = |s: usize| {
+            // About the middle of the exposure, so that blur does not shift the image.
             let share = (s as f64 + 0.5) / samples - 0.5;
             bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]])
         };
@@ -39,6 +40,7 @@ pub(super) fn blurred(
 /// Speed in the image of the surface point at a pixel, pixels a second.
 fn trace_px(depth_m: f64, k: &Intrinsics, [u, v]: [f64; 2], velocity: &[Vector3<f64>; 2]) -> [f64; 2] {
     let ray = k.ray(u, v);
+    // Far off only the turn of the camera smears.
     let z = if depth_m > 0.0 { depth_m } else { FAR_M };
     let [shift, turn] = velocity;
     let moves = -(shift / z + turn.cross(&ray));

@@ -15,6 +15,7 @@ const SWEEP_VIEWS: f64 = 30.0;
 
 /// Where odometry that starts at the first view sees the world at each view, for true camera poses.
 pub(super) fn walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose> {
+    // Variances of independent steps add up.
     let step = level * (SWEEP_VIEWS / cameras.len() as f64).sqrt();
     let mut reported_from_world = Pose::identity();
     let mut at = Vec::with_capacity(cameras.len());
@@ -22,6 +23,7 @@ pub(super) fn walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose
         let [shift, turn] =
             [STEP_M, STEP_RAD].map(|sigma| Vector3::from_fn(|_, _| step * sigma * random::normal(rng)));
         if i > 0 {
+            // A step errs in the camera's frame, and all later poses keep its error.
             reported_from_world = reported_from_world * camera * Pose::new(shift, turn) * camera.inverse();
         }
         at.push(reported_from_world);
