@@ -17,6 +17,7 @@ const FRAME_S: f64 = 1.0 / 30.0;
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "camera_time_offset",
     trials: |_, runs, _| {
+        // Without the camera's velocities nothing shows a delay.
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
         if known { vec![(None, vec![column(Parameter::Delay, FRAME_S)])] } else { Vec::new() }
     },

@@ -14,6 +14,7 @@ use crate::{
 
 /// Adds increments to a hypothesis. All are taken about the poses before the first.
 pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Parameter, f64)]) {
+    // The steps of a solution hold together only about the state that it was solved at.
     let start = hypothesis.clone();
     let poses: Vec<_> = (0..start.positions.len()).map(|r| start.poses(twin, r)).collect();
     for &(parameter, x) in steps {
@@ -70,6 +71,7 @@ fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Para
                 Pose::from_parts(e.into(), UnitQuaternion::identity())
             } else {
                 let r = UnitQuaternion::from_scaled_axis(e);
+                // Turned about the axis' point, which stays.
                 Pose::from_parts((start.point.coords - r * start.point.coords).into(), r)
             };
         }
