@@ -58,6 +58,7 @@ impl DepthCamera {
     #[must_use]
     pub fn scaled(factor: f64) -> Self {
         let base = Self::default();
+        // Steps, shadows and grazing losses have no size to scale: without noise they go as well.
         if factor == 0.0 {
             return Self {
                 disparity_sigma_px: 0.0,

@@ -48,6 +48,7 @@ fn drawn_positions(object: &Object, states: &[Object], rng: &mut impl Rng) -> Op
         let mut filmed = states.iter().filter_map(|s| s.parts[k].joint.map(|j| j.positions[1])).chain(first);
         let [low, high] = joint.limits;
         joint.positions[1] = random::range(rng, low, high);
+        // A state near one that was filmed shows nothing new.
         if filmed.any(|q| (q - joint.positions[1]).abs() < APART * (high - low)) {
             return None;
         }

@@ -54,6 +54,7 @@ impl CameraPath {
                 random::range(rng, 0.0, TAU),
             )
         };
+        // A slow wave and a fast one; their amplitudes add up to 1, which keeps the sweep in its bounds.
         let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
         let azimuth = wave(0.08, 2.0, 5.0);
         let range = wave(0.06, 1.0, 4.0);

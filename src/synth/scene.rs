@@ -98,6 +98,7 @@ impl<'a> Scene<'a> {
             let p = &self.placed[i];
             let nearest = best.as_ref().map_or(farthest, |b| b.at);
             let (o, r) = (p.solid_from_world * origin, p.solid_from_world * ray);
+            // In the frame of the solid; a rigid motion leaves the multiple of the ray as it is.
             let Some(hit) = p.shape.hit(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
             best = Some(Sight {
                 at: hit.at,
@@ -119,6 +120,7 @@ impl<'a> Scene<'a> {
         if length_m <= margin_m {
             return true;
         }
+        // A unit direction: its multiples are meters.
         let step = way / length_m;
         self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
@@ -174,6 +176,7 @@ impl<'a> Placed<'a> {
 }
 
 fn bounds(placed: &Placed) -> Bounds {
+    // Along an axis of the world, a turned box reaches the sum of its half sides' shares.
     let reach =
         placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
     let center = Point3::from(placed.world_from_solid.translation.vector);

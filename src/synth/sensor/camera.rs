@@ -206,6 +206,7 @@ impl HandheldCamera {
 }
 
 fn stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
+    // By name: a new effect leaves the draws of the others as they are.
     stage_rng(seed, &format!("synth/sensor/{of}/{}", effect.name()), step as u64)
 }
 

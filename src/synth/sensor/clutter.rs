@@ -30,6 +30,7 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
     let radius_m = half_m.norm();
     let thing = |k: usize| {
         let half = Vector3::from_fn(|_, _| radius_m * random::range(rng, HALF_RADII[0], HALF_RADII[1]));
+        // One thing a sector, so that they do not stand in each other.
         let azimuth = TAU * (k as f64 + random::range(rng, 0.1, 0.9)) / THINGS as f64;
         let gap_m = radius_m * random::range(rng, GAP_RADII[0], GAP_RADII[1]);
         let yaw = random::range(rng, 0.0, TAU);
