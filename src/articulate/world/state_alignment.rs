@@ -89,6 +89,7 @@ pub fn align_states(
     if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
         return Ok(None);
     }
+    // Only here, as matches of the whole images take long.
     let around = surroundings();
     let found = common_motions(&around, MOTIONS, extent_m, config, rng);
     if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
