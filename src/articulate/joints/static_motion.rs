@@ -30,7 +30,7 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     let covariance = still * both * own.covariance;
     ParentMotion {
         state1_from_state0: Pose::new(motion.fixed_rows::<3>(0).into(), motion.fixed_rows::<3>(3).into()),
-        // The product is symmetric but for rounding, which later factors would not forgive.
+        // The product is symmetric up to rounding only.
         covariance: 0.5 * (covariance + covariance.transpose()),
     }
 }
