@@ -155,6 +155,7 @@ impl CaptureConfig {
     pub fn check(&self) -> Result<(), CaptureError> {
         let refuse = |key, reason: &str| Err(CaptureError::Setting { key, reason: reason.to_owned() });
         let positive = |v: f64| v.is_finite() && v > 0.0;
+        // Conditions say what must hold, so that NaN is refused as well.
         if !(positive(self.depth_max_m) && self.depth_min_m >= 0.0 && self.depth_min_m < self.depth_max_m) {
             return refuse(
                 "capture.depth_min_m",

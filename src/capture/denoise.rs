@@ -65,11 +65,13 @@ struct InverseDepth {
 impl InverseDepth {
     fn new(frame: &RgbdFrame) -> Self {
         let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        // Lanes beside the last pixel of a row may read beyond it.
         let stride = width + 2 * MARGIN + LANES;
         let mut values = vec![0.0; stride * (height + 2 * MARGIN)];
         for (row, depths) in
             values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width))
         {
+            // An inverse depth of 0, infinitely far, marks what was not read.
             row[MARGIN..]
                 .iter_mut()
                 .zip(depths)
@@ -105,6 +107,7 @@ pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
                 *cleaned = match plane {
                     Some(p) if p.inverse[0] > 0.0 => (
                         (1.0 / p.inverse[0]) as f32,
+                        // docs/method.md (2.11): so many readings would give the plane's deviation.
                         (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
                     ),
                     _ => (0.0, 0.0),
@@ -140,16 +143,22 @@ fn local_planes(
         if growing.iter().all(Option::is_none) {
             break;
         }
+        // The first window starts level at the reading; each later one at the plane before it, so that its
+        // gate follows the slope.
         let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
             Some(Plane { inverse, .. }) => inverse,
             None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
         });
         let is_first = window.radius == WINDOWS[0].radius;
+        // The difference from a single reading has twice the variance of that from a plane: 4.2 is three
+        // times the root of two.
         let gate = if is_first { FIRST_GATE } else { GATE };
         let sums = sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
         for lane in 0..LANES {
             let Some(sigma) = growing[lane] else { continue };
             let plane = sums.plane(lane, sigma, window, &starts[lane], is_first);
+            // The intersection of docs/method.md (2.10). Once it is empty the window has left the surface's
+            // plane.
             let interval = plane.map(|p| {
                 let half = CONFIDENCE * p.variance.sqrt();
                 [intervals[lane][0].max(p.inverse[0] - half), intervals[lane][1].min(p.inverse[0] + half)]
@@ -197,7 +206,9 @@ fn sums(
             let readings = &inverse.values[at..at + LANES];
             let u = du as f32;
             for lane in 0..LANES {
+                // Residuals in place of values: small numbers keep their digits in single precision.
                 let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
+                // Without a branch, so that the lanes of a register stay together.
                 let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
                 let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
                 n[lane] += one;
@@ -209,6 +220,7 @@ fn sums(
             }
         }
         for lane in 0..LANES {
+            // All of a row have one v, so that moments with v are products.
             let of_row = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
             (0..6).for_each(|k| sums.moments[k][lane] += of_row[k]);
             [r[lane], ru[lane], v * r[lane]]
@@ -245,7 +257,9 @@ impl Sums {
         }
         let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
         let change = covariance * b;
+        // What the fit takes off the squares is known without a second pass over the window.
         let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
+        // The mean of ν squared residuals has the variance 2 / ν; readings that share noise count as one.
         let freedom = (s[0] / window.correlated - 3.0).max(1.0);
         if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
             return None;

@@ -358,6 +358,7 @@ fn converted(path: &Path) -> PathBuf {
 /// quotes. (One with a single quote in it needs another form in each; it is written for the shell.)
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
+    // A path that begins with a hyphen would be read as an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))
         && !text.starts_with('-')
         && !text.is_empty();

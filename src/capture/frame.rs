@@ -44,6 +44,8 @@ impl RgbdFrame {
     /// Expected standard deviation of a pixel's depth, meters.
     #[must_use]
     pub fn sigma_m(&self, pixel: usize, noise: &NoiseConfig) -> f64 {
+        // Raw depth has no list. A pixel that denoising dropped stands for none; the bound keeps its
+        // deviation finite.
         let readings = self.readings.get(pixel).map_or(1.0, |r| f64::from(r.max(1e-3)));
         noise.sigma_m(f64::from(self.depth_m[pixel])) / readings.sqrt()
     }
@@ -69,6 +71,7 @@ pub fn median_over_object<'a>(
     frames: impl Iterator<Item = &'a RgbdFrame>,
     value: impl Fn(&RgbdFrame, usize) -> f64,
 ) -> Option<f64> {
+    // Divides no usual width, so that the samples are not those of a few columns.
     const EVERY: usize = 97;
     let mut all = Vec::new();
     for f in frames {

@@ -14,6 +14,7 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
         for x in R..w.saturating_sub(R) {
             let d = depth(x, y);
             let around = [depth(x - R, y), depth(x + R, y), depth(x, y - R), depth(x, y + R)];
+            // Beside a hole the slope is not known.
             if d <= 0.0 || around.iter().any(|&n| n <= 0.0) {
                 continue;
             }

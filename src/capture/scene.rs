@@ -68,6 +68,7 @@ impl Agreement {
     }
 
     fn see(&mut self, frame: usize, p: &Point3<f64>) {
+        // Points come frame by frame, so that the last frame is all to remember.
         self.frames += usize::from(frame != self.last);
         (self.last, self.lower, self.upper) = (frame, self.lower.inf(p), self.upper.sup(p));
     }

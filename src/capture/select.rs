@@ -19,6 +19,7 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let range = (centers.iter().map(|c| (c - focus).norm()).sum::<f64>() / count as f64).max(1e-6);
     let axis = |i: usize| world_from_camera[i].rotation * Vector3::z();
     let distance = |i: usize, j: usize| {
+        // docs/method.md (2.4): in mean distances a shift is about the angle that it is seen under.
         let turned = axis(i).dot(&axis(j)).clamp(-1.0, 1.0).acos();
         (centers[i] - centers[j]).norm() / range + turned
     };
@@ -38,6 +39,7 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
         }
         chosen.push(farthest);
     }
+    // In time order again: drift runs along it.
     chosen.sort_unstable();
     chosen
 }
@@ -55,6 +57,7 @@ pub fn common_focus(world_from_camera: &[Pose]) -> Option<Point3<f64>> {
         normal += across;
         right += across * pose.translation.vector;
     }
+    // Parallel axes have no nearest point: docs/method.md (2.5).
     let smallest = normal.symmetric_eigenvalues().min();
     (smallest > 1e-3 * world_from_camera.len() as f64).then_some(())?;
     Some(Point3::from(normal.try_inverse()? * right))

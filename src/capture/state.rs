@@ -57,6 +57,7 @@ impl Split {
         } else if nanos >= self.begin1_nanos {
             Some(1)
         } else {
+            // In between, the joints were being moved.
             None
         }
     }

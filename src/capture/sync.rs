@@ -18,6 +18,7 @@ pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> 
     let mut closest: BinaryHeap<_> =
         (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
     while let Some(Reverse((key, at))) = closest.pop() {
+        // Entries go stale where a stamp was used up by a closer pair.
         if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
             continue;
         }
@@ -58,6 +59,7 @@ impl Free {
         }
         let mut stamps = Vec::new();
         for (nanos, [mut lefts, mut rights]) in sides {
+            // Equal stamps are of one exposure, in order of arrival.
             let equal = lefts.len().min(rights.len());
             lefts.drain(..equal).zip(rights.drain(..equal)).for_each(|(l, r)| partners[l] = Some(r));
             let is_left = !lefts.is_empty();
@@ -100,6 +102,7 @@ impl Free {
             }
         }
         let alive = |place: usize| (!self.stamps[place].messages.is_empty()).then_some(place);
+        // Where stamps went, others became neighbors, and these may be the closest now.
         let first = alive(at).or_else(|| Some(self.before[at]).filter(|b| *b < self.stamps.len()));
         (taken[0], taken[1], [first, alive(second)])
     }
@@ -109,6 +112,7 @@ impl Free {
 #[must_use]
 pub fn nearest(rising: &[i64], stamp: i64) -> Option<usize> {
     let after = rising.partition_point(|s| *s < stamp);
+    // The first of equal stamps.
     let before = after.checked_sub(1).map(|last| rising.partition_point(|s| *s < rising[last]));
     let after = Some(after).filter(|i| *i < rising.len());
     before.into_iter().chain(after).min_by_key(|i| (rising[*i].abs_diff(stamp), *i))

@@ -100,6 +100,7 @@ impl TfBuffer {
         }
         match self.edges.get(child) {
             Some((known, _)) if known != parent => {
+                // Reported when the frame is asked for: one that nobody needs may have two parents.
                 let parents = self.conflicts.entry(child.to_owned()).or_default();
                 if parents.len() < MAX_PARENTS {
                     parents.extend([known.clone(), parent.to_owned()]);
@@ -175,6 +176,7 @@ impl TfBuffer {
             reason,
         };
         let (from_source, from_target) = (self.ancestors(source), self.ancestors(target));
+        // Not the root: what is above the common ancestor cancels, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
             let root = |chain: &[&str]| chain.last().copied().unwrap_or_default().to_owned();
             return Err(fail(format!(
@@ -212,6 +214,7 @@ impl TfBuffer {
         let before = samples.range(..=stamp).next_back();
         let after = samples.range(stamp..).next();
         match (before, after) {
+            // At a sample nothing is interpolated, however far the next one is.
             (Some((t0, a)), Some((t1, _))) if t0 == t1 => Ok(*a),
             (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
                 let share = (stamp - t0) as f64 / (t1 - t0) as f64;

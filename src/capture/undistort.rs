@@ -58,6 +58,7 @@ impl Distortion {
                 let k3 = d.get(4).copied().unwrap_or(0.0);
                 Ok(Self { radial: [d[0], d[1], k3], rational: [0.0; 3], tangential: [d[2], d[3]] })
             }
+            // OpenCV's order is k1, k2, p1, p2, k3, k4, k5, k6.
             ("rational_polynomial", 8..=14) if d[8..].iter().all(|v| *v == 0.0) => Ok(Self {
                 radial: [d[0], d[1], d[4]],
                 rational: [d[5], d[6], d[7]],
@@ -125,6 +126,7 @@ impl UndistortMap {
         let source = |i: usize| {
             let ray = camera.ray((i % camera.width) as f64, (i / camera.width) as f64);
             if ray.xy().norm() >= limit {
+                // Beyond, the model folds back onto pixels of other directions.
                 return [f32::NAN; 2];
             }
             let (x, y) = distortion.apply(ray.x, ray.y);
@@ -139,6 +141,7 @@ impl UndistortMap {
     pub fn color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
         let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
         let sample = |[u, v]: &[f32; 2]| {
+            // NaN, which marks no source, fulfills no condition.
             if !(*u >= 0.0 && *v >= 0.0 && *u <= (self.width - 1) as f32 && *v <= (self.height - 1) as f32) {
                 return [0; 3];
             }
@@ -159,6 +162,7 @@ impl UndistortMap {
     #[must_use]
     pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
         let sample = |[u, v]: &[f32; 2]| {
+            // Depth and masks are not mixed: between two surfaces there is none.
             let (x, y) = (u.round(), v.round());
             let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
             if inside { pixels[y as usize * self.width + x as usize] } else { outside }

@@ -59,6 +59,7 @@ impl WindowPlane {
         let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
         let residual =
             |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
+        // docs/method.md (2.7).
         let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
     }
@@ -86,6 +87,7 @@ impl WindowPlane {
         if most - least > MAX_RANGE * mean_depth_m {
             return None;
         }
+        // With holes the window is not symmetric: slopes and mean are solved for together.
         let moments: Matrix3<f64> = readings().map(|(at, _)| at * at.transpose()).sum();
         let right: Vector3<f64> = readings().map(|(at, d)| at / d).sum();
         let plane = moments.cholesky()?.solve(&right);

@@ -41,6 +41,7 @@ impl JointEstimate {
         let before = self.evidence.covariance;
         let (a, b) = frame_across(&prior.direction);
         let across = Matrix3x2::from_columns(&[a, b]);
+        // The prior speaks of the direction alone, by its two components across the prior's own.
         let mut observe = SMatrix::<f64, 2, 7>::zeros();
         observe.fixed_view_mut::<2, 3>(0, 0).copy_from(&across.transpose());
         let noise: Matrix2<f64> = across.transpose() * prior.covariance * across;
@@ -49,15 +50,19 @@ impl JointEstimate {
             return self;
         };
         let gain = before * observe.transpose() * inverse;
+        // In that plane the prior lies at the origin, so the innovation is minus the axis' offset.
         let step = gain * -(across.transpose() * self.axis.into_inner());
         let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.motion());
         // A step past the start of the motion is no small one: the linear update does not hold.
         let Some(farthest) = farthest.filter(|_| self.motion() + step[6] > 0.0) else { return self };
+        // What the motion alone said goes to the report, before the prior changes it.
         let std_rad = before.fixed_view::<3, 3>(0, 0).trace().sqrt();
         self.evidence.axis_alone = Some(AxisAlone { axis: self.axis, std_rad });
         let kept = SMatrix::<f64, 7, 7>::identity() - gain * observe;
         self.evidence.covariance = kept * before * kept.transpose() + gain * noise * gain.transpose();
         for k in 0..self.positions.len() {
+            // Joseph's form once more, in the space of the motion: `back` reads the axis off it, `slopes`
+            // carries the change to it, and what the axis does not explain stays.
             let slopes = self.slopes(k, k == farthest, &parents[k].state1_from_state0);
             let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
             let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
@@ -97,12 +102,14 @@ impl JointEstimate {
         }
         let chosen: Vec<JointMotion> = kept.iter().map(|&k| motions[k]).collect();
         let sigma_m = kept.iter().map(|&k| surface_sigma_m(&motions[k].evidence, &self.motions[k])).collect();
+        // The first two parameters are the direction, which the prior has decided: they are held.
         let mut start = self.placed();
         start.positions = kept.iter().map(|&k| self.positions[k]).collect();
         let joint = Residuals { motions: &chosen, sigma_m, config }.fit(start, 2).joint;
         for (k, m) in motions.iter().enumerate() {
             self.positions[k] = match kept.iter().position(|&own| own == k) {
                 Some(own) => joint.positions[own],
+                // What was left out has no say in the fit; it gets the position that comes nearest to it.
                 None => joint.nearest(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point),
             };
         }

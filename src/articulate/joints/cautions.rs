@@ -27,6 +27,7 @@ pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
     let Judged { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
+    // A slide is a turn about an axis far away, so that a small motion may not distinguish them.
     if (p - r).abs() < DECISIVE {
         cautions.push(Note::new(
             NoteCode::JointTypeUndecided,
@@ -100,6 +101,7 @@ pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
         Some(_) => None,
     };
     let position = match deviations.origin_m {
+        // A slide has a direction and no line.
         _ if !turns => None,
         None => undetermined("axis position"),
         Some(std) if std > COARSE_DIRECTION_RAD * extent_m => {

@@ -52,6 +52,7 @@ pub fn estimate_joint(
         && motions.len() > 1
         && let Some(left_out) = outlier(motions, place, excess(&types.scores, true), config)
     {
+        // One motion at most is left out: without a doubt the call does not come here again.
         let others = without(motions, left_out);
         let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice }, config);
         return with_contradiction(estimate, &found, left_out);
@@ -67,6 +68,7 @@ fn without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<JointMotion<
 
 /// The motion without which the others agree on a joint, where they do not with it (by the excess of `all`).
 fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineConfig) -> Option<usize> {
+    // Where a joint explains all motions about as well as free ones do, there is nothing to doubt.
     if all <= DECISIVE {
         return None;
     }
@@ -86,6 +88,7 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     let (relative, parent) = (found.relative(left_out), found.parent(left_out));
     let q = joint.nearest(&relative, middle);
     let pose = parent.state1_from_state0 * joint.at(q);
+    // In the coordinates of state 0, where the part's middle is known.
     let off = pose.inverse() * found.free[left_out].motion;
     estimate.evidence.cautions.push(Note::new(
         NoteCode::StateContradicts,
@@ -100,6 +103,7 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     estimate.positions.insert(left_out, q);
     estimate.motions.insert(left_out, pose);
     estimate.covariances.insert(left_out, parent.covariance);
+    // Infinite marks a motion that contradicts the others: `settled` leaves it out, too.
     estimate.evidence.position_std.insert(left_out, f64::INFINITY);
     estimate
 }

@@ -29,6 +29,7 @@ const STD_DEG: f64 = 0.15;
 pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
     let [near, ring] = [NEAR_DEG, 2.0 * NEAR_DEG].map(|d| d.to_radians().cos());
     let normals = &surface.normals;
+    // Without a sign: opposite faces of a body show one direction.
     let within =
         |d: &Vector3<f64>, cosine: f64| normals.iter().filter(|n| n.dot(d).abs() > cosine).count() as f64;
     let mut open: Vec<&Vector3<f64>> = normals.iter().step_by(normals.len().div_ceil(TRIED).max(1)).collect();
@@ -41,10 +42,12 @@ pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
         }
         let face = mean(normals, start, near);
         let count = within(&face, near);
+        // A bent side has as many normals in the ring as in the middle; a face falls off sharply.
         if count > CONTRAST * (within(&face, ring) - count) {
             let across = Matrix3::identity() - face.into_inner() * face.transpose();
             faces.push(SeenDirection { direction: face, covariance: across * STD_DEG.to_radians().powi(2) });
         }
+        // Nothing near by starts another face, whether this one was kept or not, so that the search ends.
         open.retain(|n| n.dot(&face).abs() < ring && n.dot(&start).abs() < ring);
     }
     faces

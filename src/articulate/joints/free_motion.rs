@@ -99,6 +99,7 @@ pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfi
     let free = FreeFit::new(start, evidence, config);
     let displacements = free.quadratic.displacements();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
+    // Zeros say that some direction is not observed; `static_motion` reads them so.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
     ParentMotion { state1_from_state0: free.motion, covariance }
 }

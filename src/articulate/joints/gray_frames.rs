@@ -33,6 +33,8 @@ impl<'a> GrayFrames<'a> {
         let in_camera = f.in_camera(point);
         let pixel = f.intrinsics.pixel(&in_camera)?;
         let depth = f64::from(f.depth_m[pixel]);
+        // A reading at another depth is of a surface before or behind the point, whose texture is not its
+        // own.
         if depth <= 0.0
             || !f.is_object(pixel)
             || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + 0.002 * depth
@@ -59,6 +61,7 @@ impl<'a> GrayFrames<'a> {
                 let ray = point - Point3::from(f.world_from_camera.translation.vector);
                 let cosine = -ray.dot(normal) / ray.norm();
                 let pixel_m = f.in_camera(point).z / f.intrinsics.fx;
+                // The score is the number of pixels on a unit of surface; grazing views smear the texture.
                 (cosine > 0.35 && self.see(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),
                     i,
@@ -86,6 +89,7 @@ impl<'a> GrayFrames<'a> {
                         seen += 1;
                     }
                 }
+                // What most of the frames do not see lies behind something in them, or off the mask.
                 values.push(if 2 * seen >= frames.len().max(1) { sum / seen as f32 } else { f32::NAN });
             }
         }

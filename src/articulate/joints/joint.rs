@@ -41,6 +41,7 @@ impl JointEstimate {
             freedom: match self.kind {
                 JointKind::Prismatic => Freedom::Slide,
                 JointKind::Revolute => Freedom::Turn,
+                // A part of no known type moves along the screw of its motion.
                 JointKind::Screw { .. } | JointKind::Free { .. } => Freedom::Helix,
             },
             direction: self.axis,

@@ -53,6 +53,7 @@ impl<'a> JointCovariance<'a> {
         let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
         let joint = &self.fit.joint;
         let (a, b) = frame_across(&joint.direction);
+        // Direction and point move along two vectors across the axis, as in `PlacedJoint::stepped`.
         let mut to = DMatrix::zeros(8, joint.dimension());
         to.fixed_view_mut::<3, 1>(0, 0).copy_from(&a);
         to.fixed_view_mut::<3, 1>(0, 1).copy_from(&b);
@@ -72,6 +73,7 @@ impl<'a> JointCovariance<'a> {
 /// The covariance of (direction 3, point 3, motion 1, pitch 1) where the axis is turned round unless it
 /// points `forward`.
 fn directed(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
+    // Direction and motion change their sign together; the point and the pitch stay.
     let turned = |i: usize| !forward && !(3..6).contains(&i) && i != 7;
     SMatrix::from_fn(|r, c| if turned(r) == turned(c) { covariance[(r, c)] } else { -covariance[(r, c)] })
 }
@@ -80,6 +82,7 @@ fn directed(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
 fn own(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
     let mut covariance = inverse * dispersion;
     for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
+        // Displacements leave no residual, so that the dispersion does not hold them: docs/method.md (8.12).
         let response = inverse * t.transpose();
         covariance += &response * q.displacements() * response.transpose();
     }
@@ -104,6 +107,7 @@ fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &Fre
 fn shared_error(fit: &JointFit) -> f64 {
     let Some(inverse) = &fit.inverse else { return 1.0 };
     let variance = |joined: bool| -> f64 {
+        // Shares of the variance, so that radians and meters add up.
         let robust = inverse * blocks(fit, joined) * inverse;
         let of = |i: usize| robust[(i, i)] / inverse[(i, i)];
         (0..fit.joint.axis_dimension()).map(of).sum()

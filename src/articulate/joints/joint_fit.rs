@@ -132,6 +132,7 @@ impl<'a> FreeFits<'a> {
         // All types are judged by one scale, that of the free motion, or the worst fit would forgive itself.
         let sigma_m = free.iter().map(|f| f.sigma_m).collect();
         let residuals = Residuals { motions, sigma_m, config };
+        // At least two readings: with one, whose logarithm is 0, parameters would cost nothing.
         Self { residuals, free, dispersion, count: (independent / dispersion).max(2.0), place }
     }
 

@@ -94,6 +94,7 @@ impl PlacedJoint {
 
     /// The joint moved by a step of its parameters.
     pub fn stepped(&self, s: &DVector<f64>) -> Self {
+        // Across the axis alone: a point that is shifted along its line gives the same joint.
         let (a, b) = frame_across(&self.direction);
         let mut next = self.clone();
         next.direction = Unit::new_normalize(self.direction.into_inner() + a * s[0] + b * s[1]);
@@ -125,6 +126,7 @@ impl PlacedJoint {
     /// The position that comes nearest to a motion relative to the parent.
     pub fn nearest(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
         match self.freedom {
+            // At the part's middle, where a rotation that a slide cannot make moves least.
             Freedom::Slide => self.direction.dot(&(relative * near - near)),
             Freedom::Turn | Freedom::Helix => log_so3(&relative.rotation).dot(&self.direction),
         }
@@ -149,6 +151,7 @@ impl PlacedJoint {
 /// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
 pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
+    // The helper is at least 36 degrees off the direction, so that the product keeps its digits.
     let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let a = d.cross(&helper).normalize();
     (a, d.cross(&a))

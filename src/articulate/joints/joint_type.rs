@@ -31,6 +31,7 @@ impl TypeFits {
     pub fn new(found: &FreeFits) -> Self {
         let (slide, turn, helix) = (found.slide(), found.turn(), found.helix());
         let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
+        // A part at rest is scored for the report alone: no choice rests on it.
         let still = found.residuals.at(|k| found.parent(k).state1_from_state0);
         let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
         let of_joint = |fit: &JointFit| {
@@ -54,6 +55,7 @@ impl TypeFits {
             JointFamily::Screw => self.helix,
             JointFamily::Fixed | JointFamily::Free | JointFamily::Prismatic => None,
         };
+        // A turn may not be there, even if it is asked for: none of the motions turns.
         (best.unwrap_or(self.slide), self.scores)
     }
 }

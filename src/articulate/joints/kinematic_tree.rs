@@ -83,6 +83,7 @@ pub fn kinematic_tree(
 
 /// Writes down what the motions of a part leave open of its joint.
 fn explain(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
+    // A turning part has shown its turn; a sliding one that is round may have turned as it slid.
     if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
         let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
         joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open));
@@ -134,6 +135,7 @@ fn attach(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
     let qualified: Vec<Vec<&Candidate>> = candidates.iter().map(Candidates::qualified).collect();
     let on_base = |of: &Vec<&Candidate>| of.iter().any(|c| c.parent == 0).then_some(0);
     let mut parents: Vec<Option<usize>> = qualified.iter().map(on_base).collect();
+    // The cost of docs/method.md (8.16): a decisive excess is worth the gap at which parts touch no more.
     let cost_m = |c: &Candidate| c.gap_m + contact_m * c.excess / DECISIVE;
     loop {
         let reached = |c: &&&Candidate| c.parent > 0 && parents[c.parent - 1].is_some();
@@ -144,6 +146,7 @@ fn attach(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
         let Some((k, c)) = best else { break };
         parents[k] = Some(c.parent);
     }
+    // What touches nothing, or hangs on itself through others, hangs on the static part.
     parents.into_iter().map(Option::unwrap_or_default).collect()
 }
 

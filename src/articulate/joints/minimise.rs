@@ -33,6 +33,7 @@ pub(crate) fn minimise<M, Q>(
     for _ in 0..iterations {
         let (h, g) = equations(&model, &q);
         let mut damped = h.clone();
+        // The 1e-12 holds a parameter that no residual observes at all, so that a factor exists.
         (0..h.nrows()).for_each(|k| damped[(k, k)] += damping * h[(k, k)] + 1e-12);
         let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
         let next = stepped(&model, &step);

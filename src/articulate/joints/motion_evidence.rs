@@ -131,6 +131,7 @@ impl MotionEvidence<'_> {
                     )
                 })
                 .collect();
+            // In the order of the chunks, as sums of floats depend on it.
             q = parts.into_iter().fold(q, Quadratic::merge);
         }
         self.linearise_matches(&mut q, motion, config);
@@ -165,6 +166,7 @@ impl MotionEvidence<'_> {
                 continue;
             }
             q.tried += 1;
+            // The back of a thin wall is as near as its front, but faces away.
             if g.dot(&(warp * n)) < config.normal_cosine * norm {
                 q.cost += missing;
                 continue;
@@ -182,6 +184,7 @@ impl MotionEvidence<'_> {
                 q.squared_m2 += d * d;
             }
             let weight = q.add(r, &row, share, config.robust_sigmas, Block::of(x, self.block_m, source));
+            // What a displacement of the patch adds to the gradient, e_c of docs/method.md (8.12).
             *q.displaced.entry(Patch::of(x, n, self.patch_m, source)).or_default() +=
                 row * (weight * self.displacement_m / sigma_m);
         }
@@ -198,6 +201,8 @@ impl MotionEvidence<'_> {
             let y = motion * m.point0;
             let covariance =
                 m.covariance1 + rotation.matrix() * m.covariance0 * rotation.matrix().transpose();
+            // The transposed factor of docs/method.md (8.1); it whitens the residual by the errors of both
+            // ends.
             let Some(whiten) = covariance.try_inverse().and_then(|i| i.cholesky()).map(|c| c.l().transpose())
             else {
                 continue;
@@ -216,6 +221,7 @@ impl MotionEvidence<'_> {
                 q.block_gradients.entry(Block::of(&m.point0, self.block_m, Source::Matches)).or_default();
             for i in 0..3 {
                 let (a, b) = (move_by.row(i), turn_by.row(i));
+                // The residual is what was measured less what was moved, so that its slope is negative.
                 let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
                 q.information += row * row.transpose() * weight;
                 q.gradient += row * (residual[i] * weight);
@@ -239,6 +245,7 @@ impl MotionEvidence<'_> {
                 (d < self.reach_m && visible.nearest(&y).is_some_and(|i| visible.values[i])).then_some(d)
             }));
         }
+        // Without a partner nothing is known of the scale but that three of it fit into the reach.
         median(all).map_or(self.reach_m / 3.0, |m| m * SIGMAS_PER_MAD).max(floor_m)
     }
 }

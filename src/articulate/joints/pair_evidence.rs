@@ -105,6 +105,7 @@ impl<'a> PairEvidence<'a> {
     ) -> Self {
         let surfaces = states.each_ref().map(|s| s.part(part));
         let share = |s: usize| surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
+        // Samples are even over the area, so that their share is the area's.
         let areas_m2 = [0, 1].map(|s| states[s].area_m2 * share(s));
         let frames = states.map(|s| s.frames);
         let spacing_m = states[0].sdf.spacing_m;
@@ -150,6 +151,8 @@ impl<'a> PairEvidence<'a> {
             let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
             self.matches.truncate(sparse);
             self.matches.extend(dense);
+            // Texture was looked for under the joint's motion, which noise moves less; fits start from the
+            // free one, which no wrong joint bends.
             self.motion = found.evidence.state1_from_state0;
         }
         // What offsets do not explain any more is the error that remains.

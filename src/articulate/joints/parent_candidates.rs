@@ -143,6 +143,7 @@ pub(crate) fn candidates(
     contact_m: f64,
     config: &JointConfig,
 ) -> Vec<Candidates> {
+    // Gaps need not be known beyond the contact; twice it leaves room for the report.
     let reach_m = 2.0 * contact_m;
     let base = Body::new(still.iter().collect(), root.iter().map(|m| m.state1_from_state0), reach_m);
     let moving =

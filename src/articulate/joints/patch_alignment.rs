@@ -57,7 +57,9 @@ pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Opt
     for _ in 0..ITERATIONS {
         let (step, covariance, correlation) = step(&rows(reference, target, &shift), min_contrast)?;
         last = Some(Shift { shift, covariance, correlation });
+        // The image's slope holds for about a sample and no farther.
         shift += step.map(|s| s.clamp(-1.0, 1.0));
+        // Beyond, the slopes at the patch's border would read outside the larger patch.
         if shift.amax() > f64::from(REACH - 1) {
             return None;
         }
@@ -65,6 +67,7 @@ pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Opt
             return last;
         }
     }
+    // Steps that go to and fro by less than a tenth of a sample found the place well enough.
     last.filter(|last| (last.shift - shift).norm() < 0.1)
 }
 

@@ -100,6 +100,7 @@ impl Quadratic {
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
     /// its weight.
     pub(crate) fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
+        // Cost and weight of docs/method.md (8.5).
         let k = scale * scale;
         let u = k / (k + r * r);
         let w = share * u * u;

@@ -74,6 +74,7 @@ impl View {
     fn new(frame: &Matrix3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
         let views = (0..3).filter_map(|k| {
             let column = frame.column(k).into_owned();
+            // An axis has no sign.
             let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
             if along.dot(&seen.direction) < LEAST_COSINE {
                 return None;
@@ -93,6 +94,7 @@ impl View {
                 likelihood,
             })
         });
+        // The likeliest, not the nearest: a direction may be known well to one side and badly to the other.
         views.reduce(|a, b| if b.likelihood.square > a.likelihood.square { b } else { a })
     }
 
@@ -112,6 +114,7 @@ impl View {
         seen: &SeenDirection,
         config: &SquareConfig,
     ) -> Option<SeenDirection> {
+        // By the others alone: an axis must not bear itself out.
         let (h, g) = summed(others);
         let turn = h.try_inverse()?;
         let mean = self.slope * turn * g;
@@ -135,6 +138,8 @@ impl Likelihood {
     /// Of a direction that is off one of the frame's, with a covariance without the tolerance.
     fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
         let of = |share: f64, std_deg: f64| {
+            // A component of docs/method.md (8.14); each of the frame's three directions has a third of its
+            // share.
             let information = (covariance + square_deg(std_deg)).try_inverse()?;
             Some(
                 (share / 3.0).ln() - 0.5 * offset.dot(&(information * offset))
@@ -142,6 +147,7 @@ impl Likelihood {
                     - TAU.ln(),
             )
         };
+        // Tilted axes count with those that run anywhere: they must not be drawn to square.
         let tilted = of(config.share * TILTED, TILT_DEG.max(config.tolerance_deg))?;
         let square = of(config.share * (1.0 - TILTED), config.tolerance_deg)?;
         Some(Self { square, other: log_sum(tilted, any_log_density(config)) })
@@ -180,6 +186,7 @@ pub fn square_priors(
         let others = information.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
         views[own].as_ref()?.prior(others, &known[own], config)
     };
+    // Only axes that are known have a view; the faces' views come behind theirs.
     let mut next = 0..;
     axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
 }
@@ -191,6 +198,8 @@ fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f
 
 /// The likeliest frame; its columns are the directions.
 fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
+    // The likelihood has a peak for each way to lay the frame along the directions, so that every pair of
+    // them starts one fit.
     let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
     let any = any_log_density(config);
     let likelihood = |v: View| log_sum(v.likelihood.square, v.likelihood.other);
@@ -211,6 +220,7 @@ fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matr
 
 fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
     for _ in 0..ITERATIONS {
+        // Expectation, the weights by the frame so far, then one step of maximization.
         let all = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.information());
         let (h, g) = summed(all);
         let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };

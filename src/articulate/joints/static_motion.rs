@@ -17,6 +17,7 @@ const CONTRADICTION: f64 = 22.46;
 /// other, its own: the object was moved against its surroundings.
 #[must_use]
 pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
+    // The part's own surfaces left some direction open (see `free_motion`).
     if own.covariance == Matrix6::zeros() {
         return ParentMotion { covariance: *still, ..ParentMotion::still() };
     }
@@ -29,6 +30,7 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     let covariance = still * both * own.covariance;
     ParentMotion {
         state1_from_state0: Pose::new(motion.fixed_rows::<3>(0).into(), motion.fixed_rows::<3>(3).into()),
+        // The product is symmetric up to rounding only.
         covariance: 0.5 * (covariance + covariance.transpose()),
     }
 }

@@ -124,6 +124,7 @@ fn weighed_height(
         let Some(reading) = frame.world_point(pixel) else { return [sum, weights] };
         let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
         let (cosine, height_m) = (sight.dot(&normal), normal.dot(&(reading - point)));
+        // Depth errs along the ray; the height has the part of it along the normal.
         let sigma_m = cosine * frame.sigma_m(pixel, noise);
         if cosine < GRAZING_COSINE || height_m.abs() > reach_m + 3.0 * sigma_m {
             return [sum, weights];

@@ -54,6 +54,8 @@ pub(crate) fn looks_alike_round(
 /// McClure) by how far they pass it, as marks on a round part have other normals; `None` for too few points.
 fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
     let u = direction.into_inner();
+    // The normal n at x meets the axis u through c where (x - c) x n has nothing along u, which is linear in
+    // c.
     let across: Vec<(Vector3<f64>, f64)> = surface
         .points
         .iter()
@@ -64,7 +66,9 @@ fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Po
     for _ in 0..CENTERINGS {
         let passes =
             |(a, b): &(Vector3<f64>, f64)| center.map_or(0.0, |c: Vector3<f64>| (a.dot(&c) - b).abs());
+        // Normals along the axis, as those of a lid, meet it anywhere: they have no say in the scale.
         let median_m = median(across.iter().filter(|(a, _)| a.norm() > 0.5).map(passes).collect())?;
+        // Along the axis any point will do; the first term holds the one at the origin's height.
         let (mut matrix, mut right) = (u * u.transpose(), Vector3::zeros());
         for line in &across {
             let weight =

@@ -126,9 +126,11 @@ fn match_point(
     let (distance, gradient) = sdf.sample_with_gradient(&warped);
     let other_normal = warp.rotation * normal;
     let gradient = gradient.cast::<f64>();
+    // The surface that is nearest there faces another way: it is not the one that moved.
     if gradient.dot(&other_normal) < 0.7 * gradient.norm() {
         return None;
     }
+    // On the surface that is there: off it, frames from several sides would show it displaced.
     let center = warped - other_normal * f64::from(distance);
     let (frames, pixel_m) = from.best(point, normal, config.frames);
     let (other_frames, other_pixel_m) = to.best(&center, &other_normal, config.frames);
@@ -137,6 +139,7 @@ fn match_point(
     }
     let (a, b) = frame_across(&Unit::new_unchecked(*normal));
     let axes = [a, b];
+    // By the coarser camera, as a finer patch would hold texture that one state does not show.
     let pixel_m = pixel_m.max(other_pixel_m);
     let spacing_m = config.spacing_pixels * pixel_m;
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
@@ -148,6 +151,7 @@ fn match_point(
         return None;
     }
     let other = center + (there.axes[0] * shift.x + there.axes[1] * shift.y) * spacing_m;
+    // The covariance of docs/method.md (8.6) in the tangent plane.
     let floor = (config.pixel_sigma * pixel_m).powi(2);
     let mut spread = Matrix3::identity() * floor;
     for i in 0..2 {

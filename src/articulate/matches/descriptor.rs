@@ -153,8 +153,10 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     if norm < 1e-6 {
         return None;
     }
+    // A strong edge, which light changes most, must not decide the descriptor alone (Lowe's section 6.1).
     values.iter_mut().for_each(|v| *v = (*v / norm).min(0.2));
     let sum = values.iter().sum::<f32>();
+    // Square roots of what sums to 1 have length 1: docs/method.md (4.1).
     Some(values.map(|v| ((v / sum).sqrt() * DESCRIPTOR_NORM).round() as i16))
 }
 

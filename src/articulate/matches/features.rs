@@ -142,6 +142,8 @@ fn detect(image: &Plane, mask: &[bool], config: &FeatureConfig) -> Vec<Feature> 
             if extrema.is_empty() {
                 continue;
             }
+            // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
+            // with the view and must not enter a descriptor.
             let gradients = Gradients::of(&octave.gaussians[level], |x, y| {
                 inside(mask, x as f32 * step, y as f32 * step)
             });
@@ -235,6 +237,7 @@ fn refined(
                 response,
             });
         }
+        // One sample at a time, since the quadratic holds no farther.
         let moved = |c: usize, o: f32, low: usize, high: usize| {
             let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
             (m >= low as i64 && m <= high as i64).then_some(m as usize)

@@ -147,6 +147,7 @@ fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
         ends.iter().enumerate().map(|(i, e)| ([clusters[0][e[0]], clusters[1][e[1]]], i)).collect();
     pairs.sort_unstable();
     let groups: Vec<&[([usize; 2], usize)]> = pairs.chunk_by(|a, b| a.0 == b.0).collect();
+    // Every pixel match is a vote for its pair of points.
     let mut most = [vec![0; keys[0].len()], vec![0; keys[1].len()]];
     for g in &groups {
         for s in 0..2 {
@@ -190,6 +191,7 @@ fn clusters(
     let mut order: Vec<usize> = (0..ends.len()).collect();
     order.sort_by_key(|&i| (ends[i][1 - state], ends[i][state]));
     for group in order.chunk_by(|&a, &b| ends[a][1 - state] == ends[b][1 - state]) {
+        // All that match one feature may be that feature; wrong ones among them do not agree in space.
         for (n, &a) in group.iter().enumerate() {
             for &b in &group[n + 1..] {
                 let (p, q) = (matches[a].1[state], matches[b].1[state]);
@@ -211,6 +213,7 @@ fn averaged(
 ) -> Vec<Reading> {
     let mut readings: Vec<Option<Reading>> = vec![None; clusters.len()];
     for (m, e) in matches.iter().zip(ends) {
+        // A feature counts once, in however many matches it takes part.
         readings[e[state]] = Some(m.1[state]);
     }
     let mut sums = vec![(0.0, Vector3::zeros(), 0.0f64); clusters.len()];

@@ -77,6 +77,7 @@ pub fn on_object(
         .filter(kept)
         .map(|c| PixelMatch { frame0, pixel0: c.pixels[0], frame1, pixel1: c.pixels[1] })
         .collect();
+    // Models give their matches in an order of their own.
     let key = |m: &PixelMatch| (m.pixel0.map(f32::to_bits), m.pixel1.map(f32::to_bits));
     matches.sort_by_key(key);
     matches.dedup_by_key(|m| key(m));
@@ -169,6 +170,7 @@ fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize
     for (i, j) in forward.iter().enumerate().filter_map(|(i, j)| Some((i, (*j)?))) {
         column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
         if let Some(back) = best_two(&column, a).and_then(clear)
+            // A feature with several orientations stands in the list once for each of them.
             && (back == i || a[back].pixel == a[i].pixel)
         {
             matches.push((i, j));

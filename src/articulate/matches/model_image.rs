@@ -62,6 +62,7 @@ impl ModelImage {
     /// frame.
     #[must_use]
     pub fn frame_pixel(&self, model_pixel: [f32; 2]) -> Option<[f32; 2]> {
+        // Scaling keeps the corner of the first pixel, half a pixel from its center.
         let pixel = [0, 1].map(|k| (model_pixel[k] + 0.5) * self.frame_per_model[k] - 0.5);
         let inside = |k: usize| pixel[k] >= 0.0 && pixel[k] <= (self.frame_size[k] - 1) as f32;
         (inside(0) && inside(1)).then_some(pixel)

@@ -130,11 +130,14 @@ pub(crate) fn refine(
     label: u8,
 ) -> Pose {
     let planes = correspondences(pair, labels, motion, label);
+    // Six unknowns, and each of these gives one equation at least.
     if planes.len() + matches.len() < 6 {
         return *motion;
     }
     let mut motion = *motion;
     for _ in 0..STEPS {
+        // About the middle a turn and a shift hardly depend on each other, so that the damping is fair to
+        // both.
         let sum: Vector3<f64> =
             planes.iter().map(|p| p.target.coords).chain(matches.iter().map(|m| m.point1.coords)).sum();
         let center = Point3::from(sum / (planes.len() + matches.len()) as f64);
@@ -143,6 +146,7 @@ pub(crate) fn refine(
         for p in &planes {
             let (moved, normal, residual) = p.under(&motion);
             let z = residual / (SURFACE_SIGMAS * sigma);
+            // The weight of docs/method.md (1.5), by the samples that share an error.
             let weight = (sigma * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
             // Where the normal moves along, `R n . (T p - q)` turns with the target point.
             system.add(if p.normal_moves { &p.target } else { &moved }, &normal, residual, weight);
@@ -152,6 +156,7 @@ pub(crate) fn refine(
             let offset = moved - m.point1;
             let z = offset.norm() / (MATCH_SIGMAS * m.sigma_m);
             let weight = (m.sigma_m * (1.0 + z * z)).powi(-2);
+            // A match fixes all three components: three planes along the axes.
             for k in 0..3 {
                 system.add(&moved, &Vector3::ith(k, 1.0), offset[k], weight);
             }

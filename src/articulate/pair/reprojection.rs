@@ -58,6 +58,7 @@ impl Reprojection {
             if taken { cost.max((cost + TAKEN).min(HIDDEN)) } else { cost }
         });
         match (partner, self.free) {
+            // Without knowledge of free space a missing surface costs a whole unit, more than any partner.
             (partner, None) => partner.unwrap_or(1.0),
             (Some(cost), _) if cost < EXPLAINED => cost,
             // A poor partner is not better than none.
@@ -72,6 +73,8 @@ impl Reprojection {
 /// motion says nothing for it. See docs/method.md (7.2).
 pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
     match (own, rival) {
+        // The order of the arms is that of docs/method.md (7.2): its own motion hid the sample, then what the
+        // rival does with it.
         (own, rival) if own >= HIDDEN => {
             if rival < HIDDEN {
                 -BETTER

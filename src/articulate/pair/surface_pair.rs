@@ -68,10 +68,12 @@ impl<'a> SurfacePair<'a> {
     pub fn new(samples: [&'a SurfaceSamples; 2], free: [Option<FreeSpace<'a>>; 2], reach_m: f64) -> Self {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
         let graphs = [0, 1].map(|s| SurfaceGraph::new(samples[s], &indices[s], reach_m));
+        // The widest scales, until the pair itself is there to measure its own.
         let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
         let mut pair =
             Self { samples, indices, free, graphs, scales, reach_m, spacing_m, kept: Mutex::default() };
+        // Surface that stands still shows the errors of depth and color without any motion's.
         pair.scales = pair.static_scales();
         pair
     }
@@ -106,6 +108,7 @@ impl<'a> SurfacePair<'a> {
             .collect();
         let typical = |k: usize| median(pairs.iter().map(|p| p[k]).collect());
         Scales {
+            // Where nothing stands still the upper bounds hold, as if the scales were not measured.
             plane_m: (1.48 * typical(0).unwrap_or(f64::INFINITY))
                 .clamp(0.02 * self.reach_m, 0.2 * self.reach_m),
             color: (1.48 * typical(1).unwrap_or(f64::INFINITY)).clamp(0.03, 0.15),
@@ -144,6 +147,7 @@ impl<'a> SurfacePair<'a> {
                 others.colors[j],
                 (normal - these.normals[sample]).norm(),
             );
+            // A shift along the plane costs a little by its length. The sum is that of docs/method.md (6.4).
             let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
@@ -163,6 +167,7 @@ impl<'a> SurfacePair<'a> {
     /// length `turned`: the light on it, which scales all channels alike, may have changed by as much.
     fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
         let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+        // Light scales a color along itself: its change lies along the sum, a change of hue across it.
         let (difference, sum) = (a - b, a + b);
         let along = sum.try_normalize(1e-9).map_or(0.0, |direction| direction.dot(&difference).powi(2));
         let (own, light) = (self.scales.color.powi(2), (SHADING * turned * 0.5 * sum.norm()).powi(2));
@@ -177,6 +182,7 @@ impl<'a> SurfacePair<'a> {
         if let Some(found) = kept(&all) {
             return found;
         }
+        // The lock is free while samples are searched, as other threads look for other motions.
         drop(all);
         let other_from_this = if state == 0 { *motion } else { motion.inverse() };
         let samples = 0..self.samples[state].points.len();
@@ -184,6 +190,7 @@ impl<'a> SurfacePair<'a> {
             samples.into_par_iter().map(|i| self.reprojection(state, i, &other_from_this)).collect(),
         );
         all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another thread may have been faster.
         if kept(&all).is_none() {
             all.truncate(KEPT - 1);
             all.push_front((key, Arc::clone(&found)));

@@ -27,6 +27,8 @@ impl Unexplained {
             let free = pair.free[1 - s].is_some();
             let rows = || costs.chunks_exact(motions.len());
             let open: Vec<bool> = rows().map(|row| row.iter().all(|c| *c >= EXPLAINED)).collect();
+            // By the static part's motion, the first: its place in the other state was seen empty, so that it
+            // moved and was not merely hidden.
             let left = |(row, open): (&[f32], &bool)| *open && (!free || row[0] >= FREE);
             let moved = rows().zip(&open).map(left).collect();
             (open, moved)

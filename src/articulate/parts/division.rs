@@ -63,6 +63,7 @@ impl Sums {
 
     fn with(mut self, r: &Reading) -> Self {
         self.matrix += r.row * r.row.transpose() * r.weight;
+        // Minus, so that the solution is the step that lowers the residuals.
         self.right -= r.row * (r.residual_m * r.weight);
         self.squares += r.residual_m * r.residual_m * r.weight;
         self
@@ -106,6 +107,7 @@ impl Follower {
                 *sum = sum.with(r);
                 Some(*sum)
             };
+            // Running sums give both sides of every cut, so that a cut costs two small systems and no pass.
             let sums: Vec<Sums> = self.readings.iter().scan(Sums::zero(), add).collect();
             let whole = sums[sums.len() - 1];
             let one = whole.best(self.prior)?.0;
@@ -113,6 +115,7 @@ impl Follower {
             for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
                 let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(self.prior));
                 let [Some(a), Some(b)] = sides else { continue };
+                // The fall of docs/method.md (6.11).
                 let fall = one - a.0 - b.0;
                 if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
                     let motions = [a.1, b.1].map(|twist| {
@@ -139,6 +142,8 @@ struct Cut {
 /// begin with the best set in which no motion loses evidence to another, and come before others of as
 /// many motions that leave more unexplained.
 pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
+    // Zeros excuse no set that splits a part, so that division begins where no motion loses evidence to
+    // another.
     let blind: Vec<EvidencePoint> =
         steps.iter().map(|s| EvidencePoint { unexplained: 0.0, ..s.point }).collect();
     let most = standing(pair, steps, &blind).into_iter().max_by_key(|s| s.motions.len());
@@ -146,6 +151,7 @@ pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     while let Some(divided) = divided(pair, &motions) {
         let (scores, shares) = weighed(pair, &divided);
         let point = EvidencePoint { unexplained: unexplained(pair, &divided), ..point(&scores) };
+        // Where a set of as many motions leaves less unexplained, division adds nothing.
         if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
             break;
         }
@@ -163,6 +169,7 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let (labels, _) = label(&pair.surfaces, motions);
     let (scores, _) = weighed_as(pair, motions, &labels);
     let mut best = (LEAST_GAIN * least, None);
+    // Each half must stand by itself later, so that less than twice the least evidence is not worth a cut.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
         let Some(cut) = follower(pair, &labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
             continue;
@@ -171,6 +178,7 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
         let [first, second] = settled(pair, &labels, k as u8, motion, cut);
         set[k] = first;
         set.insert(k + 1, second);
+        // A cut is a plane; the parts' border need not be one, so that labels and motions settle freely.
         (0..ROUNDS).for_each(|_| round(pair, &mut set));
         let (after, _) = label(&pair.surfaces, &set);
         let gain = gain(pair, k, [motions, &set], [&labels, &after]);
@@ -217,6 +225,7 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
     let middle = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
     let spread: Matrix3<f64> =
         planes.iter().map(|p| p.source - middle).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
+    // In radii a turn and a shift move the surface alike, and one prior serves both.
     let radius_m = spread.trace().sqrt().max(1e-9);
     let center = motion * middle;
     let (sigma_m, wide_m) = (pair.surfaces.scales.plane_m, WIDE * pair.surfaces.reach_m);
@@ -243,6 +252,8 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
             .map(|c| c.into_owned())
             .collect::<Vec<Vector3<f64>>>()
     };
+    // Parts lie beside each other along the surface's own directions or along those of its faces, which
+    // differ where it is as broad as long.
     let axes = [of(spread), of(faces)].concat();
     Some(Follower { readings, center, radius_m, axes, prior: (STEP * pair.surfaces.reach_m).powi(-2) })
 }
@@ -253,6 +264,7 @@ fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Po
     let sides = [0, 1].map(|s| {
         let points = pair.surfaces.samples[s].points.iter().zip(&labels[s]);
         let side = |(p, l): (&Point3<f64>, &u8)| {
+            // The cut is known in state 0.
             let first = if s == 0 { *p } else { back * p };
             if *l == label { 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m) } else { 0 }
         };

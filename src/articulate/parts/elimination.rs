@@ -35,6 +35,7 @@ pub(crate) struct Step {
 
 /// The most motions of which each has the evidence that a part needs.
 pub(crate) fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
+    // Whether a set stands depends on the smaller ones, so that all are there before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
     let most = standing(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
     most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
@@ -60,10 +61,14 @@ pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step>
     let mut steps = Vec::new();
     let mut settled = 0;
     loop {
+        // Motions that could not stand in any case go at once: without them the rest need not be settled so
+        // often.
         while thin(pair, &mut motions) {
             round(pair, &mut motions);
         }
         let (mut scores, mut shares) = weighed(pair, &motions);
+        // Surface must have gone over to the motion that it follows before large sets are compared; rounds
+        // are slow, so that smaller sets go without.
         if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
             settled += 1;
             settle(pair, &mut motions);
@@ -92,6 +97,7 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
     // One that explains next to nothing needs no comparison, unless another explains the same.
     let next_to_nothing = |k: &usize| scores[*k] < SLIGHT * least;
     let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
+    // Motions that matches bear out are not weighed against ones that they do not.
     let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
     weakest.truncate(if clear { 1 } else { rivals });
     let refitted = |mut others: Vec<Pose>| {
@@ -99,6 +105,7 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
         others
     };
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
+    // First without refitting, which is slow: only sets that explain alike are refitted to decide.
     if rest.len() > 1 {
         rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&weighed(pair, others).0).evidence);
         rest.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -156,6 +163,8 @@ fn thin(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
     while motions.len() > 1 {
         let scores = scores(pair, motions, &shares(&costs, motions.len()));
         let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+        // A share counts a sample as 1 at most, a preference as `MISSED`: what goes here could not stand by
+        // those.
         let Some(k) = weakest.filter(|&k| MISSED * scores[k] < pair.config.least_score) else { break };
         let count = motions.len();
         motions.remove(k);

@@ -36,6 +36,7 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
         let Some(turned) = turned(pair, &motions, &labels, k) else { continue };
         let mut others = motions.clone();
         others[k] = turned;
+        // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
         if hinge(pair, &others, &labels[0], k) <= hinge(pair, &motions, &labels[0], k) {
             continue;
         }
@@ -79,6 +80,7 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
     let surface = pair.surfaces.samples[0];
     let (points, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) =
         (0..labels[0].len()).filter(explained).map(|i| (surface.points[i], surface.normals[i])).unzip();
+    // A round part has more than two such motions: `round_parts.rs` looks at all.
     if round_axis(&points, &normals).is_some() {
         return None;
     }
@@ -99,6 +101,7 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     let center = axes.column_iter().map(|axis| {
         let mut along: Vec<f64> = points.iter().map(|p| axis.dot(&p.coords)).collect();
         along.sort_by(f64::total_cmp);
+        // A few wrong samples beyond the ends would shift the middle, and the turned motion by twice as much.
         let cut = along.len() / 50;
         axis * (0.5 * (along[cut] + along[along.len() - 1 - cut]))
     });

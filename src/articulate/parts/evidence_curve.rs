@@ -43,6 +43,8 @@ fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weakest = point.weakest.unwrap_or(f64::INFINITY);
     let fits = |p: &EvidencePoint| p.unexplained - point.unexplained >= FITTING * weakest;
     let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence && !fits(p);
+    // Parts that move nearly alike share their evidence with every further one, so that the share falls with
+    // each.
     let share = |p: &EvidencePoint| if fits(p) { SPLIT.powi((point.parts - p.parts) as i32) } else { SPLIT };
     next_smaller(point, curve).is_some_and(takes)
         || smaller(point, curve).any(|p| point.evidence < share(p) * p.evidence)

@@ -26,6 +26,7 @@ pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[
         let evidence = point(&weighed_as(pair, &set, &labels).0).evidence;
         let with = |motion: &Pose| {
             let replaced = replaced(pair, &set, &labels, &costs, motion);
+            // One for one was decided before, as motions were chosen.
             if replaced.len() < 2 {
                 return None;
             }
@@ -60,6 +61,8 @@ fn replaced(
         let other = pair.surfaces.shape_costs(state, &[*motion], None);
         for ((row, label), cost) in costs[state].chunks_exact(set.len()).zip(&labels[state]).zip(other) {
             let label = usize::from(*label);
+            // Only surface that left its place counts: the static part's motion takes it into space seen
+            // empty.
             if row[label] < EXPLAINED && row[0] >= FREE {
                 counts[label][0] += 1;
                 counts[label][1] += usize::from(cost < EXPLAINED);

@@ -65,6 +65,7 @@ impl<'a> MatchedPair<'a> {
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> =
             motions.iter().map(|_| Default::default()).collect();
         for m in self.informative.iter().filter(|m| self.gate.has_moved(m)) {
+            // A match speaks for its motion by the support that no other motion gives it.
             let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
             for (k, motion) in motions.iter().enumerate() {
                 let support = self.gate.support(m, motion);
@@ -80,6 +81,7 @@ impl<'a> MatchedPair<'a> {
             }
         }
         let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
+        // Many spots of one state that match a single one of the other are one spot.
         best.iter().map(|[a, b]| sum(a).min(sum(b))).collect()
     }
 
@@ -94,6 +96,7 @@ impl<'a> MatchedPair<'a> {
 fn informative(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
     let costs = [0, 1].map(|s| surfaces.costs(s, &[Pose::identity()], None));
     let stands = |s: usize, p: &Point3<f64>| {
+        // A match has no normal: a zero one is as far from all.
         surfaces.indices[s].nearest(p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
     };
     matches.iter().filter(|m| !(stands(0, &m.point0) && stands(1, &m.point1))).copied().collect()

@@ -83,6 +83,7 @@ fn check(
     shares: &[f64],
     notes: &mut Vec<Note>,
 ) -> Result<(), RegisterError> {
+    // Parts move against something at rest; where next to nothing is, the world frames are likely two.
     let static_percent = 100.0 * shares[0];
     let one = motions.len() == 1;
     if shares[0] < pair.config.least_static_share {
@@ -100,6 +101,7 @@ fn check(
             let moved = Unexplained::of(&pair.surfaces, motions).moved;
             let of = |s: usize| moved[s].iter().filter(|m| **m).count() as f64 / moved[s].len().max(1) as f64;
             let moved_percent = 100.0 * of(0).max(of(1));
+            // In both states: surface that is missing in one only was hidden, or never seen.
             if one && of(0).min(of(1)) > UNEXPLAINED_SHARE {
                 return Err(RegisterError::Unexplained { moved_percent });
             }

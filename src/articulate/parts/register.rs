@@ -92,6 +92,7 @@ pub fn register(
 ) -> Result<Registration, RegisterError> {
     let extent_m = checked_extent_m(&surfaces, parts)?;
     let wanted = parts.map_or(PROPOSED, |p| p - 1);
+    // 1. Motions by matches, on a reach that forgives rough ones (docs/method.md 6.10).
     let coarse = SurfacePair::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
     let mut pair = MatchedPair::new(matches, extent_m, config, coarse);
     let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
@@ -102,6 +103,7 @@ pub fn register(
     }
     // Motions of matches come first: surface that they explain proposes nothing.
     motions = best(&pair, &steps(&pair, motions));
+    // 2. Motions by geometry, of the surface that is left over.
     let (mut likely, mut tried) = (motions.clone(), None);
     for _ in 0..RESIDUAL_ROUNDS {
         // Surface that a motion explains which is likely no part's may propose another.
@@ -116,13 +118,17 @@ pub fn register(
         likely = exchanged(&pair, found.clone(), &motions);
         tried = Some(if likely == found { further } else { steps(&pair, likely.clone()) });
     }
+    // 3. Round parts, whose turn the rounds before could not find.
     if let Some(turned) = turned_round(&pair, &likely) {
         tried = Some(steps(&pair, turned));
     }
+    // 4. Division, once every motion that could be a part's is there, and the number of parts.
     let mut tried = tried.unwrap_or_else(|| steps(&pair, motions));
     divide(&pair, &mut tried);
     let PartCount { motions, curve, notes, warnings } = choose(&pair, &tried, parts)?;
+    // 5. Parts turned end for end: what their surface leaves open, a hinge decides.
     let mut motions = hinged(&pair, motions);
+    // 6. Rounds at a short reach, which leaves out partners that only seem to fit.
     pair.surfaces = SurfacePair::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
     for _ in 0..config.rounds {
         round(&pair, &mut motions);

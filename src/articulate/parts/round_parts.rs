@@ -16,6 +16,7 @@ pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<V
         if is_matched(pair, &all, k) {
             continue;
         }
+        // The others stay as they are, so that the part may turn only by surface that is left to it.
         let others = without(&all, k);
         if let Some(turned) = round_turn(&Search::new(&pair.surfaces, &others, pair.extent_m), &all[k]) {
             (all[k], changed) = (turned, true);

@@ -60,6 +60,8 @@ fn preferred(
         let ratios = [0, 1].map(|s| {
             ratios(pair, s, &segment.samples[s], segment.label, &[&costs[s]], &labels[s], motions.len())
         });
+        // A rival for each state, as one surface may have come from behind one part and gone behind another:
+        // docs/method.md (7.3).
         let pairs = ratios[0].iter().flat_map(|first| ratios[1].iter().map(move |second| (first, second)));
         let possible = pairs
             .filter(|(a, b)| a.0 == b.0 || !segment.crosses(&pair.surfaces, &motions[a.0], &motions[b.0]));
@@ -95,10 +97,13 @@ fn ratios(
     labels: &[u8],
     motions: usize,
 ) -> Vec<(usize, f64)> {
+    // Rivals are the static part and what touches the segment: some motion elsewhere would fit a flat patch
+    // by chance.
     let beside = samples.iter().flat_map(|&i| pair.surfaces.beside(state, i)).map(|j| usize::from(labels[j]));
     let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
     let rows = || samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
     let count = |holds: fn(f32) -> bool| rows().filter(|c| holds(c[own])).count() as f64;
+    // Errors take some true samples into free space; only what exceeds their share speaks against.
     let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
     let total = |k: usize| rows().map(|c| log_ratio(c[own], c[k])).sum::<f64>();
     others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
@@ -139,6 +144,7 @@ pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
         let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
         for (k, &c) in sample.iter().enumerate() {
+            // Hidden and free places are no explanation, and one must not win by being hidden.
             let c = if c >= HIDDEN { 1.0 } else { c };
             if c < best {
                 (second, best, winner) = (best, c, k);

@@ -25,6 +25,7 @@ impl Segment {
         let [Some(start), Some(end)] = [0, 1].map(|s| Facet::of(pair.samples[s], &self.samples[s])) else {
             return false;
         };
+        // Two sheets cross where one is before the other in state 0 and behind it in state 1.
         let before = end.moved(&second.inverse()).height_m(&start.center);
         let after = end.height_m(&(first * start.center));
         let clear_m = CLEAR * pair.scales.plane_m;
@@ -88,6 +89,7 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
         }
     }
     let mut pairs: Vec<([usize; 2], usize)> = shared.into_iter().collect();
+    // Most first, and equal ones by number, so that the joining depends on nothing else.
     pairs.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut partner = [0, 1].map(|s| vec![None; groups[s].len()]);
     for ([a, b], _) in pairs {

@@ -113,6 +113,7 @@ pub fn unite<'a>(
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
+    // The pairs' motions are refined already: the last reach.
     let run = |pair: &StatePair<'a>| {
         let both = [surface, pair.surface];
         let reach_m = reach_m(both, config.last_reach * extent_m);
@@ -122,6 +123,7 @@ pub fn unite<'a>(
     let states = States { runs: pairs.iter().map(run).collect() };
     let mut classes = classes(pairs, surface.points.len());
     let (mut curve, mut notes, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+    // Parts first: a motion that a pair missed is sought for parts that stand.
     let scores = states.choose(&mut classes, parts, &mut curve, &mut warnings);
     if let Some(asked) = parts.filter(|p| *p > classes.len()) {
         let support = scores[1..].iter().map(|s| format!("{s:.0} cells")).collect::<Vec<_>>().join(", ");
@@ -182,6 +184,7 @@ impl States<'_> {
         let mut sum: Vec<f32> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
             let costs = run.surfaces.costs(0, &motions(classes, k), others.map(|o| o[k].as_slice()));
+            // Pairs are independent observations of the sample, so that their log likelihoods add up.
             if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
         }
         self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len()))
@@ -210,10 +213,12 @@ impl States<'_> {
         loop {
             let scores = self.weighed(classes);
             curve.push(point(&scores));
+            // Of equal ones the later goes, which has fewer samples.
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
             let Some(k) = weakest else { return scores };
             let least = self.runs.first().map_or(0.0, |r| r.config.least_score);
             let stands = scores[k] >= least;
+            // The first set that stands is what the evidence is for; the number asked for may be smaller.
             if stands && evident == 0 {
                 evident = scores.len();
             }
@@ -248,6 +253,7 @@ impl States<'_> {
             let motions = motions(classes, k);
             let costs = |s: usize, others: &[u8]| {
                 let mut costs = run.surfaces.shape_costs(s, &motions, Some(others));
+                // Otherwise a pair in which two parts moved as one would speak against both.
                 share_alike(&mut costs, &motions);
                 costs
             };
@@ -260,6 +266,7 @@ impl States<'_> {
         for (k, run) in self.runs.iter().enumerate() {
             let cells = run.match_cells(&motions(classes, k));
             scores.iter_mut().zip(cells).for_each(|(s, c)| *s += (c - CHANCE).max(0.0));
+            // Reprojections of all pairs together would take too much memory.
             run.surfaces.forget();
         }
         scores
@@ -272,6 +279,8 @@ impl States<'_> {
             let all = motions(classes, k);
             let followed = run.match_labels(&all);
             for (c, class) in classes.iter_mut().enumerate().skip(1) {
+                // A part at rest keeps the static part's motion; parts that share one would be refined apart
+                // by noise.
                 let own = class.labels[k] != 0 && all.iter().enumerate().all(|(i, m)| i == c || *m != all[c]);
                 if !own {
                     continue;
@@ -316,6 +325,7 @@ impl States<'_> {
 /// 0 prefer that to rest by what a part needs.
 fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose> {
     let samples = run.surfaces.samples[0];
+    // The whole part is not needed to find a step of the search; what is gained is scaled up below.
     let some: Vec<usize> = own.iter().copied().step_by(own.len().div_ceil(TRIED).max(1)).collect();
     let shift =
         |m: &Pose| some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum::<f64>();
@@ -332,6 +342,7 @@ fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose>
     let (best, motion) = tried.map(|m| (gain(&m), m)).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
     let cells = occupied_cells(&samples.points, run.cell_m()) as f64;
     let of_all = own.len() as f64 / some.len().max(1) as f64 / samples.points.len().max(1) as f64;
+    // The gain of all samples of the part as a share of the surface, in cells: docs/method.md (7.1).
     (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
 }
 

@@ -36,6 +36,8 @@ pub(crate) fn rough(
     let (these, others) = (pair.samples[state], pair.samples[1 - state]);
     let (point, nearest) = pair.carried(state, sample, other_from_this);
     match nearest {
+        // A step is most of the reach, so that a sample beside its true partner must count nearly as much as
+        // on it.
         Some(j) if left.open[1 - state][j] => {
             let near = 1.0 - 0.5 * (point - others.points[j]).norm_squared() / pair.reach_m.powi(2);
             near * same_hue(these.colors[sample], others.colors[j])
@@ -70,10 +72,13 @@ pub(crate) fn sharp(
     let partner = nearest.and_then(|j| {
         let (off_m, aside) = pair.offset(1 - state, j, &point);
         let z = off_m / (SOFT * pair.scales.plane_m);
+        // One less the cost of docs/method.md (6.5), on a wider scale: a motion on its way must feel the
+        // surface.
         (aside < EDGE).then_some(6.0 / (6.0 + z * z) * likeness(pair, left, state, sample, j))
     });
     match partner {
         Some(v) if v > 0.5 => v,
+        // A partner that agrees poorly does not outweigh that the place was seen empty.
         _ if pair.free[1 - state].is_some_and(|f| f(&point)) => -CONTRADICTED,
         v => v.unwrap_or(0.0),
     }
@@ -94,6 +99,8 @@ pub(crate) fn gains(
             let open = face.iter().filter(|&&i| left.open[s][i]);
             let of: Vec<(usize, f64)> =
                 open.map(|&i| (i, gain(pair, left, s, i, &other_from_this))).collect();
+            // A face moves as a whole: a few samples on a surface by chance do not speak for a motion that
+            // takes the rest into empty space.
             if of.iter().map(|v| v.1).sum::<f64>() > 0.0 {
                 of.iter().for_each(|(i, v)| gains[*i] = *v);
             }
@@ -132,5 +139,6 @@ fn likeness(pair: &SurfacePair<'_>, left: &Unexplained, state: usize, sample: us
 /// the angle between them.
 fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
     let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
+    // The angle of a dark color is that of its noise.
     if a.norm().min(b.norm()) < DARK { 1.0 } else { (-0.5 * (a.angle(&b) / HUE_SIGMA).powi(2)).exp() }
 }

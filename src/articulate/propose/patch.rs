@@ -64,6 +64,7 @@ impl Band {
         let half = |p: &Patch, d: &Vector3<f64>| {
             p.axes[0].dot(d).abs() * p.half_m[0] + p.axes[1].dot(d).abs() * p.half_m[1]
         };
+        // A panel that slid uncovers a strip as broad as the one that it covers.
         let [breadth_a, breadth_b] = [a, b].map(|p| half(p, &across));
         let alike_m = SAME_BREADTH * (breadth_a + breadth_b);
         let beside = across.dot(&apart).abs() < alike_m && (breadth_a - breadth_b).abs() < alike_m;
@@ -128,6 +129,7 @@ pub(crate) fn patches(
     let seeds = |group: &Vec<usize>| group.iter().filter(|&&i| seed[i]).count();
     let mut groups: Vec<(usize, &Vec<usize>)> =
         faces.iter().map(|g| (seeds(g), g)).filter(|g| g.0 >= least).collect();
+    // Equal ones by their first sample, so that the order is one.
     groups.sort_by(|a, b| b.0.cmp(&a.0).then(a.1[0].cmp(&b.1[0])));
     groups.truncate(most);
     groups.into_iter().filter_map(|(_, g)| patch(samples, g.clone())).collect()
@@ -157,6 +159,8 @@ fn grow(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) 
         let i = group[next];
         next += 1;
         for j in pair.beside(state, i) {
+            // Against the plane so far, not against the neighbor: a bent surface turns little from one sample
+            // to the next.
             if !taken[j] && plane.holds(&samples.points[j], &samples.normals[j], SAME_PLANE * pair.reach_m) {
                 taken[j] = true;
                 plane.add(&samples.points[j], &samples.normals[j]);
@@ -185,6 +189,7 @@ fn patch(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
         let mut along: Vec<f64> =
             group.iter().map(|&i| axis.dot(&(samples.points[i] - center)).abs()).collect();
         along.sort_by(f64::total_cmp);
+        // A few samples of another surface must not stretch the box.
         along[along.len() * 49 / 50]
     });
     Some(Patch { samples: group, center, axes: [long, short, normal], half_m })
@@ -213,5 +218,6 @@ fn square(
         };
         side(axis) * side(&normal.cross(axis))
     };
+    // A quarter of a turn shows all boxes; the other sides are the same again.
     (0..STEPS).map(turned).min_by(|a, b| area(a).total_cmp(&area(b))).unwrap_or(start)
 }

@@ -131,6 +131,7 @@ pub fn propose(
         }
         let Some(proposal) = strongest(&pool, extent_m, config, rng) else { break };
         let before = pool.len();
+        // Also where the motion is not proposed: its matches would give it again.
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
         let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
         let twin = |p: &Proposal| {
@@ -140,6 +141,7 @@ pub fn propose(
         if !slack && !proposals.iter().any(twin) {
             proposals.push(proposal);
         }
+        // The next attempt would see the same matches.
         if pool.len() == before {
             break;
         }
@@ -180,6 +182,7 @@ fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, ext
         matches.iter().filter(|m| gate.supports(m, motion)).collect()
     };
     let (followers, others) = (of(weak), of(strong));
+    // Where the motions act: two turns about far axes may differ much elsewhere and be one here.
     let twins = followers.iter().filter(|m| {
         let close = (weak * m.point0 - strong * m.point0).norm() < TWIN_GATES * gate.most_m;
         close && others.iter().any(|o| (o.point0 - m.point0).norm() < TWIN_DISTANCE * extent_m)
@@ -221,6 +224,8 @@ impl CellCounter {
         self.touched.clear();
         for (i, m) in pool.iter().enumerate() {
             let distance = self.gate.distance_m(m.sigma_m);
+            // docs/method.md (5.1) and (5.2); one rotation matrix for all matches is faster than a quaternion
+            // each.
             let squared =
                 (rotation * m.point0.coords + motion.translation.vector - m.point1.coords).norm_squared();
             if squared < distance * distance {
@@ -235,6 +240,7 @@ impl CellCounter {
                 }
             }
         }
+        // Only what was touched is cleared: thousands of motions touch few cells each.
         for &i in &self.touched {
             (0..2).for_each(|s| self.best[s][self.cells[s][i]] = 0.0);
         }
@@ -264,12 +270,14 @@ fn strongest(
             best = Some((support, motion));
         }
     }
+    // Three matches carry three errors into the motion; all that follow it average them out.
     let mut motion = best?.1;
     for _ in 0..5 {
         motion = refit(pool, &motion, &gate)?;
     }
     let followers: Vec<&LiftedMatch> = pool.iter().filter(|m| gate.supports(m, &motion)).collect();
     let support = counter.support(pool, &motion);
+    // Three matches fit their own motion by construction: the fourth is the first that speaks for it.
     if support < config.least_support || followers.len() < 4 {
         return None;
     }
@@ -293,6 +301,8 @@ fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) 
     let fits = |p: &LiftedMatch, q: &LiftedMatch| {
         let (l0, l1) = ((p.point0 - q.point0).norm(), (p.point1 - q.point1).norm());
         let sigma = p.sigma_m.hypot(q.sigma_m);
+        // Ends closer than their errors fix no rotation. A rigid motion keeps distances, which is cheaper to
+        // test than to fit.
         l0 > 4.0 * sigma && (l0 - l1).abs() < gate.distance_m(sigma)
     };
     let mut partner = |also: Option<&LiftedMatch>| {
@@ -305,6 +315,7 @@ fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) 
     let b = partner(None)?;
     let c = partner(Some(b))?;
     let motion = rigid_fit([a, b, c].into_iter().map(|m| (m.point0, m.point1, 1.0)))?;
+    // Three small differences of distances may add up to more than a match allows.
     [a, b, c].iter().all(|m| gate.supports(m, &motion)).then_some(motion)
 }
 

@@ -30,6 +30,7 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
         motions.iter().flat_map(|body| motions_on(&search, body, &found)).collect();
     let mut kept: Vec<Pose> = Vec::new();
     while !candidates.is_empty() {
+        // Anew for each motion, as the ones before took their surface away.
         let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.worth(m)).collect();
         let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
         let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else {
@@ -37,6 +38,7 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
         };
         let motion = polished(&search, &candidates.swap_remove(best));
         search.explain(&motion);
+        // What hangs on the part that was found moves after it: a drawer in a door, a lever on a drawer.
         candidates.extend(motions_on(&search, &motion, &found));
         kept.push(motion);
     }
@@ -47,12 +49,15 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
 /// that of a round part after any turn.
 fn polished(search: &Search<'_, '_>, motion: &Pose) -> Pose {
     let sharp_worth = |m: &Pose| search.sharp_worth(m);
+    // Point-to-plane fits leave slips open; only the search along them finds the edges.
     let Some(slips) = search.slips(motion) else { return *motion };
     let (worth, best) = search.climbed(motion, slips, sharp_worth, |pose| search.slips(pose));
+    // Normals of a slide do not change: a large turn cannot be taken for one.
     if best.rotation.angle() > PARALLEL {
         return round_turn(search, &best).unwrap_or(best);
     }
     let center = search.center(&best);
+    // The slide that moves the middle as the turn does, so that both start at one place.
     let slide = Pose::from_parts((best * center - center).into(), UnitQuaternion::identity());
     let along = [0, 1, 2].map(|k| Slip::along(Vector3::ith(k, 1.0)));
     let (slide_worth, slide) = search.climbed(&slide, along, sharp_worth, |_| None);

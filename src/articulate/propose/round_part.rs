@@ -25,6 +25,7 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
     let turned: Vec<Pose> =
         (0..TURNS).map(|k| axis.motion_by(TAU * k as f64 / TURNS as f64, 0.0) * motion).collect();
     let totals: Vec<f64> = turned.par_iter().map(total).collect();
+    // Marks repeat round a part, and the highest coarse peak need not be the highest after polishing.
     let mut peaks: Vec<usize> = (0..TURNS)
         .filter(|&k| totals[k] >= totals[(k + 1) % TURNS].max(totals[(k + TURNS - 1) % TURNS]))
         .collect();
@@ -34,6 +35,7 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
     };
     let best =
         peaks.into_iter().take(PEAKS).filter_map(polished).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    // Without marks all turns explain the same but for noise, and the motion stays as it is.
     (best.0 > (1.0 + MORE) * totals[0]).then_some(best.1)
 }
 

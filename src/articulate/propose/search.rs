@@ -37,6 +37,7 @@ pub(crate) struct Search<'a, 'b> {
 
 impl<'a, 'b> Search<'a, 'b> {
     pub fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
+        // What a panel that slid covers in both states is opened before faces are grown over it.
         let mut left = Unexplained::of(pair, motions);
         join_slid(&mut left, pair);
         let faces = [0, 1].map(|s| faces(pair, s, &left.open[s]));
@@ -91,6 +92,7 @@ impl Search<'_, '_> {
                 let values: Vec<(usize, f64)> =
                     face.iter().step_by(every).map(|&i| (i, says(s, i, &other_from_this))).collect();
                 let sum: f64 = values.iter().map(|v| v.1).sum();
+                // A face that contradicts the motion belongs to something else, and counts nothing.
                 total += sum.max(0.0);
                 if s == 0 && sum > 0.0 {
                     values.iter().for_each(|(i, v)| gains[*i] = *v);
@@ -113,6 +115,7 @@ impl Search<'_, '_> {
         let (mut best, mut step_m) = (*motion, 2.0 * self.pair.reach_m);
         let mut worth = worth_of(&best);
         while step_m > FINEST * self.pair.reach_m {
+            // Slips alone: along all other directions the surface holds a refined motion.
             let moves: Vec<Pose> =
                 slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
             let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (worth_of(&p), p)).collect();
@@ -122,6 +125,7 @@ impl Search<'_, '_> {
                 (worth, best) = (next, pose);
             } else {
                 step_m *= 0.5;
+                // Other surface may be explained by now, which slips along other twists.
                 slips = anew(&best).unwrap_or(slips);
             }
         }
@@ -167,6 +171,7 @@ impl Search<'_, '_> {
                 self.left.moved[s][i] = false;
             }
         }
+        // The motion is a body that others may hang on.
         self.bodies.push(*motion);
     }
 }
@@ -193,5 +198,6 @@ fn attachment(
         let off_m = axis_off_m((&screw.point, &screw.direction), &moving, &others);
         DETACHED + (1.0 - DETACHED) * hinge_score(off_m, extent_m)
     };
+    // The body that suits it best: a part hangs on one.
     bodies.iter().map(of).fold(0.0, f64::max)
 }

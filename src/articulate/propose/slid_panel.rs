@@ -41,6 +41,7 @@ pub(crate) fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
                 let holds = |i: &usize| between.holds(&of.points[*i], &of.normals[*i]);
                 (0..of.points.len()).filter(holds).collect::<Vec<usize>>()
             });
+            // An opening between two strips is no panel: it must be filled in both states.
             let full =
                 |s: usize| inside[s].len() as f64 > FILLED * between.area_m2() / pair.spacing_m[s].powi(2);
             if full(0) && full(1) {

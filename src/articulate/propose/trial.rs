@@ -114,10 +114,12 @@ fn motions_of(
     onto: &[Patch],
 ) -> Vec<Pose> {
     let (pair, left) = (search.pair, &search.left);
+    // Below the reach, so that some trial comes near enough for partners to be found.
     let step_m = 0.7 * pair.reach_m;
     let (some, carried) = (some_of(patch), patch.under(&body.carried));
     let [slides, turns] = own_trials(&carried, step_m, search.extent_m);
     let planes = onto.iter().flat_map(|p| plane_trials(&carried, p, step_m)).collect();
+    // Each kind has its own best trials: turns are tried by the hundred and would crowd out slides.
     let kinds = [slides, turns, planes].map(|trials| body.followed_by(trials, HINGE * search.extent_m));
     let mut best: Vec<(f64, Pose)> =
         kinds.iter().flat_map(|t| distinct_trials(search, state, &some, t)).collect();
@@ -125,6 +127,7 @@ fn motions_of(
     let labels = near_labels(pair, state, patch, left);
     let refined = |&(_, start): &(f64, Pose)| {
         let mut motion = start;
+        // By the patch's own surroundings alone; surface of other parts would pull the trial to itself.
         for _ in 0..ROUNDS {
             motion = refine(pair, [&labels[0], &labels[1]], &[], &motion, 1);
         }
@@ -145,6 +148,7 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     });
     let [a, b, n] = patch.axes;
     let [ha, hb] = patch.half_m;
+    // A hinge runs along an edge of the panel, or square to it through its middle or an edge.
     let lines = [
         (b, a * ha),
         (b, -a * ha),
@@ -156,6 +160,7 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
         (n, b * hb),
         (n, -b * hb),
     ];
+    // A step at which the far side moves by one step of a slide.
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
     let turns = (LARGEST_TURN / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
@@ -175,6 +180,8 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
 fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     let (n0, n1) = (patch.axes[2], onto.axes[2]);
     let angle = n0.angle(&n1);
+    // Parallel planes fix the shift along the normal and leave the rest open; opposite ones leave the axis
+    // open, which is tried along both edges.
     let directions = if angle < PARALLEL {
         let there = onto.center - patch.center;
         return vec![Pose::from_parts((n0 * n0.dot(&there)).into(), UnitQuaternion::identity())];
@@ -191,6 +198,7 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
         let rotation = Rotation3::from_axis_angle(&Unit::new_normalize(u), angle);
         let (center, v) = (rotation * patch.center, n1.cross(&u));
         let to_plane = n1 * n1.dot(&(onto.center - center));
+        // From where the patches begin to overlap to where they end.
         let range_m = side(onto, &v) + side(patch, &(rotation.inverse() * v));
         let steps = (range_m / step_m) as i64;
         let middle = v.dot(&(onto.center - center));
@@ -225,6 +233,7 @@ fn distinct_trials(
         if best.len() >= DISTINCT {
             break;
         }
+        // Trials beside the best one agree nearly as well, and would be refined to the same motion.
         if best.iter().all(|b| !near(b, &trials[i])) {
             best.push(trials[i]);
         }

@@ -35,6 +35,7 @@ pub(crate) fn axis_off_m(
     let distance_m = |p: &Point3<f64>| ((p - point) - direction.into_inner() * along(p)).norm();
     let [low, high] =
         part.iter().map(along).fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
+    // The parent must be near the axis where the part is: somewhere on its line it nearly always is.
     let beside = |p: &&Point3<f64>| (low..=high).contains(&along(p));
     let own_m = part.iter().map(distance_m).fold(f64::INFINITY, f64::min);
     own_m + parent.iter().filter(beside).map(distance_m).fold(f64::INFINITY, f64::min)

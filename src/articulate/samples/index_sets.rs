@@ -13,6 +13,7 @@ impl IndexSets {
     /// The smallest index of the set that holds `i`.
     pub fn root(&mut self, mut i: usize) -> usize {
         while self.0[i] != i {
+            // Halves the path for the next search.
             self.0[i] = self.0[self.0[i]];
             i = self.0[i];
         }
@@ -22,6 +23,7 @@ impl IndexSets {
     /// Makes the sets of two indices one.
     pub fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
+        // The smallest index is the root, so that a set's name does not depend on the order of joining.
         self.0[a.max(b)] = a.min(b);
     }
 }

@@ -16,12 +16,14 @@ pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
     let normals = smooth_normals(mesh);
     let step = mesh.area_m2() / count.max(1) as f64;
     let mut samples = SurfaceSamples::default();
+    // One sample for each step of area: systematic sampling is even, also over many small triangles.
     let (mut reached, mut next, mut index) = (0.0, 0.5 * step, 0u32);
     for (t, corners) in mesh.triangles.iter().enumerate() {
         reached += 0.5 * f64::from(mesh.area_normal(t).norm());
         while next < reached && step > 0.0 {
             let [a, b] = plastic_point(index);
             index = index.wrapping_add(1);
+            // The other half of the square is folded onto the triangle.
             let [a, b] = if a + b > 1.0 { [1.0 - a, 1.0 - b] } else { [a, b] };
             let weights = [1.0 - a - b, a, b];
             let blend = |of: &dyn Fn(usize) -> Vector3<f64>| -> Vector3<f64> {
@@ -58,11 +60,13 @@ fn smooth_normals(mesh: &TriangleMesh) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let normal: Vector3<f64> = mesh.area_normal(t).cast();
+        // The length of the normal is twice the area, so that small triangles have little say.
         corners.iter().for_each(|&v| normals[v as usize] += normal);
     }
     let unit = |n: &mut Vector3<f64>| *n = n.try_normalize(1e-15).unwrap_or_default();
     normals.iter_mut().for_each(unit);
     for _ in 0..NORMAL_ROUNDS {
+        // Marching cubes leaves steps that normals show before positions do.
         let mut sums = normals.clone();
         for corners in &mesh.triangles {
             let sum: Vector3<f64> = corners.iter().map(|&v| normals[v as usize]).sum();

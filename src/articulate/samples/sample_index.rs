@@ -28,6 +28,7 @@ impl<'a> SampleIndex<'a> {
         let extent = upper - origin;
         let mut cell_m = reach_m;
         let dims_of = |cell: f64| [0, 1, 2].map(|k| (extent[k] / cell).floor() + 1.0);
+        // A short reach in a large scene would take more memory than the samples.
         while dims_of(cell_m).iter().product::<f64>() > MOST_CELLS {
             cell_m *= 1.5;
         }
@@ -36,6 +37,7 @@ impl<'a> SampleIndex<'a> {
             Self { samples, origin, cell_m, reach_m, dims, starts: Vec::new(), order: Vec::new() };
         let cells: Vec<usize> =
             samples.points.iter().map(|p| index.cell_index(index.cell(p).map(|c| c as usize))).collect();
+        // Counted, summed and filled: the samples of a row of cells lie side by side in memory.
         let mut starts = vec![0u32; dims.iter().product::<usize>() + 1];
         cells.iter().for_each(|&c| starts[c + 1] += 1);
         for i in 1..starts.len() {
@@ -67,6 +69,7 @@ impl<'a> SampleIndex<'a> {
             let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
             low..=high
         };
+        // Cells are as wide as the reach at least, so that the 27 around a point hold all within it.
         for z in range(2) {
             for y in range(1) {
                 let row = range(0);
@@ -95,6 +98,7 @@ impl<'a> SampleIndex<'a> {
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
         self.around(point, |i| {
             let squared = (self.samples.points[i] - point).norm_squared();
+            // The normal is read only where the distance alone does not decide.
             if squared < best_squared {
                 let with_normal = squared + bend * (self.samples.normals[i] - normal).norm_squared();
                 if with_normal < best_squared {

@@ -68,6 +68,7 @@ impl Changes {
             return None;
         }
         let row = |(point, normal): (&Point3<f64>, &Vector3<f64>)| {
+            // In radii, so that a unit turn moves the surface about as far as a unit shift.
             let turn = (point - center).cross(normal) / radius_m;
             Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
         };
@@ -105,12 +106,15 @@ pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Op
     let mut twists = changes.twists(|_| 1.0);
     for _ in 0..SETTLING {
         let least = twists[0].1;
+        // Marks such as a handle do not turn within the surface: their weight falls until the rest decides.
         let scale = 3.0 * median(changes.rows.iter().map(|r| r.dot(&least).abs()).collect())?;
         twists = changes.twists(|r| (1.0 + (r.dot(&least) / scale.max(1e-9)).powi(2)).powi(-2));
     }
     let slip = changes.slip(&twists[0].1);
     let direction = Unit::try_new(slip.turn, TURNS / changes.radius_m)?;
+    // The foot of the screw's line from the center.
     let point = slip.center + slip.turn.cross(&slip.shift) / slip.turn.norm_squared();
+    // One slip alone: a ball has three, a plane three, and neither has an axis.
     (twists[0].0 < ROUND * twists[1].0 && twists[1].0 > HELD).then_some(Screw {
         direction,
         point,

@@ -92,6 +92,7 @@ impl SurfaceGraph {
     /// See docs/method.md (6.7).
     pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let n = self.neighbors.len();
+        // All labels alike at first, so that the first round is by costs alone.
         let mut beliefs = vec![1.0 / labels as f32; n * labels];
         let mut next = beliefs.clone();
         for _ in 0..ROUNDS {
@@ -101,6 +102,7 @@ impl SurfaceGraph {
                     let belief = &beliefs[j as usize * labels..(j as usize + 1) * labels];
                     energy.iter_mut().zip(belief).for_each(|(e, b)| *e += SMOOTHNESS * w * (1.0 - b));
                 }
+                // Against the least energy, so that no exponential underflows to a sum of zero.
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
@@ -117,6 +119,7 @@ impl SurfaceGraph {
         let n = self.neighbors.len();
         let mut pull: Vec<f32> =
             (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
+        // Patches pull before the walk: it would otherwise carry labels across a face that is one part's.
         self.pull_of_patches(&mut beliefs, &mut pull, labels);
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let quads = labels.div_ceil(4);
@@ -163,6 +166,7 @@ impl SurfaceGraph {
         }
         for (i, &patch) in self.patches.iter().enumerate() {
             let votes = &votes[patch as usize * labels..(patch as usize + 1) * labels];
+            // Equal votes go to the smallest label; the static part is the first.
             let top = (1..labels).fold(0, |best, k| if votes[k] > votes[best] { k } else { best });
             let dissent = votes.iter().sum::<f32>() - votes[top];
             if pull[i] == 0.0 && votes[top] > 0.0 && dissent < PATCH_DISSENT * votes[top] {
@@ -183,6 +187,7 @@ impl SurfaceGraph {
         for (i, &component) in components.iter().enumerate() {
             let component = component as usize;
             let own = &costs[i * motions..(i + 1) * motions];
+            // An island's evidence is what its label saves against the next best.
             let rival = (0..motions)
                 .filter(|k| *k != usize::from(labels[i]))
                 .map(|k| own[k])
@@ -225,9 +230,11 @@ fn neighbors_of(
         if j != i && squared < reach_m * reach_m {
             let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
             let lift = samples.normals[i].dot(&offset).powi(2) + samples.normals[j].dot(&offset).powi(2);
+            // The distance of docs/method.md (6.6): beyond a crease or across a gap neighbors are farther.
             near.push((squared + LIFT * lift + 0.1 * reach_m * reach_m * bend, j as u32));
         }
     });
+    // Equal distances by index, so that the neighbors do not depend on the sort.
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut slots = [(i as u32, 0.0); NEIGHBORS];
     let weight = |squared: f64| (-2.0 * squared / (reach_m * reach_m)).exp() as f32;

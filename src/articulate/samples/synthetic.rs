@@ -141,6 +141,7 @@ impl Scene {
             let part_from_world = self.world_from_part(state, i).inverse();
             let (o, d) = (part_from_world * origin, part_from_world * direction);
             for (center, half) in &part.boxes {
+                // A ray is in the box from where it has entered all three slabs to where it leaves the first.
                 let (mut enter, mut leave, mut axis) = (0.0, f64::INFINITY, 3);
                 for k in 0..3 {
                     let (a, b) = ((center[k] - half[k] - o[k]) / d[k], (center[k] + half[k] - o[k]) / d[k]);
@@ -180,6 +181,7 @@ impl Scene {
                 let ray = intrinsics.ray((p % intrinsics.width) as f64, (p / intrinsics.width) as f64);
                 let origin = Point3::from(world_from_camera.translation.vector);
                 if let Some((t, part, at, _)) = self.hit(state, &origin, &(world_from_camera * ray)) {
+                    // The ray has unit depth, so that its parameter is the depth.
                     depth_m[p] = t as f32;
                     rgb[p] = self.color(part, &at).map(|c| (c * 255.0).round() as u8);
                     mask[p] = true;
@@ -248,6 +250,7 @@ impl Scene {
                         let mut normal = Vector3::zeros();
                         normal[k] = sign;
                         let point = pose * p;
+                        // Hidden faces have no samples, as in a recording.
                         if cameras.iter().any(|c| self.sees(state, &(self.world * c), &point)) {
                             samples.points.push(point);
                             samples.normals.push(pose * normal);

@@ -37,6 +37,7 @@ fn stands(
     frames: &[RgbdFrame],
     noise: &NoiseConfig,
 ) -> Option<bool> {
+    // A reading before the point hides it and says nothing.
     let (mut seen, mut through) = (0, 0);
     for frame in frames {
         let point = frame.in_camera(point_in_world);

@@ -86,9 +86,11 @@ pub fn align_states(
     // A motion whose followers stand still is none.
     let real = |m: &&Pose| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]);
     let moving: Vec<Pose> = motions.iter().filter(real).copied().collect();
+    // The cases of docs/method.md 5. 1. No match moved, or enough stand still.
     if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
         return Ok(None);
     }
+    // 2. What is beside the object, matched only here, as that takes long.
     let around = surroundings();
     let found = common_motions(&around, MOTIONS, extent_m, config, rng);
     if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
@@ -105,6 +107,7 @@ pub fn align_states(
         let share = standing(&Pose::identity());
         share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
     };
+    // 4. The object's strongest motion; 3. where none is clear, surface that stands still decides.
     let clear = match on_object.clear(&motions) {
         Err(_) if stands() => None,
         clear => clear?,

@@ -80,6 +80,7 @@ fn cell_size(capture: &Capture) -> f64 {
     };
     let depth_m = median(frames.clone().flat_map(object).collect()).unwrap_or(1.0);
     let pixel_m = frames.map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
+    // docs/method.md (2.17): wider than the noise, and than the gaps between pixels.
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 
@@ -100,6 +101,7 @@ fn seen(
 fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
     let mut forgotten = 0;
     for frames in &mut capture.states {
+        // One frame is enough, since masks leave no background whose noise could count.
         let cells = supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), 1);
         let bad = outlier_cells(&cells, size_m);
         let workspace = config.isolate.workspace;
@@ -159,7 +161,9 @@ fn find_object(
     let supports: Vec<_> = capture.states.iter().map(support).collect();
     let cells: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
+    // At most 20: the search for neighbors visits its cube.
     let reach = config.isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
+    // Over all states together: parts that stand apart in one may be linked in another.
     let object = choose_object(&cells, size_m, reach, common_focus(&poses), workspace.is_some())?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
@@ -184,10 +188,13 @@ fn paint(
     is_object: impl Fn(&Point3<f64>) -> bool,
     is_known: impl Fn(&RgbdFrame, usize, &Point3<f64>) -> bool,
 ) {
+    // Where depth is not known the outline decides, so that a hole in the object is not taken for empty
+    // space.
     let mut mask = outline.to_vec();
     for (pixel, inside) in mask.iter_mut().enumerate() {
         if let Some(point) = frame.world_point(pixel) {
             *inside = is_object(&point);
+            // Object or support cannot be said here; without depth the pixel speaks for neither.
             if *inside && !is_known(frame, pixel, &point) {
                 frame.depth_m[pixel] = 0.0;
             }
@@ -203,6 +210,7 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     for c in cells {
         let point = frame.in_camera(&center(c, size_m));
         let Some((u, v)) = k.project(&point) else { continue };
+        // By the longer focal length, so that the cells' squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
         let span = |mid: f64, count: usize| {
             let from = (mid - half).round().max(0.0) as usize;
@@ -235,10 +243,13 @@ fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
         cells.push(supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), frames_needed(frames.len())));
     }
     let Some((first, others)) = cells.split_first() else { return Ok(()) };
+    // Noise may put the same surface into the next cell.
     let near = dilated(first, 1);
     for (k, other) in others.iter().enumerate() {
         let common = other.iter().filter(|c| near.contains(*c)).count();
+        // Of the state that shows less: fewer views must not look like a lack of overlap.
         let share = common as f64 / first.len().min(other.len()).max(1) as f64;
+        // States without a place in common are in two world frames, or show two objects.
         if share < MIN_OVERLAP {
             return Err(CaptureError::NoOverlap { state: k + 1, share_percent: 100.0 * share });
         }

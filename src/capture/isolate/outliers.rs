@@ -21,6 +21,7 @@ pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
     if cells.len() <= NEIGHBORS.get() {
         return HashSet::new();
     }
+    // Cells in place of readings, so that places seen often do not make the others look lonely.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
     let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return HashSet::new() };
     let mean_distance = |p: &[f64; 3]| {

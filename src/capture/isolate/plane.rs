@@ -72,10 +72,12 @@ pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut i
     let mut planes = Vec::new();
     while planes.len() < MAX_PLANES {
         let left = samples.iter().filter(|s| s.at_border).count();
+        // With hardly a reading left at the borders, nothing that is left can be background.
         if samples.len() < 100 || left * 50 < borders {
             break;
         }
         let Some(plane) = best_plane(&samples, &cameras, SUPPORT_SHARE * total, rng) else { break };
+        // What is behind goes along: cameras do not see through a plane.
         samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
         planes.push(plane);
     }
@@ -99,6 +101,7 @@ fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
                     point,
                     ray: frame.world_from_camera.rotation * k.ray(x as f64, y as f64),
                     sigma_m: noise.sigma_m(depth),
+                    // A pixel covers an area that grows with the square of its depth.
                     weight: depth * depth,
                     at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
                 });
@@ -126,9 +129,11 @@ fn best_plane(
         }
     }
     let (_, mut plane) = best?;
+    // The inliers change with the plane.
     for _ in 0..5 {
         plane = refit(&plane, samples, cameras)?;
     }
+    // Some readings were enough to compare; all of them decide.
     let all: Vec<&Sample> = samples.iter().collect();
     judge(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
 }
@@ -165,6 +170,7 @@ fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
         own_borders += usize::from(s.at_border && inlier);
         if inlier {
             inside += s.weight;
+        // Well behind, so that the plane's own noise does not speak against it.
         } else if plane.height_m(&s.point) < -0.01 - 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m) {
             behind += s.weight;
         }
@@ -176,6 +182,8 @@ fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
 /// Least squares over the inliers, each weighted by its noise.
 fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
+    // The millimeter keeps readings at a grazing angle, whose height is nearly free of noise, from deciding
+    // alone.
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
     let total: f64 = inliers.iter().map(|s| weight(s)).sum();
     let mean = inliers.iter().map(|s| s.point.coords * weight(s)).sum::<Vector3<f64>>() / total;

@@ -46,6 +46,7 @@ pub fn choose_object(
         return Err(CaptureError::Isolation { reason: "nothing stands out from the background".into() });
     };
     let (lower, upper) = bounds(&groups[best]);
+    // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
     let inside = |g: &[Cell]| {
         let (l, u) = bounds(g);
         (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach)

@@ -87,6 +87,7 @@ pub fn find_support(
             .filter_map(|p| columns.get(&column(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();
+        // Columns count one pixel of so many, cells all.
         let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
         seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind
     };
@@ -124,6 +125,7 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
             continue;
         }
         let Some(plane) = background.nearest_plane(&point) else { continue };
+        // What would not stand out one cell lower is at the foot of its column.
         let lowered = point - background.planes[plane].normal.into_inner() * size_m;
         if !above || !background.is_above(frame, p, &lowered) {
             let entry = readings.columns.entry(column(plane, &point, size_m, background)).or_default();

@@ -11,6 +11,7 @@ pub type Cell = [i32; 3];
 #[must_use]
 pub fn cell(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
     let c = [point.x, point.y, point.z].map(|v| (v / size_m).floor());
+    // Sums with a reach must not overflow.
     c.iter().all(|v| v.abs() < 1e6).then(|| c.map(|v| v as i32))
 }
 
@@ -29,6 +30,7 @@ pub fn supported(frames: &[HashSet<Cell>], frames_needed: usize) -> Vec<Cell> {
     }
     let mut cells: Vec<Cell> =
         counts.into_iter().filter(|(_, n)| *n >= frames_needed).map(|(c, _)| c).collect();
+    // The order of a hash map differs from run to run.
     cells.sort_unstable();
     cells
 }

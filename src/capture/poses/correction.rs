@@ -106,6 +106,7 @@ impl Refined {
             rotation_rms_rad: rms(1),
             residual_m,
             gain_sigmas: sigmas,
+            // Stated as independent errors of each pose that have the same mean, which drift makes worse.
             noise: errors.of_mean(count).times((count as f64).sqrt()),
             errors: *errors,
         };

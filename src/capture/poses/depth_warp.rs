@@ -66,6 +66,7 @@ impl DepthWarp {
     pub(super) fn support(&self, [u, v]: [f64; 2]) -> Support {
         let along = |pixel: f64, count: usize| {
             let at = (pixel / self.step_px).max(0.0);
+            // The last pixel may lie on the end of the last interval.
             let cell = (at as usize).min(count - ORDER);
             (cell, cubic(at - cell as f64))
         };
@@ -82,6 +83,7 @@ impl DepthWarp {
     /// Its slopes along the image, 1/pixel.
     pub(super) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         const STEP: f64 = 0.5;
+        // The spline bends over tens of pixels, so that the difference over one is its slope.
         let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
         [(along(STEP, 0.0) - along(-STEP, 0.0)), (along(0.0, STEP) - along(0.0, -STEP))]
     }
@@ -129,6 +131,7 @@ impl DepthWarp {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
             let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+            // All frames have one camera, so that one table serves them.
             if factors.is_empty() {
                 let row = |v: usize| (0..width).map(move |u| (1.0 + self.at([u as f64, v as f64])) as f32);
                 factors = (0..height).into_par_iter().flat_map_iter(row).collect();
@@ -142,6 +145,7 @@ impl DepthWarp {
 pub(super) fn corrected_plane(warp: &DepthWarp, pixel: [f64; 2], plane: Vector3<f64>) -> Vector3<f64> {
     let factor = 1.0 + warp.at(pixel);
     let slopes = warp.slopes(pixel);
+    // The inverse depth is divided by 1 + c: the quotient rule.
     let bent = plane.x / (factor * factor);
     Vector3::new(plane.x / factor, plane.y / factor - bent * slopes[0], plane.z / factor - bent * slopes[1])
 }

@@ -63,6 +63,7 @@ impl Drift {
         let size = 6 * reported.len();
         let mut from_steps = DMatrix::zeros(size, size);
         for (i, to) in reported.iter().enumerate() {
+            // L of docs/method.md 2.7: a step stays with all later poses, seen from where their cameras are.
             for (k, from) in reported.iter().enumerate().take(i + 1) {
                 from_steps.fixed_view_mut::<6, 6>(6 * i, 6 * k).copy_from(&adjoint(&(to.inverse() * from)));
             }
@@ -73,6 +74,7 @@ impl Drift {
     /// Information about all corrections; `None` where it is not finite.
     pub fn information(&self, errors: &PoseErrors) -> Option<DMatrix<f64>> {
         let [walk, jitter] = errors.squares(self.from_steps.nrows());
+        // L Q L^T as a product of one matrix with its transpose stays positive under rounding.
         let mut scaled = self.from_steps.clone();
         scaled.column_iter_mut().zip(walk.iter()).for_each(|(mut column, square)| column *= square.sqrt());
         let mut covariance = &scaled * scaled.transpose();
@@ -89,16 +91,19 @@ impl Drift {
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
         let second = corrections * corrections.transpose() + covariance;
+        // M of docs/method.md (2.14): by how much the corrections exceed what was expected of them.
         let surprise = information * second * information - information;
         let carried = &surprise * &self.from_steps;
         let [walk, jitter] = errors.squares(corrections.len());
         let mut sums = [[0.0; 2]; 2];
         for k in 0..corrections.len() {
+            // The diagonal of L^T M L alone is wanted.
             let of_step = self.from_steps.column(k).dot(&carried.column(k));
             let kind = usize::from(k % 6 >= 3);
             sums[0][kind] += walk[k] + walk[k].powi(2) * of_step;
             sums[1][kind] += jitter[k] + jitter[k].powi(2) * surprise[(k, k)];
         }
+        // Of six values of a pose three are shifts and three are turns.
         let count = (corrections.len() / 2) as f64;
         let size = |[translation, rotation]: [f64; 2], before: &PoseNoise| PoseNoise {
             translation_m: further(before.translation_m, (translation / count).max(0.0).sqrt()),

@@ -82,7 +82,9 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         .collect();
     let problems: Vec<Option<Problem<'_>>> =
         states.iter().zip(&surfels).map(|(frames, surfels)| problem(frames, surfels)).collect();
+    // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
+    // 2. All states with their sensor.
     let (mut found, warp): (Vec<_>, _) = match sensor::calibrate(states, &problems, &alone) {
         Some((with_sensor, calibration)) => {
             let warp = calibration.used.then(|| calibration.warp.clone());
@@ -92,6 +94,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     };
     drop(problems);
     let (calibration, warp) = warp.map_or((None, None), |(c, warp)| (Some(c), warp));
+    // 3. Readings, poses and surfels change together, as each was found with the others.
     if let Some(warp) = &warp {
         warp.correct(states.iter_mut().flatten());
         surfels.iter_mut().flatten().for_each(|s| *s = s.corrected(warp));
@@ -106,6 +109,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     if !findings.changed() {
         return findings;
     }
+    // 4. The mean error of each state against that of state 0.
     let mean_noise = |s: usize| {
         let noise = findings.states[s].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
         noise.of_mean(states[s].len())

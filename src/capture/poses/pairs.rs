@@ -200,9 +200,11 @@ impl Comparison {
             }
             (sums, ratios, sensor)
         };
+        // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
         let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
         let (mut pairs, mut ratios, mut sensor) = (Vec::new(), Vec::new(), None);
+        // In the order of the frames, as sums of floats depend on it.
         for (of_pairs, seen, of_sensor) in all {
             pairs.extend(of_pairs);
             ratios.extend(seen);
@@ -242,6 +244,7 @@ impl Comparison {
 
     /// What held-out surfels gain `after`.
     pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
+        // One scale for both: a scale of its own would forgive the worse poses their residuals.
         let scale = self.scale(after);
         let of_pair = |p: &[usize; 2]| self.pair_change(*p, before, after, scale);
         Changes { frames: before.surfels.len(), pairs: self.pairs.par_iter().map(of_pair).collect() }
@@ -260,6 +263,7 @@ impl Comparison {
             while first.peek().is_some_and(|t| t.0 < place) {
                 first.next();
             }
+            // Only surfels that are compared before and after, or poses would gain by losing sight of some.
             let Some((_, before_m, sigma_m)) = first.next_if(|t| t.0 == place) else { return };
             change.gain +=
                 bounded(before_m / (sigma_m * scale)) - bounded(r.distance_m / (r.sigma_m * scale));
@@ -357,6 +361,8 @@ fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
 
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
 fn by_poses(r: &Residual) -> [f64; 12] {
+    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane,
+    // which is as if the point moved back.
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];
@@ -373,6 +379,7 @@ fn by_poses(r: &Residual) -> [f64; 12] {
 /// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
 /// other frame sees it: a point moves along its ray, and so does the plane.
 fn by_sensor(r: &Residual, warp: &DepthWarp) -> [(usize, f64); 2 * SUPPORT] {
+    // docs/method.md (2.20).
     let [this, other] = r.pixels.map(|pixel| warp.support(pixel));
     let this = this.iter().map(|(k, w)| (k, w * r.normal.dot(&r.point.coords)));
     let other = other.iter().map(|(k, w)| (k, -w * r.other_normal.dot(&r.other_point.coords)));
@@ -383,6 +390,7 @@ fn by_sensor(r: &Residual, warp: &DepthWarp) -> [(usize, f64); 2 * SUPPORT] {
 
 /// Normal equations of the poses of a pair.
 fn pair_sums(frames: [usize; 2], rows: &[Row], cap: f64) -> PairSums {
+    // Half of a symmetric matrix; `block` mirrors it.
     let mut upper = [[0.0; 12]; 12];
     let mut gradient = [0.0; 12];
     for row in rows {

@@ -109,6 +109,7 @@ pub(super) fn calibrate(
             Some(problem.comparison().changes(before, after))
         })
         .collect();
+    // All frames of all states decide together, since they have one sensor.
     let gain = Gain::of(&changes)?;
     let mean = warp.mean(&intrinsics);
     let calibration = SensorCalibration {

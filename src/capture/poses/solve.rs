@@ -141,6 +141,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
                 for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
+                    // From the right, as corrections are in the cameras' own frames.
                     *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
                 }
                 longest = longest.max(step.amax());
@@ -151,6 +152,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
                 longest = longest.max(step.sensor.amax());
             }
             last = Some((sums, at));
+            // While the cut is still loose the next round solves other equations.
             if loose.is_none() && longest < STEP_M {
                 break;
             }
@@ -158,6 +160,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
         if let Some((sums, at)) = last {
             // The last equations, about the place that they were made at.
             let values = sensor.as_ref().map(|s| s.warp.clone());
+            // Partners and weights stay: such a round costs a factor and no search.
             for _ in 0..SIZES {
                 let step = step(problems, &sums, &at, values.as_ref(), &sizes)?;
                 sizes = resized(problems, &at, values.as_ref(), &step, &sizes);
@@ -190,6 +193,7 @@ fn step(
         let prior = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
+        // The prior pulls towards the reported poses, from which the present ones are `at` away.
         own_gradient += &prior * at;
         pose_information.push(prior);
         let covariance = own.cholesky()?.inverse();
@@ -197,6 +201,7 @@ fn step(
         let follow = match &sums.sensor {
             Some(SensorSums { information: of_state, between, gradient: own }) => {
                 let follow = &covariance * between;
+                // Schur complement: what the state says of the sensor when its poses follow it.
                 information += of_state - between.transpose() * &follow;
                 gradient += own - between.transpose() * &own_step;
                 follow
@@ -209,6 +214,7 @@ fn step(
     let sensor = -(&sensor_covariance * gradient);
     let (mut poses, mut pose_covariances) = (Vec::new(), Vec::new());
     for (covariance, follow, own_step) in eliminated {
+        // Back substitution. What is not known of the sensor is not known of the poses that follow it.
         poses.push(-own_step - &follow * &sensor);
         pose_covariances.push(covariance + &follow * &sensor_covariance * follow.transpose());
     }
@@ -236,6 +242,7 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
 /// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones.
 fn sensor_information(warp: &DepthWarp, size: f64) -> Option<DMatrix<f64>> {
     let covariance = warp.smooth() * size.powi(2);
+    // A scale common to all values has a covariance of equal entries: docs/method.md (2.19).
     Some(covariance.add_scalar(SCALE.powi(2)).cholesky()?.inverse())
 }
 
@@ -257,6 +264,7 @@ fn resized(
         let mean = DVector::from_column_slice(&warp.values) + &step.sensor;
         let second = &mean * mean.transpose() + &step.sensor_covariance;
         let information = &step.sensor_information;
+        // As in docs/method.md (2.14), with one size for all values.
         let surprise = information * second * information - information;
         let of_smooth = warp.smooth().dot(&surprise) / mean.len() as f64;
         (sizes.warp.powi(2) + sizes.warp.powi(4) * of_smooth).max(LEAST_WARP.powi(2)).sqrt()

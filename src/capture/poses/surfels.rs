@@ -121,6 +121,7 @@ impl Surfels {
             let pixel = self.pixel(i);
             let plane = corrected_plane(warp, pixel, surfel.plane.cast());
             let ray = self.intrinsics.ray(pixel[0], pixel[1]);
+            // Deviations and facings stay, since corrections are of percents.
             surfel.point = Point3::from(ray / plane.x).cast();
             surfel.normal = normal(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
         }
@@ -168,6 +169,7 @@ impl Surfels {
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
         let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
         let displacement_m = poses.displacement_m(other_point.z);
+        // What neither noise nor poses explain is another surface.
         if distance_m.abs() > 3.0 * sigma_m.hypot(displacement_m) {
             return None;
         }
@@ -228,6 +230,7 @@ impl Planes {
             }
             let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
             let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
+            // Neighbors on another plane would tilt this one.
             let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
             if residual.abs() <= 3.0 * gate {
                 moments += at * at.transpose();
@@ -261,6 +264,7 @@ fn surfel(
     if along < GRAZING_COSINE * ray.norm() {
         return None;
     }
+    // A window that scatters little by chance must not weigh more for it.
     let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
     Some(Surfel {
         plane: inverse.cast(),

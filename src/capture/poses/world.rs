@@ -77,6 +77,7 @@ pub(super) fn correct(
     expected: &PoseNoise,
 ) -> Option<WorldCorrection> {
     let (first, count) = (states[0].len(), states[0].len() + states[1].len());
+    // Pairs across the states alone: within one the motion changes nothing.
     let pairs = (0..count)
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
         .collect();
@@ -139,6 +140,7 @@ impl PairInformation {
     fn of(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
         // Which of the two cameras is of state 1.
         let which = usize::from(sums.frames[0] < first);
+        // The motion of the world, as the camera that it carries along sees it.
         let carried = adjoint(&(poses[sums.frames[which]].inverse() * from_center));
         Self {
             frames: sums.frames,
@@ -164,6 +166,7 @@ fn step(
     }
     let Observed { information, projector } = Observed::of(&information);
     let expected = expected_information(expected);
+    // Along what the surfaces do not determine the prior alone pulls.
     let gradient = projector * gradient + expected * shift_and_turn(moved);
     Some(-(information + expected).cholesky()?.solve(&gradient))
 }
@@ -179,6 +182,7 @@ fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNois
         pair.frames.iter().for_each(|&f| by_frame[f] += projector * pair.gradient);
     }
     let expected = expected_information(expected);
+    // The prior is one more observer, independent of the frames.
     let mut spread = expected;
     for (state, count) in frames.into_iter().enumerate() {
         let small_sample = count as f64 / count.checked_sub(PARAMETERS).filter(|n| *n > 0)? as f64;
