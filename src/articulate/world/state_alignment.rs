@@ -107,7 +107,7 @@ pub fn align_states(
         let share = standing(&Pose::identity());
         share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
     };
-    // 4. The object's strongest motion; 3. where none is clear, surface that stands still decides.
+    // 3. The object's strongest motion; 4. where two rival, surface that stands still decides.
     let clear = match on_object.clear(&motions) {
         Err(_) if stands() => None,
         clear => clear?,
