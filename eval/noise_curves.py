@@ -66,7 +66,7 @@ def measure(synth, reconstruct, args):
             continue
         views = "" if "--views" in synth else f"--views {VIEWS}"
         run = argparse.Namespace(
-            out=point, artitwin=args.artitwin, preset=args.preset, tell_parts=True,
+            out=point, artitwin=args.artitwin, preset=args.preset, give_parts=True,
             synth=f"{kind} {IMAGE} {views} {synth}", reconstruct=reconstruct,
         )
         row = score(seed, run)
