@@ -90,26 +90,18 @@ impl DepthWarp {
 
     /// Share of each value in the mean over the image.
     pub(super) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
-        const EVERY: usize = 8;
         let mut mean = DVector::zeros(self.values.len());
         let mut count = 0.0;
-        for v in (0..intrinsics.height).step_by(EVERY) {
-            for u in (0..intrinsics.width).step_by(EVERY) {
-                self.support([u as f64, v as f64]).iter().for_each(|(k, weight)| mean[k] += weight);
-                count += 1.0;
-            }
+        for pixel in some_pixels(intrinsics) {
+            self.support(pixel).iter().for_each(|(k, weight)| mean[k] += weight);
+            count += 1.0;
         }
         mean / count
     }
 
     /// Root mean square over the image of what differs from the mean.
     pub(super) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
-        const EVERY: usize = 8;
-        let all: Vec<f64> = (0..intrinsics.height)
-            .step_by(EVERY)
-            .flat_map(|v| (0..intrinsics.width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
-            .map(|pixel| self.at(pixel))
-            .collect();
+        let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
@@ -139,6 +131,13 @@ impl DepthWarp {
             frame.depth_m.iter_mut().zip(&factors).for_each(|(depth, factor)| *depth *= factor);
         }
     }
+}
+
+/// Pixels all over an image, row by row: enough for means of what bends over tens of them.
+fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
+    const EVERY: usize = 8;
+    let (width, height) = (intrinsics.width, intrinsics.height);
+    (0..height).step_by(EVERY).flat_map(move |v| (0..width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
 }
 
 /// Inverse depth and its slopes at a pixel, put right.

@@ -3,6 +3,8 @@
 //! The states share the sensor alone: the poses of each are eliminated (Schur complement), and what the
 //! states say of the sensor is added up.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
@@ -93,9 +95,11 @@ impl<'a> Problem<'a> {
         &self.comparison
     }
 
-    /// Its surfels by corrected readings.
-    pub fn corrected(&self, warp: Option<&DepthWarp>) -> Vec<Surfels> {
-        self.surfels.iter().map(|s| warp.map_or_else(|| s.clone(), |warp| s.corrected(warp))).collect()
+    /// Its surfels by corrected readings: those as read, where nothing is corrected.
+    pub fn corrected(&self, warp: Option<&DepthWarp>) -> Cow<'a, [Surfels]> {
+        warp.map_or(Cow::Borrowed(self.surfels), |warp| {
+            self.surfels.iter().map(|s| s.corrected(warp)).collect()
+        })
     }
 
     /// Corrections so far, six values a camera.

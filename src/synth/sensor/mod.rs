@@ -2,8 +2,7 @@
 //!
 //! Each file says how large its effect is at level 1 and where that comes from. Depth that is off by half a
 //! percent, poses of an odometry without loop closure, and surroundings without masks are what the program
-//! meets in measured recordings; the sizes are those of the four recordings that issue 22 is measured on, and
-//! the literature that a file names says what they stand for.
+//! meets in measured recordings; the literature that a file names says what its sizes stand for.
 
 mod bilinear;
 mod camera;
