@@ -23,7 +23,7 @@ pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub use frame::{RgbdFrame, median_over_object};
 pub use isolate::isolate;
-pub use noise::NoiseConfig;
+pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;
 pub use pixel_weights::pixel_weights;
 pub use poses::{

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Readings of surfaces seen at a smaller cosine to their normal hold no height, and are not used.
+pub const GRAZING_COSINE: f64 = 0.25;
+
 /// Depth noise model: one standard deviation is `constant_m + quadratic_per_m * depth^2`, as disparity noise
 /// gives. See docs/method.md (2.6).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -29,6 +29,19 @@ pub enum RegisterError {
         /// Share of the surface that stands still, percent.
         static_percent: f64,
     },
+    /// One motion is left, which most of the surface neither follows nor contradicts.
+    #[error(
+        "too little surface is shared by the states: {static_percent:.1} % of it stands still, \
+         {moved_percent:.1} % left its place, and the rest is seen in one state only; the object was moved \
+         as a whole, or recorded from other sides: leave one part at rest and walk around all of it in \
+         every state"
+    )]
+    LittleShared {
+        /// Share of the surface that stands still, percent.
+        static_percent: f64,
+        /// Share of the surface that left its place, percent.
+        moved_percent: f64,
+    },
     /// Something moved, and no rigid motion explains it.
     #[error(
         "{moved_percent:.1} % of the surface moved between the two states, but no rigid motion explains \

@@ -1,10 +1,10 @@
 //! Errors of a camera's poses along time: odometry drifts, and every pose jitters.
 //!
 //! The drift of a pose is that of the one before, carried along, and a step of its own (a random walk of
-//! motions in the camera's frame); the jitter is each pose's own. Sizes of both follow from the corrections
-//! by expectation maximization. See docs/method.md (2.14).
+//! motions in the camera's frame); the jitter is each pose's own. Sizes of both are those of largest marginal
+//! likelihood. See docs/method.md (2.14).
 
-use nalgebra::{DMatrix, DVector, Matrix6};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
 
 use super::pose_noise::PoseNoise;
@@ -24,6 +24,8 @@ impl PoseErrors {
     /// after ten views.
     pub const EXPECTED: Self =
         Self { jitter: PoseNoise::EXPECTED, walk: PoseNoise { translation_m: 0.001, rotation_rad: 0.0015 } };
+    /// The same of a camera that does not drift, such as one on an arm.
+    pub const WITHOUT_DRIFT: Self = Self { walk: PoseNoise::LEAST, ..Self::EXPECTED };
 
     /// Of the mean of so many poses in a row, whose drift begins with the first.
     pub(super) fn of_mean(&self, count: usize) -> PoseNoise {
@@ -71,18 +73,20 @@ impl Drift {
         Self { from_steps }
     }
 
-    /// Information about all corrections; `None` where it is not finite.
-    pub fn information(&self, errors: &PoseErrors) -> Option<DMatrix<f64>> {
+    /// Information about all corrections, and half the logarithm of its determinant; `None` where it is not
+    /// finite.
+    pub fn information(&self, errors: &PoseErrors) -> Option<(DMatrix<f64>, f64)> {
         let [walk, jitter] = errors.squares(self.from_steps.nrows());
         // L Q L^T as a product of one matrix with its transpose stays positive under rounding.
         let mut scaled = self.from_steps.clone();
         scaled.column_iter_mut().zip(walk.iter()).for_each(|(mut column, square)| column *= square.sqrt());
         let mut covariance = &scaled * scaled.transpose();
         jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
-        Some(covariance.cholesky()?.inverse())
+        let factor = covariance.cholesky()?;
+        Some((factor.inverse(), -half_log_determinant(&factor)))
     }
 
-    /// Sizes by the corrections and their covariance (expectation maximization), jitter as expected at most.
+    /// Sizes nearer to the most likely ones, by the corrections and their covariance; as expected at most.
     pub fn sizes(
         &self,
         errors: &PoseErrors,
@@ -90,36 +94,44 @@ impl Drift {
         corrections: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
-        let second = corrections * corrections.transpose() + covariance;
-        // M of docs/method.md (2.14): by how much the corrections exceed what was expected of them.
-        let surprise = information * second * information - information;
-        let carried = &surprise * &self.from_steps;
-        let [walk, jitter] = errors.squares(corrections.len());
-        let mut sums = [[0.0; 2]; 2];
+        // Of the distances that the frames see, as information about corrections (docs/method.md 2.14).
+        let marginal = information - information * covariance * information;
+        let pull = information * corrections;
+        let carried = &marginal * &self.from_steps;
+        let mut steps = [[(0.0, 0.0); 2]; 2];
         for k in 0..corrections.len() {
-            // The diagonal of L^T M L alone is wanted.
-            let of_step = self.from_steps.column(k).dot(&carried.column(k));
             let kind = usize::from(k % 6 >= 3);
-            sums[0][kind] += walk[k] + walk[k].powi(2) * of_step;
-            sums[1][kind] += jitter[k] + jitter[k].powi(2) * surprise[(k, k)];
+            let column = self.from_steps.column(k);
+            // The diagonal of L^T M L alone is wanted.
+            for (noise, found, expected) in
+                [(0, column.dot(&pull), column.dot(&carried.column(k))), (1, pull[k], marginal[(k, k)])]
+            {
+                steps[noise][kind].0 += found * found;
+                steps[noise][kind].1 += expected;
+            }
         }
-        // Of six values of a pose three are shifts and three are turns.
-        let count = (corrections.len() / 2) as f64;
-        let size = |[translation, rotation]: [f64; 2], before: &PoseNoise| PoseNoise {
-            translation_m: further(before.translation_m, (translation / count).max(0.0).sqrt()),
-            rotation_rad: further(before.rotation_rad, (rotation / count).max(0.0).sqrt()),
-        };
-        let (walk, jitter) =
-            (size(sums[0], &errors.walk).at_least(), size(sums[1], &errors.jitter).at_least());
-        PoseErrors { jitter: jitter.at_most(&PoseNoise::EXPECTED), walk: walk.at_most(&PoseNoise::EXPECTED) }
+        let [walk, jitter] = [(0, &errors.walk), (1, &errors.jitter)].map(|(noise, before)| {
+            let [translation, rotation] = steps[noise].map(|(found, expected)| growth(found, expected));
+            let size = PoseNoise {
+                translation_m: before.translation_m * translation,
+                rotation_rad: before.rotation_rad * rotation,
+            };
+            size.at_least().at_most(&PoseNoise::EXPECTED)
+        });
+        PoseErrors { jitter, walk }
     }
 }
 
-/// Expectation maximization comes slowly to sizes that are near zero: its steps are lengthened
-/// (over-relaxation).
-fn further(before: f64, after: f64) -> f64 {
-    const LONGER: f64 = 1.8;
-    before * (after / before).powf(LONGER)
+/// By what a standard deviation is to be multiplied where a sum of squares was found that the present one
+/// lets expect another (Harville 1977; MacKay 1992): where both agree, the marginal likelihood is stationary.
+pub(super) fn growth(found: f64, expected: f64) -> f64 {
+    // What no surface shows has neither.
+    if expected > 0.0 { (found / expected).sqrt() } else { 1.0 }
+}
+
+/// Half the logarithm of the determinant of a matrix.
+pub(super) fn half_log_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
+    factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum()
 }
 
 /// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).

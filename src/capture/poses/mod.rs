@@ -5,7 +5,7 @@
 //! one frame and the planes that another frame sees in their place (projective association: Blais and Levine
 //! 1995; point to plane: Chen and Medioni 1992) are made small by Gauss-Newton with Tukey's weights, and
 //! every correction is held near zero by the size of the errors, which is found from the corrections
-//! (expectation maximization). A motion that no surface shows (along a wall, say) is left as reported, and
+//! (marginal likelihood). A motion that no surface shows (along a wall, say) is left as reported, and
 //! the mean correction stays near zero. Within a state all that is seen stands still, the surroundings of the
 //! object included. Surfels that are held out decide whether a correction is used.
 //!

@@ -15,6 +15,9 @@ impl PoseNoise {
     /// That of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
+    /// The smallest of interest: a micrometer, and a microradian.
+    pub(super) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
+
     /// By how much a point at some depth is off, one standard deviation, meters.
     pub(super) fn displacement_m(&self, depth_m: f64) -> f64 {
         self.translation_m.hypot(self.rotation_rad * depth_m)
@@ -38,10 +41,12 @@ impl PoseNoise {
         }
     }
 
-    /// No smaller than what can be of interest: a micrometer, and a microradian.
+    /// No smaller than what can be of interest.
     pub(super) fn at_least(&self) -> Self {
-        const LEAST: f64 = 1e-6;
-        Self { translation_m: self.translation_m.max(LEAST), rotation_rad: self.rotation_rad.max(LEAST) }
+        Self {
+            translation_m: self.translation_m.max(Self::LEAST.translation_m),
+            rotation_rad: self.rotation_rad.max(Self::LEAST.rotation_rad),
+        }
     }
 
     /// Of the difference of two.

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
     depth_warp::DepthWarp,
-    drift::{Drift, PoseErrors},
+    drift::{Drift, PoseErrors, growth, half_log_determinant},
     pairs::{Comparison, PairSums, SensorSums, Sums, Views},
     surfels::Surfels,
 };
@@ -17,7 +17,7 @@ use crate::geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];
-/// Rounds of expectation maximization between them.
+/// Rounds in which the sizes of the errors settle between them.
 const SIZES: usize = 12;
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
@@ -56,6 +56,7 @@ pub(super) struct Sensor {
 }
 
 /// Sizes of all errors.
+#[derive(Clone)]
 struct Sizes {
     poses: Vec<PoseErrors>,
     warp: f64,
@@ -70,6 +71,8 @@ struct Step {
     /// Of the prior.
     pose_information: Vec<DMatrix<f64>>,
     sensor_information: DMatrix<f64>,
+    /// Logarithm of the marginal likelihood of the sizes, but for what does not depend on them.
+    log_likelihood: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -162,13 +165,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
             }
         }
         if let Some((sums, at)) = last {
-            // The last equations, about the place that they were made at.
-            let values = sensor.as_ref().map(|s| s.warp.clone());
-            // Partners and weights stay: such a round costs a factor and no search.
-            for _ in 0..SIZES {
-                let step = step(problems, &sums, &at, values.as_ref(), &sizes)?;
-                sizes = resized(problems, &at, values.as_ref(), &step, &sizes);
-            }
+            sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.warp), &sizes)?;
         }
     }
     Some(Solution { poses, errors: sizes.poses, sensor })
@@ -183,46 +180,70 @@ fn step(
     sizes: &Sizes,
 ) -> Option<Step> {
     let values = DVector::from_column_slice(warp.map_or(&[], |w| &w.values));
-    let sensor_information = match warp {
+    let (sensor_information, half_log) = match warp {
         Some(warp) => sensor_information(warp, sizes.warp)?,
-        None => DMatrix::zeros(0, 0),
+        None => (DMatrix::zeros(0, 0), 0.0),
     };
     let mut information = sensor_information.clone();
     let mut gradient = &sensor_information * &values;
-    // Of each state: covariance of the poses where the sensor is known, what they follow the sensor by, and
-    // their own step.
+    let mut log_likelihood = half_log - 0.5 * values.dot(&gradient);
+    let mut whole_gradient = gradient.clone();
+    // Of each state: covariance of the poses where the sensor is known, what they follow the sensor by, their
+    // own step, and the gradient.
     let mut eliminated = Vec::new();
     let mut pose_information = Vec::new();
     for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
-        let prior = problem.drift.information(errors)?;
+        let (prior, half_log) = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
         // The prior pulls towards the reported poses, from which the present ones are `at` away.
-        own_gradient += &prior * at;
+        let pull = &prior * at;
+        own_gradient += &pull;
         pose_information.push(prior);
-        let covariance = own.cholesky()?.inverse();
-        let own_step = &covariance * own_gradient;
+        let factor = own.cholesky()?;
+        log_likelihood += half_log - half_log_determinant(&factor) - 0.5 * at.dot(&pull);
+        let covariance = factor.inverse();
+        let own_step = &covariance * &own_gradient;
         let follow = match &sums.sensor {
-            Some(SensorSums { information: of_state, between, gradient: own }) => {
+            Some(SensorSums { information: of_state, between, gradient: of_sensor }) => {
                 let follow = &covariance * between;
                 // Schur complement: what the state says of the sensor when its poses follow it.
                 information += of_state - between.transpose() * &follow;
-                gradient += own - between.transpose() * &own_step;
+                gradient += of_sensor - between.transpose() * &own_step;
+                whole_gradient += of_sensor;
                 follow
             }
             None => DMatrix::zeros(at.len(), values.len()),
         };
-        eliminated.push((covariance, follow, own_step));
+        eliminated.push((covariance, follow, own_step, own_gradient));
     }
-    let sensor_covariance = if warp.is_some() { information.cholesky()?.inverse() } else { information };
+    let sensor_covariance = if warp.is_some() {
+        let factor = information.cholesky()?;
+        log_likelihood -= half_log_determinant(&factor);
+        factor.inverse()
+    } else {
+        information
+    };
     let sensor = -(&sensor_covariance * gradient);
+    // Half of what the step lowers the sum of squares by, with that of every state below.
+    log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
     let (mut poses, mut pose_covariances) = (Vec::new(), Vec::new());
-    for (covariance, follow, own_step) in eliminated {
+    for (covariance, follow, own_step, own_gradient) in eliminated {
         // Back substitution. What is not known of the sensor is not known of the poses that follow it.
-        poses.push(-own_step - &follow * &sensor);
+        let step = -own_step - &follow * &sensor;
+        log_likelihood -= 0.5 * own_gradient.dot(&step);
+        poses.push(step);
         pose_covariances.push(covariance + &follow * &sensor_covariance * follow.transpose());
     }
-    Some(Step { poses, pose_covariances, sensor, sensor_covariance, pose_information, sensor_information })
+    Some(Step {
+        poses,
+        pose_covariances,
+        sensor,
+        sensor_covariance,
+        pose_information,
+        sensor_information,
+        log_likelihood,
+    })
 }
 
 /// Normal equations about the poses of a state.
@@ -243,15 +264,42 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
     (information, gradient)
 }
 
-/// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones.
-fn sensor_information(warp: &DepthWarp, size: f64) -> Option<DMatrix<f64>> {
+/// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones. With half
+/// the logarithm of its determinant.
+fn sensor_information(warp: &DepthWarp, size: f64) -> Option<(DMatrix<f64>, f64)> {
     let covariance = warp.smooth() * size.powi(2);
     // A scale common to all values has a covariance of equal entries: docs/method.md (2.19).
-    Some(covariance.add_scalar(SCALE.powi(2)).cholesky()?.inverse())
+    let factor = covariance.add_scalar(SCALE.powi(2)).cholesky()?;
+    Some((factor.inverse(), -half_log_determinant(&factor)))
 }
 
-/// Sizes of the errors by what was found and what is not known of it (expectation maximization). See
+/// The most likely sizes of the errors by the last equations, about the place that they were made at: with
+/// drift of the poses where that is likelier than jitter alone (Bayesian information criterion). See
 /// docs/method.md (2.14).
+fn most_likely(
+    problems: &[&Problem<'_>],
+    sums: &[Sums],
+    at: &[DVector<f64>],
+    warp: Option<&DepthWarp>,
+    before: &Sizes,
+) -> Option<Sizes> {
+    // Partners and weights stay: such a round costs a factor and no search.
+    let settled = |errors: PoseErrors| {
+        let mut sizes = Sizes { poses: vec![errors; problems.len()], ..before.clone() };
+        for _ in 0..SIZES {
+            sizes = resized(problems, at, warp, &step(problems, sums, at, warp, &sizes)?, &sizes);
+        }
+        let likelihood = step(problems, sums, at, warp, &sizes)?.log_likelihood;
+        Some((sizes, likelihood))
+    };
+    let (still, likelihood_of_still) = settled(PoseErrors::WITHOUT_DRIFT)?;
+    let (drifting, likelihood_of_drifting) = settled(PoseErrors::EXPECTED)?;
+    // Drift has two sizes in each state, shown by three values of every pose.
+    let price: f64 = at.iter().map(|at| (at.len() as f64 / 2.0).ln()).sum();
+    Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })
+}
+
+/// Sizes by what was found and what is not known of it. See docs/method.md (2.14).
 fn resized(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
@@ -266,12 +314,12 @@ fn resized(
     };
     let of_warp = |warp: &DepthWarp| {
         let mean = DVector::from_column_slice(&warp.values) + &step.sensor;
-        let second = &mean * mean.transpose() + &step.sensor_covariance;
-        let information = &step.sensor_information;
+        let (information, smooth) = (&step.sensor_information, warp.smooth());
+        let pull = information * mean;
         // As in docs/method.md (2.14), with one size for all values.
-        let surprise = information * second * information - information;
-        let of_smooth = warp.smooth().dot(&surprise) / mean.len() as f64;
-        (sizes.warp.powi(2) + sizes.warp.powi(4) * of_smooth).max(LEAST_WARP.powi(2)).sqrt()
+        let marginal = information - information * &step.sensor_covariance * information;
+        let change = growth(pull.dot(&(&smooth * &pull)), smooth.dot(&marginal));
+        (sizes.warp * change).max(LEAST_WARP)
     };
     Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: warp.map_or(sizes.warp, of_warp) }
 }

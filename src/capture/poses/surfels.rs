@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     capture::{
-        NoiseConfig, RgbdFrame,
+        GRAZING_COSINE, NoiseConfig, RgbdFrame,
         window::{R, READINGS, WindowPlane},
     },
     geometry::{Intrinsics, Pose},
@@ -21,8 +21,6 @@ const COLUMNS: usize = 160;
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
-/// Surfels seen at a smaller cosine to their normal are not used.
-const GRAZING_COSINE: f64 = 0.25;
 /// Surfels whose normals differ by a smaller cosine are of different surfaces.
 const SAME_COSINE: f64 = 0.8;
 
