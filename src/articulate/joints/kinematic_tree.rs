@@ -26,17 +26,12 @@ use crate::{
             square_axes::{SeenDirection, square_priors},
         },
         observations::SurfaceSamples,
+        samples::hinge::HINGE,
     },
     geometry::Pose,
     model::JointKind,
     note::{Note, NoteCode},
 };
-
-/// Two parts touch where their samples come closer than this share of the object's longest side, or two grid
-/// spacings: what the surfaces of a joint are apart that hides between them.
-///
-/// tuned: random objects (eval/random_objects.md)
-const CONTACT_SHARE: f64 = 0.06;
 
 /// A joint and what it hangs on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -57,7 +52,8 @@ pub fn kinematic_tree(
     extent_m: f64,
     config: &JointConfig,
 ) -> Vec<TreeJointEstimate> {
-    let contact_m = (CONTACT_SHARE * extent_m).max(2.0 * states[0].sdf.spacing_m);
+    // A joint hides what lies between the surfaces that it joins.
+    let contact_m = (HINGE * extent_m).max(2.0 * states[0].sdf.spacing_m);
     let still: Vec<SurfaceSamples> = states.iter().map(|s| s.part(0)).collect();
     // Contact and simplicity make the tree before any axis is drawn to another.
     let candidates = candidates(root, parts, &still, contact_m, config);

@@ -6,20 +6,14 @@
 
 use rayon::prelude::*;
 
-use crate::articulate::{observations::SurfaceSamples, samples::sample_index::SampleIndex};
+use crate::articulate::{
+    observations::SurfaceSamples,
+    samples::{sample_index::SampleIndex, surface_graph::SAME_NORMAL},
+};
 use crate::{
-    capture::{NoiseConfig, RgbdFrame},
+    capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame},
     geometry::Pose,
 };
-
-/// Readings of surfaces seen at a smaller cosine to their normal do not count: they hold no height.
-///
-/// tuned: shared/bags
-const GRAZING_COSINE: f64 = 0.25;
-/// Normals of neighbors on one side of a part have a larger cosine between them.
-///
-/// tuned: shared/bags
-const SAME_COSINE: f64 = 0.9;
 
 /// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
 /// frame shows one.
@@ -102,7 +96,7 @@ fn mean_height(
         let offset = surface.points[j] - point;
         // The other side of a thin panel is as near.
         let near = offset.norm_squared() < radius_m * radius_m && offset.dot(normal).abs() < reach_m;
-        if near && normal.dot(&surface.normals[j]) > SAME_COSINE {
+        if near && normal.dot(&surface.normals[j]) > SAME_NORMAL {
             sum += heights[j][0];
             weights += heights[j][1];
         }

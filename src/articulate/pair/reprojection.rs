@@ -4,7 +4,8 @@
 /// Cost of a place that was not seen: weaker than any agreement, hardly evidence against.
 /// tuned: shared/bags
 pub(crate) const HIDDEN: f32 = 0.9;
-/// Additional cost of a surface that follows another motion.
+/// Additional cost of a surface that follows another motion, and what a correspondence under another motion
+/// says against a motion that hid the sample.
 /// tuned: shared/bags
 const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
@@ -17,13 +18,17 @@ const HALF_COST: f64 = 6.0;
 /// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`
 pub(crate) const EXPLAINED: f32 = 0.5;
-/// What a sample says for its motion where another takes it into space seen empty, beyond its own cost: one
-/// in fifty true points is there by errors of depth and pose, and `ln 50` is 1.3 of 3 nats.
-/// derived: `ln 50 / 3`
+/// What a sample says for its motion where another takes it into space seen empty, beyond its own cost,
+/// as one in fifty true points is there.
+/// derived: `-ln ASTRAY / 3`, 3 nats being the unit of cost
 pub(crate) const MISSED: f64 = 1.3;
-/// What a correspondence under another motion says against a motion that hid the sample.
+/// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
+/// a sixth counts.
 /// tuned: shared/bags
-const BETTER: f64 = 0.35;
+pub(crate) const CONTRADICTED: f64 = 2.0;
+/// Share of true points that errors of depth and pose take into space seen empty.
+/// tuned: shared/bags
+pub(crate) const ASTRAY: f64 = 0.02;
 
 /// What is asked of a reprojection.
 #[derive(Clone, Copy)]
@@ -77,7 +82,7 @@ pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
         // rival does with it.
         (own, rival) if own >= HIDDEN => {
             if rival < HIDDEN {
-                -BETTER
+                -f64::from(TAKEN)
             } else {
                 0.0
             }

@@ -12,23 +12,24 @@ use rayon::prelude::*;
 use crate::articulate::{
     observations::SurfaceSamples,
     pair::reprojection::{Look, Reprojection},
-    samples::{sample_index::SampleIndex, spacing::spacing_m, surface_graph::SurfaceGraph},
+    samples::{
+        sample_index::SampleIndex,
+        spacing::spacing_m,
+        surface_graph::{NORMAL_SIGMA, SurfaceGraph},
+    },
 };
 use crate::{geometry::Pose, statistics::median};
 
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 
-/// Deviation of the normals (length of their difference) that counts as one standard deviation.
-/// tuned: shared/bags
-const NORMAL_SIGMA: f64 = 0.35;
 /// Standard deviation of the change of light on a surface, as a share of it, by the length of its normal's
 /// change.
-/// tuned: shared/bags
-const SHADING: f64 = 0.5;
+/// derived: light of one direction, all alike likely: the root mean square of a component of a unit vector
+const SHADING: f64 = 0.577_350_269_189_625_8;
 /// Samples beyond an edge by more than this many times their mean distance have no partner.
-/// tuned: shared/bags
-pub(crate) const EDGE: f64 = 1.5;
+/// derived: the diagonal of a square of samples
+pub(crate) const EDGE: f64 = std::f64::consts::SQRT_2;
 
 /// Deviations of corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]

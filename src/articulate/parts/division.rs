@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 use crate::articulate::{
     pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
     parts::{
-        elimination::{Step, standing},
+        elimination::{SLIGHT, Step, best},
         evidence_curve::{EvidencePoint, point},
         labeling::label,
         matched_pair::MatchedPair,
@@ -24,21 +24,17 @@ const WIDE: f64 = 0.2;
 const LEAST_SIDE: usize = 60;
 /// Cuts along each principal axis.
 const CUTS: usize = 15;
-/// Least fall of the sum of squares, in variances, from one motion to two.
-/// tuned: shared/bags
-const LEAST_FALL: f64 = 40.0;
 /// Rounds in which the motions of both sides settle, first by themselves.
 const ROUNDS: usize = 3;
-/// Two motions in place of one must explain more by this share of the least evidence, and each as much alone.
-/// Errors of depth that change along a surface give nearly as much to two motions, but not to either alone.
-/// tuned: shared/bags
-const LEAST_GAIN: f64 = 0.5;
 /// Nor does less than this share of what the one motion explains: such errors grow with the surface.
 /// tuned: shared/bags
 const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
-/// tuned: shared/bags
+/// derived: two of them are the reach, within which both motions lie
 const STEP: f64 = 0.5;
+/// Values that two motions have and one has not.
+/// derived: six of a rigid motion, and where they part
+const VALUES: f64 = 7.0;
 
 /// A correspondence, linear in a small motion (rotation vector in radii, shift).
 struct Reading {
@@ -100,6 +96,8 @@ impl Follower {
     /// The cut that lowers the sum of squares most, if by enough.
     fn cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
+        // The fall that is chance (Bayesian information criterion).
+        let least_fall = VALUES * (self.readings.len() as f64 / SAMPLES_PER_READING).ln();
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
             self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
@@ -117,7 +115,7 @@ impl Follower {
                 let [Some(a), Some(b)] = sides else { continue };
                 // The fall of docs/method.md (6.11).
                 let fall = one - a.0 - b.0;
-                if fall > best.as_ref().map_or(LEAST_FALL, |b| b.0) {
+                if fall > best.as_ref().map_or(least_fall, |b| b.0) {
                     let motions = [a.1, b.1].map(|twist| {
                         let turn = twist.fixed_rows::<3>(0) / self.radius_m;
                         step(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
@@ -142,12 +140,7 @@ struct Cut {
 /// begin with the best set in which no motion loses evidence to another, and come before others of as
 /// many motions that leave more unexplained.
 pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
-    // Zeros excuse no set that splits a part, so that division begins where no motion loses evidence to
-    // another.
-    let blind: Vec<EvidencePoint> =
-        steps.iter().map(|s| EvidencePoint { unexplained: 0.0, ..s.point }).collect();
-    let most = standing(pair, steps, &blind).into_iter().max_by_key(|s| s.motions.len());
-    let mut motions = most.map_or_else(Vec::new, |s| s.motions.clone());
+    let mut motions = best(pair, steps);
     while let Some(divided) = divided(pair, &motions) {
         let (scores, shares) = weighed(pair, &divided);
         let point = EvidencePoint { unexplained: unexplained(pair, &divided), ..point(&scores) };
@@ -168,7 +161,9 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
     let (labels, _) = label(&pair.surfaces, motions);
     let (scores, _) = weighed_as(pair, motions, &labels);
-    let mut best = (LEAST_GAIN * least, None);
+    // Errors of depth that change along a surface give nearly as much to two motions, but not to either alone.
+    let slight = SLIGHT * least;
+    let mut best = (slight, None);
     // Each half must stand by itself later, so that less than twice the least evidence is not worth a cut.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
         let Some(cut) = follower(pair, &labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
@@ -182,7 +177,7 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
         (0..ROUNDS).for_each(|_| round(pair, &mut set));
         let (after, _) = label(&pair.surfaces, &set);
         let gain = gain(pair, k, [motions, &set], [&labels, &after]);
-        let alone = (LEAST_GAIN * least).max(LEAST_ALONE * scores[k]);
+        let alone = slight.max(LEAST_ALONE * scores[k]);
         if gain > best.0 && weighed_as(pair, &set, &after).0[k..=k + 1].iter().all(|score| *score >= alone) {
             best = (gain, Some(set));
         }

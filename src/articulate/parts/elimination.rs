@@ -2,19 +2,22 @@
 //! what they can. Two motions of one part share their evidence, so that one of them goes first.
 //! See docs/method.md 7.2.
 
-use crate::articulate::pair::reprojection::MISSED;
-use crate::articulate::parts::{
-    evidence_curve::{EvidencePoint, point, stands},
-    matched_pair::MatchedPair,
-    round_parts::without,
-    score::{CHANCE, scores, shares, unexplained, weighed},
-    settle::{round, settle},
+use crate::articulate::{
+    pair::reprojection::MISSED,
+    parts::{
+        evidence_curve::{EvidencePoint, point, stands},
+        matched_pair::MatchedPair,
+        round_parts::without,
+        score::{scores, shares, unexplained, weighed},
+        settle::{round, settle},
+    },
+    propose::ransac::CHANCE,
 };
 use crate::geometry::Pose;
 
 /// A motion with less than this share of the least evidence explains next to nothing.
 /// tuned: shared/bags
-const SLIGHT: f64 = 0.5;
+pub(crate) const SLIGHT: f64 = 0.5;
 /// The largest sets of motions that could all be parts, which settle.
 const COMPARED: usize = 2;
 /// The weakest motions that are compared before one is dropped.

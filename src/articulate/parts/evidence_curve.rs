@@ -10,12 +10,8 @@ const SPLIT: f64 = 0.8;
 /// tuned: shared/bags
 const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
-/// tuned: shared/bags
-const FIRM: f64 = 2.2;
-/// So is one that leaves less unexplained by this many times its evidence: parts that move nearly alike
-/// explain each other's surface, a little off, so that what each explains alone falls.
-/// tuned: shared/bags
-const FITTING: f64 = 1.5;
+/// derived: enough for two parts
+const FIRM: f64 = 2.0;
 
 /// Evidence for a number of parts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -37,17 +33,13 @@ pub(crate) fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64)
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that
-/// what each explains alone, and with it the sum, falls. A motion of its own adds to the sum, has `firm`
-/// evidence by itself, or leaves less unexplained.
+/// what each explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm`
+/// evidence by itself.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weakest = point.weakest.unwrap_or(f64::INFINITY);
-    let fits = |p: &EvidencePoint| p.unexplained - point.unexplained >= FITTING * weakest;
-    let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence && !fits(p);
-    // Parts that move nearly alike share their evidence with every further one, so that the share falls with
-    // each.
-    let share = |p: &EvidencePoint| if fits(p) { SPLIT.powi((point.parts - p.parts) as i32) } else { SPLIT };
+    let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence;
     next_smaller(point, curve).is_some_and(takes)
-        || smaller(point, curve).any(|p| point.evidence < share(p) * p.evidence)
+        || smaller(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
 }
 
 /// The sets of fewer motions.
@@ -103,16 +95,8 @@ mod tests {
             point(4, 500.0, Some(60.0)),
             point(5, 495.0, Some(20.0)),
         ];
-        let splits_of = |curve: &[EvidencePoint], k: usize| splits(&curve[k], curve, 35.0);
-        let splits = |k: usize| splits_of(&curve, k);
+        let splits = |k: usize| splits(&curve[k], &curve, 35.0);
         assert!(splits(2) && splits(4));
         assert!(!splits(3) && !splits(1) && !splits(0));
-        // Two drawers that moved nearly alike: either motion explains both a little off, both leave less
-        // open.
-        let mut alike = curve.clone();
-        (0..5).for_each(|k| alike[k].unexplained = [900.0, 400.0, 380.0, 90.0, 60.0][k]);
-        assert!(!splits_of(&alike, 4) && splits_of(&alike, 2));
-        alike[4].unexplained = 61.0;
-        assert!(splits_of(&alike, 4));
     }
 }

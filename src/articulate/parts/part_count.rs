@@ -4,9 +4,9 @@
 use crate::geometry::Pose;
 use crate::{
     articulate::{
-        pair::unexplained::Unexplained,
+        pair::{reprojection::ASTRAY, unexplained::Unexplained},
         parts::{
-            elimination::{Step, standing},
+            elimination::{SLIGHT, Step, standing},
             error::RegisterError,
             evidence_curve::EvidencePoint,
             matched_pair::MatchedPair,
@@ -18,12 +18,9 @@ use crate::{
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 /// tuned: shared/bags
 pub(crate) const LITTLE: f64 = 1.5;
-/// A further motion with more than this share of the least evidence is reported.
-/// tuned: shared/bags
-const NEARLY: f64 = 0.7;
-/// Share of the surface that may move unexplained.
-/// tuned: shared/bags
-const UNEXPLAINED_SHARE: f64 = 0.02;
+/// Share of the surface that must stand still before it is said that nothing moved.
+/// derived: the majority
+const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.
 pub(crate) struct PartCount {
@@ -66,7 +63,7 @@ pub(crate) fn choose(
         ));
     }
     let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
-    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > NEARLY * least) {
+    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > SLIGHT * least) {
         notes.push(Note::new(
             NoteCode::PartAlmostEvident,
             format!("a further motion has {weakest:.1} of the evidence of {least} that a part needs"),
@@ -102,8 +99,12 @@ fn check(
             let of = |s: usize| moved[s].iter().filter(|m| **m).count() as f64 / moved[s].len().max(1) as f64;
             let moved_percent = 100.0 * of(0).max(of(1));
             // In both states: surface that is missing in one only was hidden, or never seen.
-            if one && of(0).min(of(1)) > UNEXPLAINED_SHARE {
+            if one && of(0).min(of(1)) > ASTRAY {
                 return Err(RegisterError::Unexplained { moved_percent });
+            }
+            // Whether something moved is known of what both states show: most of it must be known.
+            if one && shares[0] < MAJORITY {
+                return Err(RegisterError::LittleShared { static_percent, moved_percent });
             }
             if one {
                 notes.push(Note::new(

@@ -45,10 +45,19 @@ fn matches(scene: &Scene, points: &[Point3<f64>], labels: &[u8], every: usize) -
 
 fn found(scene: &Scene, every: Option<usize>, parts: Option<usize>) -> Result<Registration, RegisterError> {
     let cameras = camera_ring(10);
-    let [(s0, labels), (s1, _)] = [0, 1].map(|s| scene.surface(s, &cameras, 0.008));
+    found_from([&cameras, &cameras], scene, every, parts)
+}
+
+/// By what the cameras of each state see.
+fn found_from(
+    cameras: [&[Pose]; 2],
+    scene: &Scene,
+    every: Option<usize>,
+    parts: Option<usize>,
+) -> Result<Registration, RegisterError> {
+    let [(s0, labels), (s1, _)] = [0, 1].map(|s| scene.surface(s, cameras[s], 0.008));
     let matches = every.map_or_else(Vec::new, |every| matches(scene, &s0.points, &labels, every));
-    let cameras = &cameras;
-    let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
+    let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras[s], p));
     register(
         &matches,
         [&s0, &s1],
@@ -141,6 +150,15 @@ fn an_object_at_rest_is_one_part_and_this_is_said() {
     assert_eq!((registration.motions.len(), registration.warnings.len()), (1, 0));
     assert!(registration.notes.iter().any(|n| n.text.contains("no part moved")), "{:?}", registration.notes);
     assert!(matches!(found(&scene, Some(9), Some(2)), Err(RegisterError::NoMotion { .. })));
+}
+
+#[test]
+fn states_seen_from_opposite_sides_do_not_say_that_nothing_moved() {
+    let mut scene = Scene::box_with_lid_and_drawer();
+    scene.parts.iter_mut().for_each(|p| p.motion = Pose::identity());
+    let cameras = camera_ring(10);
+    let refused = found_from([&cameras[..3], &cameras[5..8]], &scene, None, None);
+    assert!(matches!(refused, Err(RegisterError::LittleShared { .. })), "{refused:?}");
 }
 
 #[test]

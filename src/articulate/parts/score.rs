@@ -3,31 +3,20 @@
 use std::collections::BTreeSet;
 
 use crate::articulate::{
-    pair::reprojection::{FREE, HIDDEN, log_ratio},
+    pair::reprojection::{ASTRAY, CONTRADICTED, FREE, HIDDEN, log_ratio},
     parts::{
         labeling::label,
         matched_pair::MatchedPair,
         segment::{groups, segments},
     },
+    propose::ransac::CHANCE,
 };
 use crate::geometry::Pose;
 
-/// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
-/// a sixth counts.
-/// tuned: shared/bags
-const CONTRADICTED: f64 = 2.0;
-/// Share of what a motion explains that errors of depth and pose take into space seen empty.
-/// tuned: shared/bags
-const FREE_SHARE: f64 = 0.03;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its
 /// distance in three dimensions and its look, a wrong surface by its distance in one.
 /// tuned: shared/bags
 pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
-/// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by
-/// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
-/// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
-/// tuned: shared/bags
-pub(crate) const CHANCE: f64 = 5.0;
 
 /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging
 /// to one part.
@@ -104,7 +93,7 @@ fn ratios(
     let rows = || samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
     let count = |holds: fn(f32) -> bool| rows().filter(|c| holds(c[own])).count() as f64;
     // Errors take some true samples into free space; only what exceeds their share speaks against.
-    let lost = CONTRADICTED * (count(|c| c >= FREE) - FREE_SHARE * count(|c| c < HIDDEN)).max(0.0);
+    let lost = CONTRADICTED * (count(|c| c >= FREE) - ASTRAY * count(|c| c < HIDDEN)).max(0.0);
     let total = |k: usize| rows().map(|c| log_ratio(c[own], c[k])).sum::<f64>();
     others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
 }

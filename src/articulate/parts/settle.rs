@@ -3,15 +3,13 @@
 use crate::articulate::{
     pair::point_to_plane::refine,
     parts::{labeling::label, matched_pair::MatchedPair},
+    samples::spacing::SETTLED,
 };
 use crate::geometry::Pose;
 
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the
 /// motion that it follows.
 const ROUNDS: usize = 8;
-/// Motions that change by less than this share of the reach in a round have settled.
-/// tuned: shared/bags
-const SETTLED: f64 = 0.02;
 /// Samples by which the change of a motion is measured.
 const SAMPLES: usize = 200;
 

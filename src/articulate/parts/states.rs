@@ -23,12 +23,13 @@ use crate::{
         parts::{
             config::RegisterConfig,
             error::RegisterError,
-            evidence_curve::{EvidencePoint, point},
+            evidence_curve::{EvidencePoint, point, stands},
             matched_pair::MatchedPair,
             part_count::{LITTLE, little_evidence, more_than_asked},
             register::{Registration, checked_extent_m},
-            score::{CHANCE, SURFACE_WEIGHT, prefer},
+            score::{SURFACE_WEIGHT, prefer},
         },
+        propose::ransac::CHANCE,
         samples::spacing::{occupied_cells, reach_m},
     },
     note::{Note, NoteCode},
@@ -121,10 +122,24 @@ pub fn unite<'a>(
         MatchedPair::new(pair.matches, extent_m, config, surfaces)
     };
     let states = States { runs: pairs.iter().map(run).collect() };
-    let mut classes = classes(pairs, surface.points.len());
-    let (mut curve, mut notes, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
-    // Parts first: a motion that a pair missed is sought for parts that stand.
-    let scores = states.choose(&mut classes, parts, &mut curve, &mut warnings);
+    let sets = states.sets(classes(pairs, surface.points.len()));
+    // Sets of parts stand by the rule of a pair.
+    let curve: Vec<EvidencePoint> = sets.iter().map(|s| point(&s.1)).collect();
+    let standing: Vec<&(Vec<Class>, Vec<f64>)> = sets
+        .iter()
+        .zip(&curve)
+        .filter(|(_, p)| stands(p, &curve, config.least_score))
+        .map(|(s, _)| s)
+        .collect();
+    let evident = standing.iter().map(|s| s.0.len()).max();
+    let allowed = |s: &&&(Vec<Class>, Vec<f64>)| parts.is_none_or(|p| s.0.len() <= p);
+    let Some((mut classes, scores)) = standing.iter().find(allowed).map(|s| (*s).clone()) else {
+        return Err(RegisterError::NoOverlap { static_percent: 0.0 });
+    };
+    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+    if let Some(evident) = evident.filter(|e| *e > classes.len()) {
+        warnings.push(more_than_asked(evident, classes.len()));
+    }
     if let Some(asked) = parts.filter(|p| *p > classes.len()) {
         let support = scores[1..].iter().map(|s| format!("{s:.0} cells")).collect::<Vec<_>>().join(", ");
         return Err(RegisterError::FewerParts {
@@ -138,6 +153,7 @@ pub fn unite<'a>(
     if let Some(score) = scores[1..].iter().filter(weak).copied().reduce(f64::min) {
         warnings.push(little_evidence(classes.len(), score, config.least_score));
     }
+    // A motion that a pair missed is looked for where a part stands.
     states.seek_missed(&mut classes, &mut notes);
     for _ in 0..ROUNDS {
         states.round(&mut classes);
@@ -200,34 +216,16 @@ impl States<'_> {
         self.runs.iter().enumerate().map(of).collect()
     }
 
-    /// Drops the part with the least evidence until all that are left have enough, and are no more than asked
-    /// for; the evidence of each.
-    fn choose(
-        &self,
-        classes: &mut Vec<Class>,
-        parts: Option<usize>,
-        curve: &mut Vec<EvidencePoint>,
-        warnings: &mut Vec<Note>,
-    ) -> Vec<f64> {
-        let mut evident = 0;
+    /// Sets of parts, each without the part of the least evidence in the one before, down to the static part,
+    /// with what speaks for each part.
+    fn sets(&self, mut classes: Vec<Class>) -> Vec<(Vec<Class>, Vec<f64>)> {
+        let mut sets = Vec::new();
         loop {
-            let scores = self.weighed(classes);
-            curve.push(point(&scores));
+            let scores = self.weighed(&classes);
             // Of equal ones the later goes, which has fewer samples.
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
-            let Some(k) = weakest else { return scores };
-            let least = self.runs.first().map_or(0.0, |r| r.config.least_score);
-            let stands = scores[k] >= least;
-            // The first set that stands is what the evidence is for; the number asked for may be smaller.
-            if stands && evident == 0 {
-                evident = scores.len();
-            }
-            if stands && parts.is_none_or(|p| scores.len() <= p) {
-                if evident > scores.len() {
-                    warnings.push(more_than_asked(evident, scores.len()));
-                }
-                return scores;
-            }
+            sets.push((classes.clone(), scores));
+            let Some(k) = weakest else { return sets };
             classes.remove(k);
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::articulate::pair::{
-    reprojection::FREE,
+    reprojection::{CONTRADICTED, FREE},
     surface_pair::{EDGE, SurfacePair},
     unexplained::Unexplained,
 };
@@ -12,10 +12,6 @@ use crate::geometry::Pose;
 /// Tolerance of the distance from a plane against its scale while motions are polished.
 /// tuned: shared/bags
 const SOFT: f64 = 1.5;
-/// Cost of a sample that a motion which is polished takes into space seen empty, in samples that it takes
-/// onto planes.
-/// tuned: shared/bags
-const CONTRADICTED: f64 = 2.0;
 /// Angle between two colors that counts as one standard deviation, radians.
 /// tuned: shared/bags
 const HUE_SIGMA: f64 = 0.12;

@@ -2,12 +2,11 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
 
-use crate::articulate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
+use crate::articulate::{
+    observations::SurfaceSamples, pair::surface_pair::SurfacePair, samples::surface_graph::SAME_NORMAL,
+};
 use crate::geometry::Pose;
 
-/// Largest angle between the normal of a sample and that of its plane, as its cosine.
-/// tuned: shared/bags
-const SAME_NORMAL: f64 = 0.94;
 /// Largest distance of a sample from its plane, as a share of the reach.
 /// tuned: shared/bags
 const SAME_PLANE: f64 = 0.15;

@@ -65,9 +65,14 @@ pub struct Proposal {
     pub displacement_m: f64,
 }
 
-/// Two motions of one place that differ by less than this many gates are one.
+/// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by
+/// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
+/// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 /// tuned: shared/bags
-const TWIN_GATES: f64 = 2.5;
+pub(crate) const CHANCE: f64 = 5.0;
+/// Two motions of one place that differ by less than this many gates are one.
+/// derived: both lie within one gate of it
+const TWIN_GATES: f64 = 2.0;
 /// A motion with this share of another's support is none found again: badly placed matches seldom agree.
 /// tuned: shared/bags
 const TWIN_SUPPORT: f64 = 0.3;

@@ -13,13 +13,11 @@ use crate::articulate::{
     samples::{
         hinge::{axis_of_turn, axis_off_m, hinge_score},
         slip::{Slip, slips},
+        spacing::SETTLED,
     },
 };
 use crate::geometry::Pose;
 
-/// Finest step of a motion that is polished, as a share of the reach.
-/// tuned: shared/bags
-const FINEST: f64 = 0.03;
 /// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
 /// tuned: shared/bags
 const DETACHED: f64 = 0.1;
@@ -114,7 +112,7 @@ impl Search<'_, '_> {
     ) -> (f64, Pose) {
         let (mut best, mut step_m) = (*motion, 2.0 * self.pair.reach_m);
         let mut worth = worth_of(&best);
-        while step_m > FINEST * self.pair.reach_m {
+        while step_m > SETTLED * self.pair.reach_m {
             // Slips alone: along all other directions the surface holds a refined motion.
             let moves: Vec<Pose> =
                 slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();

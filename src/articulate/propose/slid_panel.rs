@@ -1,22 +1,14 @@
 //! Plain panels that slid within their plane: surface between what they left and what they reached.
 
 use crate::articulate::{
-    pair::{surface_pair::SurfacePair, unexplained::Unexplained},
+    pair::{point_to_plane::SAMPLES_PER_READING, surface_pair::SurfacePair, unexplained::Unexplained},
     propose::patch::{Band, Patch, faces, patches},
 };
 
 /// Patches tried per state.
-/// tuned: shared/bags
 const PATCHES: usize = 12;
-/// Fewest samples of a patch.
-/// tuned: shared/bags
-const LEAST_SAMPLES: f64 = 12.0;
-/// A patch that is tried must have this share of a state's samples: what slid within its plane leaves but a
-/// strip, and explains more.
-/// tuned: shared/bags
-const LEAST_PATCH: f64 = 0.001;
 /// What lies between two strips of one plane is surface if it has this share of the samples of its area.
-/// tuned: shared/bags
+/// derived: the majority
 const FILLED: f64 = 0.5;
 
 /// Patches of those `faces` of a state that hold samples which moved.
@@ -26,7 +18,8 @@ pub(crate) fn moved_patches(
     state: usize,
     faces: &[Vec<usize>],
 ) -> Vec<Patch> {
-    let least = (LEAST_PATCH * left.open[state].len() as f64).max(LEAST_SAMPLES) as usize;
+    // One reading: what slid within its plane leaves but a strip, and explains more.
+    let least = SAMPLES_PER_READING as usize;
     patches(pair, state, faces, &left.moved[state], least, PATCHES)
 }
 

@@ -33,9 +33,6 @@ const AGREEMENT: f64 = 0.35;
 /// The same of what hangs on a part that moves: it is tried in more places.
 /// tuned: shared/bags
 const FIRM_AGREEMENT: f64 = 0.6;
-/// Largest rotation that is tried, radians.
-/// tuned: shared/bags
-const LARGEST_TURN: f64 = 2.9;
 
 /// What a patch may hang on, in one state.
 struct Body {
@@ -162,7 +159,7 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     ];
     // A step at which the far side moves by one step of a slide.
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
-    let turns = (LARGEST_TURN / turn_step) as i64;
+    let turns = (std::f64::consts::PI / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
         let screw = Screw {
             direction: Unit::new_normalize(direction),

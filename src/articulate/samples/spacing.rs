@@ -4,6 +4,10 @@ use nalgebra::Point3;
 
 use crate::articulate::observations::SurfaceSamples;
 
+/// Motions that differ by less than this share of the reach are one.
+/// tuned: shared/bags
+pub(crate) const SETTLED: f64 = 0.02;
+
 /// The wished reach, or more where the samples lie too far apart for it.
 pub(crate) fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
     let spacing_m = surfaces.map(|s| spacing_m(&s.points, wished_m));

@@ -39,15 +39,19 @@ const OWN_PULL: f32 = 4.0;
 /// tuned: shared/bags
 const ISLAND_SHARE: f32 = 0.02;
 
+/// Deviation of a surface's normals (length of their difference, or slope of an offset against a tangent
+/// plane) that counts as one standard deviation.
+///
+/// tuned: shared/bags
+pub(crate) const NORMAL_SIGMA: f64 = 0.35;
+/// Cosine between normals of one plane.
+///
+/// derived: unit vectors that differ by [`NORMAL_SIGMA`]
+pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
 /// Weight of the offset from the tangent planes against that along them, squared.
 ///
-/// tuned: shared/bags
-const LIFT: f64 = 4.0;
-/// Neighbors on one flat patch: largest difference of the normals, and largest slope of the offset against
-/// the tangent planes, which is as large between neighbors on a bent surface.
-///
-/// tuned: shared/bags
-const PATCH_BEND: f64 = 0.3;
+/// derived: in standard deviations of a normal, the mean over both planes
+const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
 /// A patch stands for one part if its evidence for all others is less than this share of that for the part.
 ///
 /// tuned: shared/bags
@@ -249,7 +253,8 @@ fn neighbors_of(
 fn on_one_patch(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
     let offset = samples.points[j] - samples.points[i];
     let lift = samples.normals[i].dot(&offset).abs().max(samples.normals[j].dot(&offset).abs());
-    (samples.normals[j] - samples.normals[i]).norm() < PATCH_BEND && lift < PATCH_BEND * offset.norm()
+    // The slope of the offset is as large between neighbors on a bent surface as the difference of the normals.
+    (samples.normals[j] - samples.normals[i]).norm() < NORMAL_SIGMA && lift < NORMAL_SIGMA * offset.norm()
 }
 
 /// Number of the connected component that each sample is in, over the neighbors for which `joined` holds.

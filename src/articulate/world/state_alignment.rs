@@ -9,14 +9,14 @@ use rand_core::Rng;
 
 use crate::articulate::{
     observations::LiftedMatch,
-    propose::ransac::{CellCounter, Gate, RansacConfig, common_motions},
+    propose::ransac::{CHANCE, CellCounter, Gate, RansacConfig, common_motions},
 };
 use crate::geometry::Pose;
 
-/// Cells of matches that a motion needs to count: more than wrong matches give by chance.
+/// Cells of matches that a motion needs to count.
 ///
-/// tuned: shared/bags
-const LEAST_CELLS: f64 = 8.0;
+/// derived: three fix a motion, beside those that wrong matches give by chance
+const LEAST_CELLS: f64 = CHANCE + 3.0;
 /// The motion of the world must be supported by this many times the cells of the next one.
 ///
 /// tuned: shared/bags
