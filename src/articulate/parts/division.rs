@@ -161,7 +161,8 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
     let (labels, _) = label(&pair.surfaces, motions);
     let (scores, _) = weighed_as(pair, motions, &labels);
-    // Errors of depth that change along a surface give nearly as much to two motions, but not to either alone.
+    // Errors of depth that change along a surface give nearly as much to two motions, but not to either
+    // alone.
     let slight = SLIGHT * least;
     let mut best = (slight, None);
     // Each half must stand by itself later, so that less than twice the least evidence is not worth a cut.

@@ -253,7 +253,7 @@ fn neighbors_of(
 fn on_one_patch(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
     let offset = samples.points[j] - samples.points[i];
     let lift = samples.normals[i].dot(&offset).abs().max(samples.normals[j].dot(&offset).abs());
-    // The slope of the offset is as large between neighbors on a bent surface as the difference of the normals.
+    // On a bent surface the slope of the offset is as large as the difference of the normals.
     (samples.normals[j] - samples.normals[i]).norm() < NORMAL_SIGMA && lift < NORMAL_SIGMA * offset.norm()
 }
 

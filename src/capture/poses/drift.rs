@@ -94,7 +94,7 @@ impl Drift {
         corrections: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
-        // Of the distances that the frames see, as information about corrections (docs/method.md 2.14).
+        // Of the distances that the frames see, as information about corrections: docs/method.md (2.14).
         let marginal = information - information * covariance * information;
         let pull = information * corrections;
         let carried = &marginal * &self.from_steps;
