@@ -10,6 +10,7 @@ use crate::{
     gap::{
         judge::report::{ExportNote, JointReport},
         model::{
+            effects::end_stop::MAX_IMPEDANCE,
             format::{Expression, Format, JointNumbers, Spring},
             joint_model::{CREEP, Catalogue},
         },
@@ -205,7 +206,7 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
         // Negative numbers are the direct form, stiffness and damping by unit of inertia.
         let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
         // MuJoCo's own bounds of an impedance.
-        let impedance = stop.impedance.clamp(1e-4, 0.9999);
+        let impedance = stop.impedance.clamp(1e-4, MAX_IMPEDANCE);
         let _ = write!(
             text,
             " limited=\"true\" range=\"{low} {high}\" solreflimit=\"{solver}\" \

@@ -17,6 +17,7 @@ use crate::gap::{
         effect::{At, Place, Response, Spec, run_time_s},
         joint_model::{JointModel, SETTLE_S, Term},
     },
+    record::off_axis::MAX_LEFT,
 };
 
 /// Score that a fit which has begun does not make up for any more.
@@ -83,9 +84,9 @@ impl Search {
             let is_push = |c: &Candidate| {
                 c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
             };
-            let wanted = |c: &Candidate| {
-                self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE })
-            };
+            // One window that was misread looks like a push: it must bring more than an explanation may leave.
+            let wanted =
+                |c: &Candidate| self.least_gain.max(gained * if is_push(c) { MAX_LEFT } else { MIN_SHARE });
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
             // Sets behind the finalists were not fitted to the end.
             if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
@@ -121,13 +122,8 @@ pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
 /// tuned: tests/python/gap/generate.py.
 const MIN_FELT: f64 = 0.02;
 
-/// Share of the fall of a friction with speed below which an effort of the speed alone mends the shape of
-/// that fall: of the laws in use none is known better.
-/// tuned: tests/python/gap/generate.py.
-const MAX_MEND: f64 = 0.15;
-
-/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are small beside
-/// that fall.
+/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are smaller than
+/// what an explanation of that fall may leave: they mend its shape, of which the laws in use know no more.
 fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     let of = |t: &Term| &problem.catalogue[t.effect];
     let fall = model.terms.iter().map(|t| of(t).fall(&t.p)).fold(0.0, f64::max);
@@ -146,7 +142,7 @@ fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
         menders.iter().map(one).sum()
     };
     let top = problem.coverage.speed.1;
-    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_MEND * fall)
+    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_LEFT * fall)
 }
 
 /// Whether an effort or a friction is strong enough to stand beside other effects.
@@ -323,9 +319,6 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
 /// Share of the gain so far that one more effect must add.
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
-/// The same for a push: one window that was misread looks like one.
-/// tuned: tests/python/gap/generate.py.
-const MIN_SHARE_OF_PUSH: f64 = 0.15;
 /// Candidates that are fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 
