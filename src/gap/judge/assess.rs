@@ -169,9 +169,6 @@ const FIRST_NOISE: f64 = 0.05;
 /// Multiple of the noise up to which a name may leave the gap open.
 /// tuned: tests/python/gap/generate.py.
 const MAX_FLOORS: f64 = 1.5;
-/// Multiple of the noise that no name may leave, whatever it closes.
-/// tuned: tests/python/gap/generate.py.
-const TOO_MANY_FLOORS: f64 = 50.0;
 
 /// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
 fn is_proven(gap: &Gap) -> bool {
@@ -185,8 +182,7 @@ fn is_proven(gap: &Gap) -> bool {
     };
     let floor = gap.noise_floor;
     let closes = |before: f64, after: f64| {
-        let small = left_of(before, after, floor) <= MAX_LEFT && after <= TOO_MANY_FLOORS * floor;
-        after <= before && (small || after <= MAX_FLOORS * floor)
+        after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
     };
     // An effect that acts in few windows shows in all of them alone.
     closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
