@@ -20,8 +20,8 @@ use crate::gap::{
 /// tuned: tests/python/gap/generate.py.
 const LAG_SHARE: f64 = 0.06;
 /// Least relative noise of the effort.
-/// tuned: tests/python/gap/generate.py.
-const MIN_EFFORT_NOISE: f64 = 2e-4;
+/// derived: rounding to a 32-bit float, as which drivers hold an effort, 2^-24.
+const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Most parts of a cross-validation.
 const FOLDS: usize = 6;

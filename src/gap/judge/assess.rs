@@ -169,27 +169,20 @@ const FIRST_NOISE: f64 = 0.05;
 /// Multiple of the noise up to which a name may leave the gap open.
 /// tuned: tests/python/gap/generate.py.
 const MAX_FLOORS: f64 = 1.5;
-/// Multiple of the noise that no name may leave, whatever it closes.
-/// tuned: tests/python/gap/generate.py.
-const TOO_MANY_FLOORS: f64 = 50.0;
-/// Share of the windows that may miss: one that starts on an edge (of a stop, a catch, a balance) cannot be
-/// predicted.
-/// tuned: tests/python/gap/generate.py.
-const UNPREDICTED: f64 = 0.1;
 
 /// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
 fn is_proven(gap: &Gap) -> bool {
     let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
     // The same windows are left out before and after: those that the updated twin misses most.
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
-    windows.truncate(windows.len() - (UNPREDICTED * windows.len() as f64) as usize);
+    // One that starts on an edge (of a stop, a catch, a balance) cannot be predicted.
+    windows.truncate(windows.len() - (MAX_LEFT * windows.len() as f64) as usize);
     let mean = |of: fn(&WindowGap) -> f64| {
         (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt()
     };
     let floor = gap.noise_floor;
     let closes = |before: f64, after: f64| {
-        let small = left_of(before, after, floor) <= MAX_LEFT && after <= TOO_MANY_FLOORS * floor;
-        after <= before && (small || after <= MAX_FLOORS * floor)
+        after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
     };
     // An effect that acts in few windows shows in all of them alone.
     closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))

@@ -17,11 +17,8 @@ use crate::gap::{
         effect::{At, Place, Response, Spec, run_time_s},
         joint_model::{JointModel, SETTLE_S, Term},
     },
+    record::off_axis::MAX_LEFT,
 };
-
-/// Score that a fit which has begun does not make up for any more.
-/// tuned: tests/python/gap/generate.py.
-pub const HOPELESS: f64 = 300.0;
 
 /// A fitted set of effects.
 #[derive(Clone, Debug)]
@@ -83,9 +80,9 @@ impl Search {
             let is_push = |c: &Candidate| {
                 c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
             };
-            let wanted = |c: &Candidate| {
-                self.least_gain.max(gained * if is_push(c) { MIN_SHARE_OF_PUSH } else { MIN_SHARE })
-            };
+            // One window that was misread looks like a push: it must bring more than an explanation may leave.
+            let wanted =
+                |c: &Candidate| self.least_gain.max(gained * if is_push(c) { MAX_LEFT } else { MIN_SHARE });
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
             // Sets behind the finalists were not fitted to the end.
             if let Some(first) = sets.iter().take(FINALISTS).find(enough) {
@@ -121,13 +118,8 @@ pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
 /// tuned: tests/python/gap/generate.py.
 const MIN_FELT: f64 = 0.02;
 
-/// Share of the fall of a friction with speed below which an effort of the speed alone mends the shape of
-/// that fall: of the laws in use none is known better.
-/// tuned: tests/python/gap/generate.py.
-const MAX_MEND: f64 = 0.15;
-
-/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are small beside
-/// that fall.
+/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are smaller than
+/// what an explanation of that fall may leave: they mend its shape, of which the laws in use know no more.
 fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     let of = |t: &Term| &problem.catalogue[t.effect];
     let fall = model.terms.iter().map(|t| of(t).fall(&t.p)).fold(0.0, f64::max);
@@ -146,7 +138,7 @@ fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
         menders.iter().map(one).sum()
     };
     let top = problem.coverage.speed.1;
-    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_MEND * fall)
+    (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_LEFT * fall)
 }
 
 /// Whether an effort or a friction is strong enough to stand beside other effects.
@@ -215,16 +207,13 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
         let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
-            // A worse parent has to make up for what it lacks, of which the first order predicts a part.
-            let lacks = 0.5 * (best_before - parent.score);
-            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 }, wanted + lacks);
+            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             // Not even the first order promises enough beside the best set.
             if rank == 0 && hope < least_gain {
                 return Search { by_size, disturbance, least_gain };
             }
-            let best = found.iter().map(|c| c.score).fold(f64::NEG_INFINITY, f64::max);
-            found.extend(grow(problem, parent, &hits, best));
+            found.extend(grow(problem, parent, &hits));
         }
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
@@ -278,7 +267,7 @@ pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     let mut chosen = by_size[0][0].clone();
     for effect in effects {
         let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
-        let grown = best_of_each_set(grow(problem, &chosen, &[hits], f64::NEG_INFINITY));
+        let grown = best_of_each_set(grow(problem, &chosen, &[hits]));
         // Alone, an effect may show nothing beside the others that are still to come.
         let Some(next) = grown.into_iter().next() else { continue };
         chosen = next;
@@ -295,27 +284,13 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
         left.sort_unstable();
         !known.iter().any(|k| k.effects() == left)
     };
-    let best = known.first().map_or(f64::NEG_INFINITY, |k| k.score);
     let one = |i: usize| {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
         let begun =
             fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::NEXT);
-        let begun = candidate(problem, begun);
-        if begun.score < best - HOPELESS {
-            return begun;
-        }
-        candidate(
-            problem,
-            fit(
-                problem,
-                &begun.fit.model,
-                Some(&begun.fit.starts),
-                begun.fit.sigma_u,
-                Free::All,
-                Pace::thorough(3),
-            ),
-        )
+        let (starts, sigma_u) = (Some(begun.starts.as_slice()), begun.sigma_u);
+        candidate(problem, fit(problem, &begun.model, starts, sigma_u, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
@@ -323,15 +298,8 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
 /// Share of the gain so far that one more effect must add.
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
-/// The same for a push: one window that was misread looks like one.
-/// tuned: tests/python/gap/generate.py.
-const MIN_SHARE_OF_PUSH: f64 = 0.15;
 /// Candidates that are fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
-
-/// Share of the leader's gain that a candidate must have to be fitted to the end.
-/// tuned: tests/python/gap/generate.py.
-const CLOSE: f64 = 0.5;
 
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;
@@ -340,7 +308,7 @@ const PLAY_FITS: usize = 3;
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
-fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) -> Vec<Candidate> {
+fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
     let first = |m: &JointModel| {
         let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
@@ -371,14 +339,12 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>], found: f64) ->
     // Play is found window by window; under the smaller noise of a better fit more of them find their side of
     // the gap.
     let has_play = |c: &Candidate| c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
-    // Who gains little beside the leader will not catch up.
-    let leading = fits.first().map_or(found, |c| c.score.max(found)) - parent.score;
-    let is_close = |c: &Candidate| c.score - parent.score >= CLOSE * leading;
+    let gains = |c: &Candidate| c.score >= parent.score;
     let end = |c: &Candidate| {
         let alone = has_play(c) && parent.fit.model.terms.is_empty();
-        let mut now = if is_close(c) || alone { further(c) } else { return c.clone() };
+        let mut now = if gains(c) || alone { further(c) } else { return c.clone() };
         for _ in 1..PLAY_FITS {
-            let next = if has_play(&now) && is_close(&now) { further(&now) } else { return now };
+            let next = if has_play(&now) && gains(&now) { further(&now) } else { return now };
             if next.score < now.score + MIN_GAIN_OF_PLAY_FIT {
                 return next;
             }
@@ -407,16 +373,8 @@ fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     kept
 }
 
-/// Multiple of its first-order gain that a fit may bring, and what it may bring above that.
-/// tuned: tests/python/gap/generate.py.
-const HOPE: (f64, f64) = (3.0, 20.0);
-/// Share of the best first-order gain below which an effect is not fitted.
-/// tuned: tests/python/gap/generate.py.
-const MIN_SHARE_OF_BEST: f64 = 0.1;
-
-/// Best shapes, so many of each, of the effects that score best beside a candidate and may bring what is
-/// wanted.
-fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wanted: f64) -> Vec<Vec<Hit>> {
+/// Best shapes, so many of each, of the effects that score best beside a candidate.
+fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) -> Vec<Vec<Hit>> {
     // A fit has a fixed number of columns, and an effect may need three more.
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
@@ -434,9 +392,6 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize, wa
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);
-    let best = hits.iter().map(|h| h[0].gain).fold(0.0, f64::max);
-    let may = |h: &[Hit]| HOPE.0 * h[0].gain + HOPE.1 >= wanted + n.ln() * h[0].p.len() as f64;
-    hits.retain(|h| may(h) && h[0].gain >= MIN_SHARE_OF_BEST * best);
     hits
 }
 

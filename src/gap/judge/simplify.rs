@@ -6,13 +6,14 @@ use crate::gap::{
         problem::Problem,
         shooting::{Free, Pace, fit},
     },
-    judge::search::{Candidate, HOPELESS, candidate},
+    judge::search::{Candidate, candidate},
     model::joint_model::{JointModel, Term},
 };
 
-/// Score by which a special case may fall behind the effect that contains it.
+/// Score by which a simpler set may fall behind: a special case behind the effect that contains it, a set
+/// without an effect behind the set with it.
 /// derived: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
-const SPECIAL_CASE: f64 = 10.0;
+const SIMPLER: f64 = 10.0;
 /// Half width of a 95 % interval, in standard deviations.
 /// derived: quantile of the normal distribution.
 pub const HALF_WIDTH: f64 = 1.959_964;
@@ -31,7 +32,7 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
         let mut model = chosen.fit.model.clone();
         model.terms.remove(doubtful);
         let without = refitted(problem, &chosen, &model);
-        if without.score < chosen.score - HOPELESS {
+        if without.score < chosen.score - SIMPLER {
             // One short contact does not distinguish its strengths: each is unsure, and yet something pushes.
             kept = doubtful + 1;
         } else {
@@ -75,12 +76,8 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let begun =
                 fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.sigma_u, Free::All, Pace::NEXT);
             let begun = candidate(problem, begun);
-            // So far behind after a first round, a fit does not catch up.
-            if lost_is_sure && begun.score < chosen.score - HOPELESS {
-                continue;
-            }
             let fitted = refitted(problem, &begun, &begun.fit.model);
-            if fitted.score > chosen.score - SPECIAL_CASE || (!lost_is_sure && fitted.score.is_finite()) {
+            if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
             }
         }

@@ -11,8 +11,8 @@ use crate::gap::{
         shooting::{Fit, Free, Pace, fit},
     },
     judge::{
-        locate::{Dependence, locate},
-        name_weight::rivals_in_doubt,
+        locate::{Dependence, Variable, locate},
+        name_weight::{least_gain, rivals_in_doubt},
         screen::Screen,
         search::{Breadth, Candidate, Search, given, search},
         simplify::{HALF_WIDTH, simplified},
@@ -121,19 +121,9 @@ impl Diagnosis {
     }
 }
 
-/// Share of the twin's effort noise that may be left; what remains beyond it is no noise.
-/// tuned: tests/python/gap/generate.py.
-const MAX_NOISE_LEFT: f64 = 0.4;
-/// Effort noise that may be left, as a share of the recorded effort, unless it is a small share of the
-/// twin's.
-/// tuned: tests/python/gap/generate.py.
-const MAX_NOISE_SHARE: f64 = 0.1;
 /// Level of the test of a table.
 /// derived: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.01;
-/// Gain over its size that a table must have before it means that something is missing.
-/// tuned: tests/python/gap/generate.py.
-const MIN_TABLE_GAIN: f64 = 40.0;
 
 /// What the motion lacks for any diagnosis, as sentences that name what to record.
 #[must_use]
@@ -195,9 +185,12 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
     } else {
         locate(problem, &Screen::new(problem, &base.fit), rng)
     };
-    let excess = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
-    let open =
-        after.iter().filter(|d| d.q <= LEVEL && excess(d) > MIN_TABLE_GAIN).map(excess).fold(0.0, f64::max);
+    // A table stands by the rule for effects: its bins are priced as parameters are (14.15), and it must gain
+    // what one more of so many tables must.
+    let n = problem.samples().max(2) as f64;
+    let excess = |d: &Dependence| d.gain - n.ln() * d.bins.len() as f64;
+    let least = least_gain(Variable::ALL.len());
+    let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
     let mut diagnosis = Diagnosis {
         verdict: Verdict::None,
         findings: Vec::new(),
@@ -236,8 +229,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
 /// noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
-    let loud = chosen.fit.sigma_u > MAX_NOISE_SHARE * problem.coverage.effort_rms;
-    left > MAX_NOISE_LEFT || (loud && left > 0.4 * MAX_NOISE_LEFT)
+    let loud = chosen.fit.sigma_u > MAX_LEFT * problem.coverage.effort_rms;
+    // Of its variance; where it is a large share of the effort itself, of its size.
+    left * left > MAX_LEFT || (loud && left > MAX_LEFT)
 }
 
 /// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that

@@ -86,7 +86,8 @@ const NOISES: f64 = 3.0;
 /// derived: six decimals, which messages of poses hold at least.
 const LEAST: Across = Across { shift_m: 1e-6, turn_rad: 1e-6 };
 /// Share of what there is to explain that an explanation may leave: of poses off a joint, of what a table
-/// over one variable finds, of the gap of held-out runs.
+/// over one variable finds, of noise, of the gap and the windows of held-out runs. What brings less beside
+/// others need not be there.
 /// tuned: tests/python/gap/generate.py.
 pub const MAX_LEFT: f64 = 0.12;
 

@@ -1,11 +1,15 @@
 //! The variance components: errors without names, of the twin, of the camera's poses, and what is left.
 
-use crate::gap::camera::model::scales::Scales;
+use crate::gap::{
+    camera::model::scales::{GATE, Scales},
+    record::off_axis::MAX_LEFT,
+};
 
 /// Largest component over the gate: what is larger is an effect.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
-const LARGEST: f64 = 0.06;
+/// derived: the share that an explanation may leave of one standard deviation of what effects move, of which
+/// the gate is a multiple
+const LARGEST: f64 = MAX_LEFT / GATE;
 /// Values of each component in the grid.
 const STEPS: [usize; 3] = [4, 3, 3];
 

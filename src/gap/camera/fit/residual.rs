@@ -33,10 +33,6 @@ const PIXEL_SIGMA: f64 = 0.289;
 ///
 /// derived: 16UC1 has whole millimeters, 1 mm / sqrt(12)
 const ROUNDING_M: f64 = 0.000_289;
-/// Residuals along the ray that conflict where the surface has no normal, in gates.
-///
-/// tuned: made objects (tests/gap_frames.rs)
-const WITHOUT_NORMAL: f64 = 3.0;
 
 /// Compares all runs with a hypothesis; residuals beyond `gate_m` are conflicts.
 #[must_use]
@@ -143,9 +139,9 @@ impl FrameView<'_> {
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
         else {
-            // Without a normal there is no height over the surface: only a gross difference along the ray
-            // counts.
-            return (off_m.abs() > WITHOUT_NORMAL * self.gate_m).then(|| conflict(kind));
+            // Without a normal there is no height over the surface: only a difference along the ray counts
+            // that is beyond the gate at the most grazing angle that is used.
+            return (off_m.abs() * self.data.noise.grazing_cosine > self.gate_m).then(|| conflict(kind));
         };
         // (15.3)
         let residual_m = slant * off_m * camera.scale;

@@ -38,8 +38,8 @@ const DOUBT: f64 = 0.5;
 pub(super) const TYPE_COST: f64 = 0.8;
 /// The new type may cost this much more than effects that fit every state by itself.
 ///
-/// tuned: made objects (tests/gap_frames.rs)
-pub(super) const STATEWISE_COST: f64 = 1.2;
+/// derived: as many times more as it must cost less than the type in the twin
+pub(super) const STATEWISE_COST: f64 = 1.0 / TYPE_COST;
 /// Steps of refinement.
 const STEPS: usize = 5;
 /// Starts of each type that are refined.

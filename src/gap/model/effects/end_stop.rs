@@ -34,8 +34,8 @@ const SPEC: Spec = Spec {
 /// derived: one over a step of 5 ms.
 const STIFF_RATE: f64 = 200.0;
 /// Largest share of the other efforts that a stop takes off.
-/// tuned: tests/python/gap/generate.py.
-const MAX_IMPEDANCE: f64 = 0.98;
+/// derived: the largest impedance that MuJoCo takes (mjMAXIMP).
+pub const MAX_IMPEDANCE: f64 = 0.9999;
 
 impl Effect for EndStop {
     fn spec(&self) -> &'static Spec {

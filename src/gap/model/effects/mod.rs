@@ -12,7 +12,7 @@ mod detent;
 mod disturbance;
 mod encoder_bias;
 mod encoder_scale;
-mod end_stop;
+pub mod end_stop;
 mod hardening_spring;
 mod inertia;
 mod load_dependent_friction;
