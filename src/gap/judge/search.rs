@@ -80,7 +80,7 @@ impl Search {
             let is_push = |c: &Candidate| {
                 c.fit.model.terms.len() > 1 && self.disturbance.is_some_and(|d| c.effects().contains(&d))
             };
-            // One window that was misread looks like a push: it must bring more than an explanation may leave.
+            // One window that was misread looks like a push: it must bring more than may be left.
             let wanted =
                 |c: &Candidate| self.least_gain.max(gained * if is_push(c) { MAX_LEFT } else { MIN_SHARE });
             let enough = |c: &&Candidate| c.score > best.score + wanted(c);
