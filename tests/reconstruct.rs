@@ -60,3 +60,17 @@ fn the_drawer_slides_and_the_same_seed_gives_the_same_files() {
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
     assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");
 }
+
+#[test]
+fn a_measured_recording_in_which_nothing_moved_is_one_part() {
+    let out = folder("reconstruct-real-box");
+    let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
+        .args(["reconstruct", "bags/real_box", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report = std::fs::read_to_string(out.join("real_box/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["part_count"]["found"], &report["joints"]), (&1.into(), &serde_json::json!([])));
+}
