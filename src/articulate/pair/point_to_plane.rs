@@ -7,9 +7,13 @@ use rayon::prelude::*;
 use crate::articulate::{observations::LiftedMatch, pair::surface_pair::SurfacePair};
 use crate::geometry::{Pose, exp_so3};
 
-/// Residuals beyond this many standard deviations lose their weight (Geman-McClure).
+/// Surface residuals beyond this many standard deviations lose their weight (Geman-McClure).
 /// derived: nine tenths of the efficiency of least squares where errors are normal
-const ROBUST_SIGMAS: f64 = 2.9;
+const SURFACE_SIGMAS: f64 = 2.9;
+/// Match residuals beyond this many standard deviations lose their weight (Geman-McClure): more of them are
+/// wrong.
+/// tuned: shared/bags
+const MATCH_SIGMAS: f64 = 2.0;
 /// Samples of a smooth surface repeat each other's errors: this many count as one.
 /// tuned: shared/bags
 pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
@@ -142,7 +146,7 @@ pub(crate) fn refine(
         let sigma = pair.scales.plane_m;
         for p in &planes {
             let (moved, normal, residual) = p.under(&motion);
-            let z = residual / (ROBUST_SIGMAS * sigma);
+            let z = residual / (SURFACE_SIGMAS * sigma);
             // The weight of docs/method.md (1.5), by the samples that share an error.
             let weight = (sigma * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
             // Where the normal moves along, `R n . (T p - q)` turns with the target point.
@@ -151,7 +155,7 @@ pub(crate) fn refine(
         for m in matches {
             let moved = motion * m.point0;
             let offset = moved - m.point1;
-            let z = offset.norm() / (ROBUST_SIGMAS * m.sigma_m);
+            let z = offset.norm() / (MATCH_SIGMAS * m.sigma_m);
             let weight = (m.sigma_m * (1.0 + z * z)).powi(-2);
             // A match fixes all three components: three planes along the axes.
             for k in 0..3 {

@@ -71,8 +71,8 @@ pub struct Proposal {
 /// tuned: shared/bags
 pub(crate) const CHANCE: f64 = 5.0;
 /// Two motions of one place that differ by less than this many gates are one.
-/// derived: both lie within one gate of it
-const TWIN_GATES: f64 = 2.0;
+/// tuned: shared/bags
+const TWIN_GATES: f64 = 2.5;
 /// A motion with this share of another's support is none found again: badly placed matches seldom agree.
 /// tuned: shared/bags
 const TWIN_SUPPORT: f64 = 0.3;

@@ -7,6 +7,10 @@ use crate::articulate::{
 
 /// Patches tried per state.
 const PATCHES: usize = 12;
+/// A patch that is tried must have this share of a state's samples: what slid within its plane leaves but a
+/// strip, and explains more.
+/// tuned: shared/bags
+const LEAST_PATCH: f64 = 0.001;
 /// What lies between two strips of one plane is surface if it has this share of the samples of its area.
 /// derived: the majority
 const FILLED: f64 = 0.5;
@@ -18,8 +22,7 @@ pub(crate) fn moved_patches(
     state: usize,
     faces: &[Vec<usize>],
 ) -> Vec<Patch> {
-    // One reading: what slid within its plane leaves but a strip, and explains more.
-    let least = SAMPLES_PER_READING as usize;
+    let least = (LEAST_PATCH * left.open[state].len() as f64).max(SAMPLES_PER_READING) as usize;
     patches(pair, state, faces, &left.moved[state], least, PATCHES)
 }
 

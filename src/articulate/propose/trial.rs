@@ -159,7 +159,8 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     ];
     // A step at which the far side moves by one step of a slide.
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
-    let turns = (std::f64::consts::PI / turn_step) as i64;
+    // Half a turn takes a patch to its own plane, end for end: that is not decided here.
+    let turns = ((std::f64::consts::PI - 2.0 * PARALLEL) / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
         let screw = Screw {
             direction: Unit::new_normalize(direction),

@@ -288,6 +288,9 @@ fn most_likely(
         let mut sizes = Sizes { poses: vec![errors; problems.len()], ..before.clone() };
         for _ in 0..SIZES {
             sizes = resized(problems, at, warp, &step(problems, sums, at, warp, &sizes)?, &sizes);
+            if errors == PoseErrors::WITHOUT_DRIFT {
+                sizes.poses.iter_mut().for_each(|p| p.walk = errors.walk);
+            }
         }
         let likelihood = step(problems, sums, at, warp, &sizes)?.log_likelihood;
         Some((sizes, likelihood))
