@@ -2,7 +2,9 @@
 //! lie within reach of one motion between theirs. Where along the surface the motion changes, it is divided.
 //! See docs/method.md 6.6.
 
-use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, SVector, SymmetricEigen, Vector3, Vector6};
 
 use crate::articulate::{
     pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
@@ -14,6 +16,7 @@ use crate::articulate::{
         score::{surface_evidence, unexplained, weighed, weighed_as},
         settle::round,
     },
+    samples::spacing::cell_of,
 };
 use crate::geometry::Pose;
 
@@ -35,6 +38,12 @@ const STEP: f64 = 0.5;
 /// Values that two motions have and one has not.
 /// derived: six of a rigid motion, and where they part
 const VALUES: f64 = 7.0;
+/// Values that a motion which changes along the surface has more than one that does not.
+/// derived: six of a rigid motion's change
+const BEND_VALUES: f64 = 6.0;
+/// Side of the blocks of surface that share errors, in radii.
+/// derived: a sixth of the side of a square plate, as in docs/method.md (8.10), whose radius is `side / sqrt 6`
+const BLOCK_RADII: f64 = 0.408;
 
 /// A correspondence, linear in a small motion (rotation vector in radii, shift).
 struct Reading {
@@ -93,11 +102,10 @@ struct Follower {
 }
 
 impl Follower {
-    /// The cut that lowers the sum of squares most, if by enough.
+    /// The cut that lowers the sum of squares most, if by more than errors that run along the surface feign.
     fn cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
-        // The fall that is chance (Bayesian information criterion).
-        let least_fall = VALUES * (self.readings.len() as f64 / SAMPLES_PER_READING).ln();
+        let count = self.readings.len() as f64 / SAMPLES_PER_READING;
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
             self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
@@ -115,17 +123,58 @@ impl Follower {
                 let [Some(a), Some(b)] = sides else { continue };
                 // The fall of docs/method.md (6.11).
                 let fall = one - a.0 - b.0;
-                if fall > best.as_ref().map_or(least_fall, |b| b.0) {
-                    let motions = [a.1, b.1].map(|twist| {
+                if fall > best.as_ref().map_or(0.0, |b| b.0) {
+                    let steps = [a.1, b.1];
+                    let motions = steps.map(|twist| {
                         let turn = twist.fixed_rows::<3>(0) / self.radius_m;
                         step(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
                     });
                     let at_m = 0.5 * (along(&self.readings[first - 1]) + along(&self.readings[first]));
-                    best = Some((fall, Cut { axis: *axis, at_m, motions }));
+                    best = Some((fall, Cut { axis: *axis, at_m, steps, motions }));
                 }
             }
         }
-        best.map(|b| b.1)
+        let (fall, cut) = best?;
+        // Bayesian information criterion, of readings that err together.
+        let dispersion = self.dispersion(&cut);
+        let price = dispersion * (count / dispersion).max(1.0).ln();
+        let bend = self.axes.iter().filter_map(|axis| self.bend(axis)).fold(0.0, f64::max);
+        (fall - VALUES * price > f64::max(bend - BEND_VALUES * price, 0.0)).then_some(cut)
+    }
+
+    /// By how much the sum of squares falls where the motion changes evenly along an axis, which bends the
+    /// surface: a depth sensor does that to one part, and two parts part at a place. See docs/method.md 6.6.
+    fn bend(&self, axis: &Vector3<f64>) -> Option<f64> {
+        let n = self.readings.len() as f64;
+        let middle = self.readings.iter().map(|r| axis.dot(&r.place.coords)).sum::<f64>() / n;
+        let (mut matrix, mut right) = (SMatrix::<f64, 12, 12>::zeros(), SVector::<f64, 12>::zeros());
+        for r in &self.readings {
+            let along = (axis.dot(&r.place.coords) - middle) / self.radius_m;
+            let row = SVector::<f64, 12>::from_fn(|k, _| if k < 6 { r.row[k] } else { along * r.row[k - 6] });
+            matrix += row * row.transpose() * r.weight;
+            right -= row * (r.residual_m * r.weight);
+        }
+        let own: Vector6<f64> = right.fixed_rows::<6>(0).into();
+        let one: Matrix6<f64> = matrix.fixed_view::<6, 6>(0, 0).into();
+        let one = (one + Matrix6::identity() * self.prior).cholesky()?.solve(&own);
+        let bent = (matrix + SMatrix::<f64, 12, 12>::identity() * self.prior).cholesky()?.solve(&right);
+        Some(right.dot(&bent) - own.dot(&one))
+    }
+
+    /// By how much residuals that a cut leaves err together: the mean square of the weighted sums of blocks
+    /// of the surface against what independent readings give, at least 1. See docs/method.md 6.6.
+    fn dispersion(&self, cut: &Cut) -> f64 {
+        let block_m = BLOCK_RADII * self.radius_m;
+        let mut blocks: BTreeMap<(bool, [i64; 3]), (f64, f64)> = BTreeMap::new();
+        for r in &self.readings {
+            let second = cut.axis.dot(&r.place.coords) > cut.at_m;
+            let left_m = r.residual_m + r.row.dot(&cut.steps[usize::from(second)]);
+            let (sum, weight) = blocks.entry((second, cell_of(&r.place, block_m))).or_default();
+            *sum += r.weight * left_m;
+            *weight += r.weight;
+        }
+        let squares: f64 = blocks.values().map(|(sum, weight)| sum * sum / weight).sum();
+        (squares / blocks.len().max(1) as f64).max(1.0)
     }
 }
 
@@ -133,6 +182,8 @@ impl Follower {
 struct Cut {
     axis: Vector3<f64>,
     at_m: f64,
+    /// Of the motion on either side: rotation vector in radii, shift.
+    steps: [Vector6<f64>; 2],
     motions: [Pose; 2],
 }
 
