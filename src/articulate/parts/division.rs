@@ -42,7 +42,7 @@ const VALUES: f64 = 7.0;
 /// derived: six of a rigid motion's change
 const BEND_VALUES: f64 = 6.0;
 /// Side of the blocks of surface that share errors, in radii.
-/// derived: a sixth of the side of a square plate, as in docs/method.md (8.10), whose radius is `side / sqrt 6`
+/// derived: a sixth of the side of a square plate, whose radius is `side / sqrt 6`; see docs/method.md (8.10)
 const BLOCK_RADII: f64 = 0.408;
 
 /// A correspondence, linear in a small motion (rotation vector in radii, shift).
