@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, SVector, SymmetricEigen, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
 use crate::articulate::{
     pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
@@ -15,6 +15,7 @@ use crate::articulate::{
         matched_pair::MatchedPair,
         score::{surface_evidence, unexplained, weighed, weighed_as},
         settle::round,
+        step_field::{Design, Reading, StepField, steps},
     },
     samples::spacing::cell_of,
 };
@@ -35,23 +36,9 @@ const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
 /// derived: two of them are the reach, within which both motions lie
 const STEP: f64 = 0.5;
-/// Values that two motions have and one has not.
-/// derived: six of a rigid motion, and where they part
-const VALUES: f64 = 7.0;
-/// Values that a motion which changes along the surface has more than one that does not.
-/// derived: six of a rigid motion's change
-const BEND_VALUES: f64 = 6.0;
 /// Side of the blocks of surface that share errors, in radii.
 /// derived: a sixth of the side of a square plate, whose radius is `side / sqrt 6`; see docs/method.md (8.10)
 const BLOCK_RADII: f64 = 0.408;
-
-/// A correspondence, linear in a small motion (rotation vector in radii, shift).
-struct Reading {
-    place: Point3<f64>,
-    row: Vector6<f64>,
-    residual_m: f64,
-    weight: f64,
-}
 
 /// Least squares of a small motion.
 #[derive(Clone, Copy)]
@@ -105,7 +92,6 @@ impl Follower {
     /// The cut that lowers the sum of squares most, if by more than errors that run along the surface feign.
     fn cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
-        let count = self.readings.len() as f64 / SAMPLES_PER_READING;
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
             self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
@@ -134,31 +120,40 @@ impl Follower {
                 }
             }
         }
-        let (fall, cut) = best?;
-        // Bayesian information criterion, of readings that err together.
-        let dispersion = self.dispersion(&cut);
-        let price = dispersion * (count / dispersion).max(1.0).ln();
-        let bend = self.axes.iter().filter_map(|axis| self.bend(axis)).fold(0.0, f64::max);
-        (fall - VALUES * price > f64::max(bend - BEND_VALUES * price, 0.0)).then_some(cut)
+        let cut = best?.1;
+        let field =
+            StepField { readings: &self.readings, prior: self.prior, dispersion: self.dispersion(&cut) };
+        let second = |r: &Reading| f64::from(u8::from(cut.axis.dot(&r.place.coords) > cut.at_m));
+        // One of so many cuts, as likely as another.
+        let cuts = (CUTS * self.axes.len()) as f64;
+        let divided = field.log_evidence(&|r| steps(r, &[1.0 - second(r), second(r)]))? - cuts.ln();
+        let one = field.log_evidence(&|r| steps(r, &[1.0]))?;
+        let by_sensor =
+            self.sensor_errors(motion).iter().filter_map(|m| field.log_evidence(m)).fold(one, f64::max);
+        (divided > by_sensor).then_some(cut)
     }
 
-    /// By how much the sum of squares falls where the motion changes evenly along an axis, which bends the
-    /// surface: a depth sensor does that to one part, and two parts part at a place. See docs/method.md 6.6.
-    fn bend(&self, axis: &Vector3<f64>) -> Option<f64> {
+    /// What a depth sensor does to one part: it bends the surface, so that its step changes evenly along one
+    /// direction or all, and displaces it along its normals, evenly or by place and by facing. See
+    /// docs/method.md 6.6.
+    fn sensor_errors(&self, motion: &Pose) -> Vec<Box<Design<'_>>> {
         let n = self.readings.len() as f64;
-        let middle = self.readings.iter().map(|r| axis.dot(&r.place.coords)).sum::<f64>() / n;
-        let (mut matrix, mut right) = (SMatrix::<f64, 12, 12>::zeros(), SVector::<f64, 12>::zeros());
-        for r in &self.readings {
-            let along = (axis.dot(&r.place.coords) - middle) / self.radius_m;
-            let row = SVector::<f64, 12>::from_fn(|k, _| if k < 6 { r.row[k] } else { along * r.row[k - 6] });
-            matrix += row * row.transpose() * r.weight;
-            right -= row * (r.residual_m * r.weight);
-        }
-        let own: Vector6<f64> = right.fixed_rows::<6>(0).into();
-        let one: Matrix6<f64> = matrix.fixed_view::<6, 6>(0, 0).into();
-        let one = (one + Matrix6::identity() * self.prior).cholesky()?.solve(&own);
-        let bent = (matrix + SMatrix::<f64, 12, 12>::identity() * self.prior).cholesky()?.solve(&right);
-        Some(right.dot(&bent) - own.dot(&one))
+        let middle = self.readings.iter().map(|r| r.place.coords).sum::<Vector3<f64>>() / n;
+        let radius_m = self.radius_m;
+        let along = move |r: &Reading| (r.place.coords - middle) / radius_m;
+        let back = motion.rotation.inverse();
+        let facing = move |r: &Reading| back * r.row.fixed_rows::<3>(3).into_owned();
+        let bends = self
+            .axes
+            .iter()
+            .map(move |axis| -> Box<Design<'_>> { Box::new(move |r| steps(r, &[1.0, axis.dot(&along(r))])) });
+        let displaced = move |r: &Reading| [steps(r, &[1.0]), vec![1.0]].concat();
+        let further: [Box<Design<'_>>; 3] = [
+            Box::new(move |r| steps(r, &[1.0, along(r).x, along(r).y, along(r).z])),
+            Box::new(displaced),
+            Box::new(move |r| [&displaced(r)[..], along(r).as_slice(), facing(r).as_slice()].concat()),
+        ];
+        bends.chain(further).collect()
     }
 
     /// By how much residuals that a cut leaves err together: the mean square of the weighted sums of blocks

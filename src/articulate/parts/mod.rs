@@ -16,3 +16,4 @@ pub(crate) mod score;
 pub(crate) mod segment;
 pub(crate) mod settle;
 pub(crate) mod states;
+pub(crate) mod step_field;
