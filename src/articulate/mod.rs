@@ -44,4 +44,5 @@ pub use parts::register::{Registration, register};
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
 pub use world::standing::standing_share;
+pub use world::standing_matches::{Settled, settle_world};
 pub use world::state_alignment::{AlignedBy, StateAlignment, align_states};
