@@ -96,7 +96,6 @@ codes! {
     // States and parts.
     WorldFrameDiffers = "world_frame_differs",
         "A state was recorded in another world frame, or the whole object was moved; it was moved back.";
-    WorldSettled = "world_settled", "Matches of what stands still moved the world frame of a state a little.";
     MatchesFound = "matches_found", "How many pixel matches were found.";
     MorePartsEvident = "more_parts_evident", "The evidence is for more parts than were asked for.";
     PartOnLittleEvidence = "part_on_little_evidence", "A part rests on little evidence.";

@@ -2,7 +2,7 @@
 //! docs/method.md 8).
 
 mod joints;
-mod matches;
+pub(crate) mod matches;
 mod neural;
 mod observations;
 mod pair;
@@ -44,5 +44,4 @@ pub use parts::register::{Registration, register};
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
 pub use world::standing::standing_share;
-pub use world::standing_matches::{Settled, settle_world};
 pub use world::state_alignment::{AlignedBy, StateAlignment, align_states};

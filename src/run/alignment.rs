@@ -10,10 +10,7 @@ use super::{
     stage::stage_of,
 };
 use crate::{
-    articulate::{
-        AlignedBy, LiftedMatch, Settled, StateAlignment, align_states, lift, match_states, settle_world,
-        standing_share,
-    },
+    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states, standing_share},
     capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds},
     config::Config,
     geometry::{Pose, SceneBox},
@@ -57,17 +54,6 @@ pub(super) struct Aligned {
     pub drift: Option<Drift>,
 }
 
-/// How the world frame of a state lies in that of state 0.
-#[derive(Clone, Serialize, Deserialize)]
-enum WorldFrame {
-    /// As recorded.
-    Same,
-    /// As recorded, but for errors of its poses, of which matches of what stands still show some more.
-    Settled(Settled),
-    /// Elsewhere.
-    Drifted(Drift),
-}
-
 /// Matches all states with state 0 and moves their frames into its world frame.
 ///
 /// # Errors
@@ -83,49 +69,17 @@ pub(super) fn align(
     let mut all = vec![Aligned::default()];
     // One state after the other, all with state 0: its world is the twin's, and errors do not add up.
     for state in 1..capture.states.len() {
-        let (mut matches, world) = align_state(state, capture, matcher, &scene, config, stages)?;
-        let mut drift = None;
-        match world {
-            WorldFrame::Same => {}
-            WorldFrame::Settled(settled) => {
-                stages.monitor.note(&note(state, &settled, &scene));
-                settle(&settled, state, &mut matches, capture);
-            }
-            WorldFrame::Drifted(found) => {
-                stages.monitor.warn(&found.note);
-                found.undo(&mut capture.states[state]);
-                found.undo_matches(&mut matches);
-                drift = Some(found);
-            }
+        let aligned = align_state(state, capture, matcher, &scene, config, stages)?;
+        if let Some(drift) = &aligned.drift {
+            stages.monitor.warn(&drift.note);
+            drift.undo(&mut capture.states[state]);
         }
-        all.push(Aligned { matches, drift });
+        all.push(aligned);
     }
     Ok(all)
 }
 
-/// Moves a state's world by what was found of the mean error of its poses.
-fn settle(settled: &Settled, state: usize, matches: &mut [LiftedMatch], capture: &mut Capture) {
-    let motion = &settled.corrected_from_reported;
-    capture.states[state].iter_mut().for_each(|f| f.world_from_camera = motion * f.world_from_camera);
-    matches.iter_mut().for_each(|m| m.point1 = motion * m.point1);
-    if let Some(Some(world)) = capture.poses.worlds.get_mut(state - 1) {
-        world.corrected_from_reported = motion * world.corrected_from_reported;
-        world.covariance = Some(settled.covariance);
-    }
-}
-
-fn note(state: usize, settled: &Settled, scene: &SceneBox) -> Note {
-    let (motion, center) = (&settled.corrected_from_reported, scene.center);
-    let text = format!(
-        "state {state}: moved by another {:.2} mm and {:.3} deg by {:.0} cells of matches of what stands still,          as surfaces do not show a slide along them",
-        1e3 * (motion * center - center).norm(),
-        motion.rotation.angle().to_degrees(),
-        settled.cells
-    );
-    Note::new(NoteCode::WorldSettled, text)
-}
-
-/// Matches of state 0 with another state, both as recorded, and how that state's world frame lies.
+/// Matches of state 0 with another state, in the world frame of state 0, and how that state is brought there.
 fn align_state(
     state: usize,
     capture: &Capture,
@@ -133,36 +87,37 @@ fn align_state(
     scene: &SceneBox,
     config: &Config,
     stages: &mut Stages,
-) -> Result<(Vec<LiftedMatch>, WorldFrame), RunError> {
+) -> Result<Aligned, RunError> {
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
     let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
     // Pixels are kept, not points: points follow from pixels and frames.
-    let matches = lift(frames, &matches, &capture.noise);
-    // Poses that were corrected have a mean error, which surfaces alone have found so far.
-    let still = capture.poses.worlds.get(state - 1).and_then(|w| w.as_ref()?.covariance);
-    let world = stages.kept(&stage_of("align", state, count), None, |_| {
-        world_frame(state, frames, (&matches, still.as_ref()), scene, &capture.noise, config)
+    let mut matches = lift(frames, &matches, &capture.noise);
+    let drift = stages.kept(&stage_of("align", state, count), None, |_| {
+        drift(state, frames, &matches, scene, &capture.noise, config)
     })?;
-    Ok((matches, world))
+    if let Some(drift) = &drift {
+        drift.undo_matches(&mut matches);
+    }
+    Ok(Aligned { matches, drift })
 }
 
-/// How the world frame of state number `state`, the second of `frames`, lies in that of state 0, with which it has
-/// matches; `still` is the covariance to which surfaces show that it stands still, where its poses were corrected.
+/// How far the world frame of state number `state`, the second of `frames`, is from that of state 0; `None`
+/// where they are one.
 ///
 /// # Errors
 /// A drift that cannot be resolved.
-fn world_frame(
+fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
-    (matches, still): (&[LiftedMatch], Option<&Matrix6<f64>>),
+    matches: &[LiftedMatch],
     scene: &SceneBox,
     noise: &NoiseConfig,
     config: &Config,
-) -> Result<WorldFrame, RunError> {
-    // Asked for only where it is needed: it matches all frames once more.
+) -> Result<Option<Drift>, RunError> {
+    // Asked for only where the object's matches do not stand still: it matches all frames once more.
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
@@ -170,17 +125,9 @@ fn world_frame(
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
-    let (extent_m, ransac) = (scene.extent_m(), &config.register.ransac);
-    let found = align_states(matches, around, standing, extent_m, ransac, &mut rng)
+    let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
-    if let Some(alignment) = found {
-        return Ok(WorldFrame::Drifted(refined(alignment, state, frames, scene, noise)));
-    }
-    let settled = still.and_then(|still| {
-        let all = [matches, &around()].concat();
-        settle_world(&all, still, frames.map(<[RgbdFrame]>::len), extent_m, ransac)
-    });
-    Ok(settled.map_or(WorldFrame::Same, WorldFrame::Settled))
+    Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise)))
 }
 
 /// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.

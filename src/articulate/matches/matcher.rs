@@ -150,7 +150,7 @@ fn best_two(row: &[i32], partners: &[Feature]) -> Option<(usize, i32, i32)> {
 }
 
 /// Indices of features that are each other's best match and pass the ratio test in both directions.
-fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
+pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();
     }

@@ -1,5 +1,4 @@
 //! Whether the states were recorded in one world frame.
 
 pub(crate) mod standing;
-pub(crate) mod standing_matches;
 pub(crate) mod state_alignment;

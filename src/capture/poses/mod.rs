@@ -15,6 +15,7 @@
 mod correction;
 mod depth_warp;
 mod drift;
+mod landmarks;
 mod pairs;
 mod pose_noise;
 mod sensor;
@@ -31,7 +32,7 @@ pub use self::{
     sensor::SensorCalibration,
     world::{WorldCorrection, align_worlds},
 };
-use self::{correction::Refined, solve::Problem, surfels::Surfels};
+use self::{correction::Refined, landmarks::Landmarks, pairs::Matches, solve::Problem, surfels::Surfels};
 use super::{NoiseConfig, RgbdFrame};
 
 /// Whether poses are corrected.
@@ -80,8 +81,13 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         .iter()
         .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
         .collect();
-    let problems: Vec<Option<Problem<'_>>> =
-        states.iter().zip(&surfels).map(|(frames, surfels)| problem(frames, surfels)).collect();
+    let landmarks = Landmarks::find(states, &mut surfels, noise);
+    let problems: Vec<Option<Problem<'_>>> = states
+        .iter()
+        .zip(&surfels)
+        .enumerate()
+        .map(|(s, (frames, surfels))| problem(frames, surfels, landmarks.within(s, frames)))
+        .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
     // 2. All states with their sensor.
@@ -116,7 +122,8 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     };
     let world = |s: usize| {
         let expected = mean_noise(0).beside(&mean_noise(s));
-        world::correct([&states[0], &states[s]], [&surfels[0], &surfels[s]], &expected)
+        let matches = landmarks.between([0, s], [&states[0], &states[s]]);
+        world::correct([&states[0], &states[s]], [&surfels[0], &surfels[s]], matches, &expected)
     };
     findings.worlds = (1..states.len()).map(world).collect();
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
@@ -128,12 +135,12 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.
-fn problem<'a>(frames: &[RgbdFrame], surfels: &'a [Surfels]) -> Option<Problem<'a>> {
+fn problem<'a>(frames: &[RgbdFrame], surfels: &'a [Surfels], matches: Matches) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
     let coarse =
         |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
     (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
-        .then(|| Problem::new(surfels, frames.iter().map(|f| f.world_from_camera).collect()))
+        .then(|| Problem::new(surfels, matches, frames.iter().map(|f| f.world_from_camera).collect()))
 }
 
 #[cfg(test)]

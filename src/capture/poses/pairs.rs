@@ -1,5 +1,7 @@
 //! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -42,8 +44,13 @@ pub(super) struct Comparison {
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
     pairs: Vec<[usize; 2]>,
+    /// Landmarks that match, by pair of frames.
+    matches: Matches,
     noise: PoseNoise,
 }
+
+/// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
+pub(super) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
 
 /// Which surfels are compared.
 #[derive(Clone, Copy)]
@@ -160,10 +167,11 @@ impl Comparison {
     pub fn new<'a>(
         surfels: impl Iterator<Item = &'a Surfels> + Clone,
         pairs: Vec<[usize; 2]>,
+        matches: Matches,
         noise: PoseNoise,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        Self { sets, pairs, noise }
+        Self { sets, pairs, matches, noise }
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
@@ -298,6 +306,16 @@ impl Comparison {
                 }
             }
             before += cells.len();
+        }
+        let matches = self.matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
+        let is_wanted = |at: usize| at.is_multiple_of(HELD_OUT) == matches!(subset, Subset::HeldOut);
+        for (at, &landmarks) in matches.iter().enumerate().filter(|(at, _)| is_wanted(*at)) {
+            let across = surfels[i].across(landmarks, &surfels[j], &other_from_this, &self.noise);
+            for (k, r) in across.iter().enumerate() {
+                if let Some(r) = r {
+                    visit(r, before + 2 * at + k);
+                }
+            }
         }
     }
 }

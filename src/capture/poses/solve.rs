@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::{
     depth_warp::DepthWarp,
     drift::{Drift, PoseErrors, growth, half_log_determinant},
-    pairs::{Comparison, PairSums, SensorSums, Sums, Views},
+    pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
     surfels::Surfels,
 };
 use crate::geometry::{Pose, log_so3};
@@ -77,12 +77,12 @@ struct Step {
 
 impl<'a> Problem<'a> {
     /// Of a state's frames in the order of time.
-    pub fn new(surfels: &'a [Surfels], reported: Vec<Pose>) -> Self {
+    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: Vec<Pose>) -> Self {
         let count = reported.len();
         let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
         let expected = PoseErrors::EXPECTED.jitter;
         Self {
-            comparison: Comparison::new(surfels.iter(), pairs.collect(), expected),
+            comparison: Comparison::new(surfels.iter(), pairs.collect(), matches, expected),
             surfels,
             drift: Drift::along(&reported),
             reported,

@@ -21,6 +21,9 @@ const COLUMNS: usize = 160;
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
+/// Expected error of a feature's place, pixels.
+/// tuned: shared/bags, as in the lift of matches (docs/method.md 4.4)
+const PLACE_PX: f64 = 0.6;
 /// Surfels whose normals differ by a smaller cosine are of different surfaces.
 const SAME_COSINE: f64 = 0.8;
 
@@ -55,6 +58,19 @@ pub(super) struct Surfels {
     cells: Vec<Option<Surfel>>,
     /// Cells that hold a surfel, by where it faces.
     facing: [Vec<u32>; FACINGS],
+    /// Image features whose depth is known; see [`Self::with_landmarks`].
+    landmarks: Vec<Landmark>,
+}
+
+/// An image feature with its depth.
+#[derive(Clone, Copy, Debug)]
+struct Landmark {
+    pixel: [f64; 2],
+    /// Depth as read, meters, and its standard deviation.
+    read_m: f64,
+    sigma_m: f64,
+    /// In the camera's optical frame, meters.
+    point: Point3<f64>,
 }
 
 /// How far a surfel lies off that of another frame.
@@ -108,7 +124,55 @@ impl Surfels {
                 facing[s.facing()].push(i as u32);
             }
         }
-        Self { intrinsics: k, step, columns, rows, cells, facing }
+        Self { intrinsics: k, step, columns, rows, cells, facing, landmarks: Vec::new() }
+    }
+
+    /// Takes the features of the frame at these pixels; gives of each its number among the landmarks, where its
+    /// depth is known.
+    pub fn set_landmarks(
+        &mut self,
+        frame: &RgbdFrame,
+        noise: &NoiseConfig,
+        pixels: impl Iterator<Item = [f64; 2]>,
+    ) -> Vec<Option<u32>> {
+        let numbers = pixels.map(|pixel| {
+            self.landmarks.push(Landmark::at(frame, noise, pixel)?);
+            Some(self.landmarks.len() as u32 - 1)
+        });
+        numbers.collect()
+    }
+
+    /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along two
+    /// directions across it. Distances beyond three standard deviations do not count.
+    pub fn across(
+        &self,
+        [this, that]: [u32; 2],
+        other: &Self,
+        other_from_this: &Pose,
+        poses: &PoseNoise,
+    ) -> [Option<Residual>; 2] {
+        let (this, that) = (&self.landmarks[this as usize], &other.landmarks[that as usize]);
+        let other_point = other_from_this * this.point;
+        let ray = that.point.coords.normalize();
+        let right = Vector3::y().cross(&ray).normalize();
+        let own_ray = other_from_this.rotation * this.point.coords / this.point.z;
+        let displacement_m = poses.displacement_m(other_point.z);
+        [right, ray.cross(&right)].map(|across| {
+            let distance_m = across.dot(&(other_point - that.point));
+            let ends = this.place_m(&self.intrinsics).hypot(that.place_m(&other.intrinsics));
+            // The depth of the ray that the point lies on moves it aside in the other frame.
+            let sigma_m = ends.hypot(this.sigma_m * across.dot(&own_ray));
+            (distance_m.abs() <= 3.0 * sigma_m.hypot(displacement_m)).then(|| Residual {
+                distance_m,
+                displacement_m,
+                sigma_m,
+                normal: other_from_this.inverse_transform_vector(&across),
+                point: this.point,
+                other_normal: across,
+                other_point,
+                pixels: [this.pixel, that.pixel],
+            })
+        })
     }
 
     /// The same by readings that are put right, from what they were as read.
@@ -122,6 +186,11 @@ impl Surfels {
             // Deviations and facings stay, since corrections are of percents.
             surfel.point = Point3::from(ray / plane.x).cast();
             surfel.normal = normal(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
+        }
+        for landmark in &mut corrected.landmarks {
+            let [u, v] = landmark.pixel;
+            let depth_m = landmark.read_m * (1.0 + warp.at(landmark.pixel));
+            landmark.point = Point3::from(self.intrinsics.ray(u, v) * depth_m);
         }
         corrected
     }
@@ -195,6 +264,32 @@ impl Surfels {
             (at >= 0.0 && at < count as f64).then_some(at as usize)
         };
         self.cells[cell(v, self.rows)? * self.columns + cell(u, self.columns)?].as_ref()
+    }
+}
+
+impl Landmark {
+    /// A feature at a pixel; `None` where its depth is not that of a plane.
+    fn at(frame: &RgbdFrame, noise: &NoiseConfig, [u, v]: [f64; 2]) -> Option<Self> {
+        let k = frame.intrinsics;
+        let [x, y] = [u, v].map(|c| c.round().max(0.0) as usize);
+        if x < R || y < R || x + R >= k.width || y + R >= k.height {
+            return None;
+        }
+        let plane = plane(frame, noise, x, y)?;
+        let read_m =
+            1.0 / (plane.inverse + plane.slopes[0] * (u - x as f64) + plane.slopes[1] * (v - y as f64));
+        let reading_m = noise.sigma_m(plane.mean_depth_m).max(plane.reading_sigma_m());
+        Some(Self {
+            pixel: [u, v],
+            read_m,
+            sigma_m: reading_m / INDEPENDENT.sqrt(),
+            point: Point3::from(k.ray(u, v) * read_m),
+        })
+    }
+
+    /// Standard deviation of its place across the ray, meters.
+    fn place_m(&self, k: &Intrinsics) -> f64 {
+        PLACE_PX * self.read_m / k.fx.min(k.fy)
     }
 }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     drift::adjoint,
-    pairs::{Comparison, Gain, PairSums, Views},
+    pairs::{Comparison, Gain, Matches, PairSums, Views},
     pose_noise::PoseNoise,
     solve::LOOSE,
     surfels::Surfels,
@@ -67,13 +67,14 @@ pub fn align_worlds(
 ) -> Option<WorldCorrection> {
     let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
     let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
-    correct(states, surfels.each_ref().map(Vec::as_slice), expected)
+    correct(states, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected)
 }
 
 /// See [`align_worlds`].
 pub(super) fn correct(
     states: [&[RgbdFrame]; 2],
     surfels: [&[Surfels]; 2],
+    matches: Matches,
     expected: &PoseNoise,
 ) -> Option<WorldCorrection> {
     let (first, count) = (states[0].len(), states[0].len() + states[1].len());
@@ -82,7 +83,7 @@ pub(super) fn correct(
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
         .collect();
     let all: Vec<Surfels> = surfels.into_iter().flatten().cloned().collect();
-    let comparison = Comparison::new(all.iter(), pairs, *expected);
+    let comparison = Comparison::new(all.iter(), pairs, matches, *expected);
     fn seen_from<'a>(surfels: &'a [Surfels], world_from_camera: &'a [Pose]) -> Views<'a> {
         Views { surfels, world_from_camera }
     }
