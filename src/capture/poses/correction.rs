@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    depth_warp::DepthWarp,
     drift::PoseErrors,
     pairs::{Gain, Views},
     pose_noise::PoseNoise,
+    sensor_errors::SensorErrors,
     solve::{Problem, correction, solve},
 };
 use crate::geometry::Pose;
@@ -89,9 +89,9 @@ impl Refined {
         problem: &Problem<'_>,
         poses: Vec<Pose>,
         errors: &PoseErrors,
-        warp: Option<&DepthWarp>,
+        sensor: Option<&SensorErrors>,
     ) -> Option<Self> {
-        let corrected = problem.corrected(warp);
+        let corrected = problem.corrected(sensor);
         let after = Views { surfels: &corrected, world_from_camera: &poses };
         let Gain { sigmas, residual_m } =
             Gain::of(&[problem.comparison().changes(problem.as_reported(), after)])?;

@@ -19,6 +19,7 @@ mod landmarks;
 mod pairs;
 mod pose_noise;
 mod sensor;
+mod sensor_errors;
 mod solve;
 mod surfels;
 mod world;
@@ -91,19 +92,18 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
     // 2. All states with their sensor.
-    let (mut found, warp): (Vec<_>, _) = match sensor::calibrate(states, &problems, &alone) {
-        Some((with_sensor, calibration)) => {
-            let warp = calibration.used.then(|| calibration.warp.clone());
-            (if calibration.used { with_sensor } else { alone }, Some((calibration, warp)))
-        }
+    let (mut found, calibration) = match sensor::calibrate(states, &problems, &alone) {
+        Some((with_sensor, found)) => (if found.used { with_sensor } else { alone }, Some(found)),
         None => (alone, None),
     };
     drop(problems);
-    let (calibration, warp) = warp.map_or((None, None), |(c, warp)| (Some(c), warp));
     // 3. Readings, poses and surfels change together, as each was found with the others.
-    if let Some(warp) = &warp {
-        warp.correct(states.iter_mut().flatten());
-        surfels.iter_mut().flatten().for_each(|s| *s = s.corrected(warp));
+    let camera = states.iter().flatten().next().map(|f| f.intrinsics);
+    if let (Some(used), Some(camera)) = (calibration.as_ref().filter(|c| c.used), camera) {
+        let errors = used.errors(&camera);
+        errors.warp.correct(states.iter_mut().flatten());
+        used.move_color(states.iter_mut().flatten());
+        surfels.iter_mut().flatten().for_each(|s| *s = s.corrected(&errors));
     }
     for (frames, refined) in states.iter_mut().zip(&mut found) {
         let Some(refined) = refined.as_mut().filter(|r| r.correction.used) else { continue };

@@ -6,8 +6,9 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{
-    depth_warp::{DepthWarp, SUPPORT},
+    depth_warp::SUPPORT,
     pose_noise::PoseNoise,
+    sensor_errors::SensorErrors,
     surfels::{FACINGS, Residual, Surfels},
 };
 use crate::{
@@ -61,6 +62,9 @@ pub(super) enum Subset {
     HeldOut,
 }
 
+/// Values of the sensor that a residual depends on: those of the warp at both ends, and the shift of color.
+const SENSOR: usize = 2 * SUPPORT + 2;
+
 /// Normal equations of all pairs.
 pub(super) struct Sums {
     /// Of each, in their order.
@@ -90,7 +94,7 @@ pub(super) struct SensorSums {
 /// One residual in the normal equations.
 struct Row {
     poses: [f64; 12],
-    sensor: [(usize, f64); 2 * SUPPORT],
+    sensor: [(usize, f64); SENSOR],
     distance_m: f64,
     weight: f64,
 }
@@ -184,15 +188,16 @@ impl Comparison {
         robust_scale(self.pairs.par_iter().map(of_pair).collect())
     }
 
-    /// Normal equations about poses, and about the sensor's errors on the grid of `warp`; `scale` is that
+    /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
     /// before. While poses are far off, a share `loose` of the displacement that is expected of them counts
     /// as noise, so that no surfel is left out too early.
-    pub fn sums(&self, views: Views<'_>, warp: Option<&DepthWarp>, scale: f64, loose: f64) -> Sums {
+    pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Sums {
         let of_frame = |pairs: &[[usize; 2]]| {
-            let mut sensor = warp.map(|w| SensorSums::none(views.world_from_camera.len(), w.values.len()));
+            let mut of_sensor =
+                sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
             let (mut sums, mut ratios) = (Vec::new(), Vec::new());
             for &pair in pairs {
-                let (rows, seen) = self.rows(pair, views, warp, scale, loose);
+                let (rows, seen) = self.rows(pair, views, sensor, scale, loose);
                 ratios.push(seen);
                 let weights: f64 = rows.iter().map(|(share, _)| share).sum();
                 if weights <= 0.0 {
@@ -202,26 +207,26 @@ impl Comparison {
                 let cap = (INDEPENDENT / weights).min(1.0);
                 let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
                 sums.push(pair_sums(pair, &rows, cap));
-                if let Some(sensor) = &mut sensor {
-                    rows.iter().for_each(|row| sensor.add(pair, row, cap));
+                if let Some(sums) = &mut of_sensor {
+                    rows.iter().for_each(|row| sums.add(pair, row, cap));
                 }
             }
-            (sums, ratios, sensor)
+            (sums, ratios, of_sensor)
         };
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
         let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
-        let (mut pairs, mut ratios, mut sensor) = (Vec::new(), Vec::new(), None);
+        let (mut pairs, mut ratios, mut sensor_sums) = (Vec::new(), Vec::new(), None);
         // In the order of the frames, as sums of floats depend on it.
         for (of_pairs, seen, of_sensor) in all {
             pairs.extend(of_pairs);
             ratios.extend(seen);
-            sensor = match (sensor, of_sensor) {
+            sensor_sums = match (sensor_sums, of_sensor) {
                 (Some(sum), Some(next)) => Some(SensorSums::plus(sum, next)),
                 (sum, next) => sum.or(next),
             };
         }
-        Sums { pairs, sensor: sensor.map(SensorSums::whole), scale: robust_scale(ratios) }
+        Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
     }
 
     /// Rows of a pair, each with its share of a reading.
@@ -229,7 +234,7 @@ impl Comparison {
         &self,
         frames: [usize; 2],
         views: Views<'_>,
-        warp: Option<&DepthWarp>,
+        sensor: Option<&SensorErrors>,
         scale: f64,
         loose: f64,
     ) -> (Vec<(f64, Row)>, Ratios) {
@@ -242,7 +247,7 @@ impl Comparison {
             let z = r.distance_m / (sigma_m * CUT);
             if z.abs() < 1.0 {
                 let share = (1.0 - z * z).powi(2);
-                let sensor = warp.map_or([(0, 0.0); 2 * SUPPORT], |warp| by_sensor(r, warp));
+                let sensor = sensor.map_or([(0, 0.0); SENSOR], |errors| by_sensor(r, errors));
                 let weight = share / sigma_m.powi(2);
                 rows.push((share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }));
             }
@@ -395,14 +400,15 @@ fn by_poses(r: &Residual) -> [f64; 12] {
 }
 
 /// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
-/// other frame sees it: a point moves along its ray, and so does the plane.
-fn by_sensor(r: &Residual, warp: &DepthWarp) -> [(usize, f64); 2 * SUPPORT] {
+/// other frame sees it: a point moves along its ray, and so does the plane. Features move with the color.
+fn by_sensor(r: &Residual, errors: &SensorErrors) -> [(usize, f64); SENSOR] {
     // docs/method.md (2.20).
-    let [this, other] = r.pixels.map(|pixel| warp.support(pixel));
+    let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel));
     let this = this.iter().map(|(k, w)| (k, w * r.normal.dot(&r.point.coords)));
     let other = other.iter().map(|(k, w)| (k, -w * r.other_normal.dot(&r.other_point.coords)));
-    let mut row = [(0, 0.0); 2 * SUPPORT];
-    row.iter_mut().zip(this.chain(other)).for_each(|(at, value)| *at = value);
+    let shift = r.by_color_shift.iter().enumerate().map(|(k, d)| (errors.first_of_shift() + k, *d));
+    let mut row = [(0, 0.0); SENSOR];
+    row.iter_mut().zip(this.chain(other).chain(shift)).for_each(|(at, value)| *at = value);
     row
 }
 
@@ -468,14 +474,15 @@ mod tests {
         let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
         let mut checked = 0;
         for size in [1e-3, -1e-3] {
-            let mut warp = DepthWarp::none(&k);
-            warp.values.iter_mut().for_each(|v| *v = size * drawn());
-            let warped = surfels.each_ref().map(|s| s.corrected(&warp));
+            let mut errors = SensorErrors::none(&k);
+            errors.step(&DVector::from_fn(errors.count(), |_, _| size * drawn()));
+            let warped = surfels.each_ref().map(|s| s.corrected(&errors));
             let between = poses[1].inverse() * poses[0];
             for &cell in surfels[0].facing().iter().flatten() {
                 let of = |s: &[Surfels; 2]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
                 let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };
-                let expected: f64 = by_sensor(&at, &warp).iter().map(|(k, d)| d * warp.values[*k]).sum();
+                let values = errors.values();
+                let expected: f64 = by_sensor(&at, &errors).iter().map(|(k, d)| d * values[*k]).sum();
                 let change = there.distance_m - at.distance_m;
                 assert!((change - expected).abs() < 0.03 * size.abs(), "{change} {expected}");
                 checked += 1;

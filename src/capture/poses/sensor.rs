@@ -2,12 +2,14 @@
 
 use std::fmt;
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
     correction::{Refined, is_clear},
     depth_warp::DepthWarp,
     pairs::{Changes, Gain, Views},
+    sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
 };
 use crate::{capture::RgbdFrame, geometry::Intrinsics};
@@ -25,6 +27,8 @@ pub struct SensorCalibration {
     pub scale: [f64; 2],
     /// What differs from it, root mean square over the image.
     pub warp_rms: f64,
+    /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations, pixels.
+    pub color_shift_px: [[f64; 2]; 2],
     /// Robust standard deviation of the distances between surfaces that two frames see, held out, by
     /// corrected poses alone and with corrected depth, meters.
     pub residual_m: [f64; 2],
@@ -42,6 +46,34 @@ impl SensorCalibration {
         self.used && self.scale[0].abs().max(self.warp_rms) > DATA_SHEET
     }
 
+    /// What was found.
+    pub(super) fn errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
+        let [u, v] = self.color_shift_px[0];
+        SensorErrors { warp: self.warp.clone(), color_shift: [u / intrinsics.fx, v / intrinsics.fy] }
+    }
+
+    /// Moves the color of frames to where its depth is.
+    pub(super) fn move_color<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
+        let [du, dv] = self.color_shift_px[0];
+        for frame in frames {
+            let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+            let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
+            let moved = |i: usize| {
+                let u = ((i % width) as f64 + du).clamp(0.0, (width - 1) as f64);
+                let v = ((i / width) as f64 + dv).clamp(0.0, (height - 1) as f64);
+                let (x, y) = (u as usize, v as usize);
+                let (right, below) = ((x + 1).min(width - 1), (y + 1).min(height - 1));
+                let (s, t) = (u - x as f64, v - y as f64);
+                [0, 1, 2].map(|c| {
+                    let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
+                    let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
+                    ((1.0 - t) * above + t * under).round() as u8
+                })
+            };
+            frame.rgb = (0..width * height).into_par_iter().map(moved).collect();
+        }
+    }
+
     /// Standard deviations of the warp's values.
     #[must_use]
     pub fn sigmas(&self) -> Vec<f64> {
@@ -54,13 +86,15 @@ impl fmt::Display for SensorCalibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [scale, sigma] = self.scale.map(|s| 100.0 * s);
         let warp = 100.0 * self.warp_rms;
+        let [u, v] = self.color_shift_px[0].map(|c| -c);
         let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
         if self.used {
             write!(
                 f,
                 "depth was corrected by {scale:+.2} % (standard deviation {sigma:.2} %) and by a smooth warp \
-                 of {warp:.2} % over the image (root mean square), found with the camera poses; surfaces \
-                 that frames share lay {before_mm:.2} mm apart by poses alone, now {after_mm:.2} mm"
+                 of {warp:.2} % over the image (root mean square), and color was moved by {u:.1} and {v:.1} \
+                 pixels against depth, found with the camera poses; surfaces that frames share lay \
+                 {before_mm:.2} mm apart by poses alone, now {after_mm:.2} mm"
             )
         } else {
             write!(
@@ -84,15 +118,15 @@ pub(super) fn calibrate(
     if posed.is_empty() {
         return None;
     }
-    let Solution { poses, errors, sensor } = solve(&posed, Some(DepthWarp::none(&intrinsics)))?;
-    let Sensor { warp, covariance } = sensor?;
+    let Solution { poses, errors, sensor } = solve(&posed, Some(SensorErrors::none(&intrinsics)))?;
+    let Sensor { errors: sensor, covariance } = sensor?;
     let mut found = poses.into_iter().zip(&errors);
     let refined: Vec<Option<Refined>> = problems
         .iter()
         .map(|problem| {
             let problem = problem.as_ref()?;
             let (poses, errors) = found.next()?;
-            Refined::new(problem, poses, errors, Some(&warp))
+            Refined::new(problem, poses, errors, Some(&sensor))
         })
         .collect();
     // Against the best that poses alone can do.
@@ -102,7 +136,7 @@ pub(super) fn calibrate(
         .zip(&refined)
         .filter_map(|((problem, alone), refined)| {
             let (problem, refined) = (problem.as_ref()?, refined.as_ref()?);
-            let corrected = problem.corrected(Some(&warp));
+            let corrected = problem.corrected(Some(&sensor));
             let best = alone.as_ref().filter(|a| a.correction.used).map_or(&problem.reported, |a| &a.poses);
             let before = Views { surfels: problem.surfels, world_from_camera: best };
             let after = Views { surfels: &corrected, world_from_camera: &refined.poses };
@@ -111,6 +145,11 @@ pub(super) fn calibrate(
         .collect();
     // All frames of all states decide together, since they have one sensor.
     let gain = Gain::of(&changes)?;
+    let (count, focal_px) = (sensor.first_of_shift(), [intrinsics.fx, intrinsics.fy]);
+    let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
+    let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
+    let covariance = covariance.view((0, 0), (count, count)).into_owned();
+    let warp = sensor.warp;
     let mean = warp.mean(&intrinsics);
     let calibration = SensorCalibration {
         used: is_clear(&gain),
@@ -119,6 +158,7 @@ pub(super) fn calibrate(
             mean.dot(&(&covariance * &mean)).sqrt(),
         ],
         warp_rms: warp.spread(&intrinsics),
+        color_shift_px,
         covariance: covariance.as_slice().to_vec(),
         warp,
         residual_m: gain.residual_m,

@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
-    depth_warp::DepthWarp,
     drift::{Drift, PoseErrors, growth, half_log_determinant},
     pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
+    sensor_errors::SensorErrors,
     surfels::Surfels,
 };
 use crate::geometry::{Pose, log_so3};
@@ -23,10 +23,8 @@ const SIZES: usize = 12;
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when no camera moves further than this, meters (radians times one meter).
 const STEP_M: f64 = 5e-5;
-/// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
-/// and factory calibration leaves about a fifth of it.
-const SCALE: f64 = 0.005;
-/// The same of its smooth errors, before the recording shows more; ...
+/// Smooth errors of a depth sensor, one standard deviation, before the recording shows more: see
+/// `sensor_errors`; ...
 const WARP: f64 = 0.004;
 /// ... and at least, as no variance may be zero.
 const LEAST_WARP: f64 = 1e-6;
@@ -50,8 +48,8 @@ pub(super) struct Solution {
 
 /// What was found of the sensor.
 pub(super) struct Sensor {
-    pub warp: DepthWarp,
-    /// Of the warp's values.
+    pub errors: SensorErrors,
+    /// Of their values.
     pub covariance: DMatrix<f64>,
 }
 
@@ -99,9 +97,9 @@ impl<'a> Problem<'a> {
     }
 
     /// Its surfels by corrected readings: those as read, where nothing is corrected.
-    pub fn corrected(&self, warp: Option<&DepthWarp>) -> Cow<'a, [Surfels]> {
-        warp.map_or(Cow::Borrowed(self.surfels), |warp| {
-            self.surfels.iter().map(|s| s.corrected(warp)).collect()
+    pub fn corrected(&self, sensor: Option<&SensorErrors>) -> Cow<'a, [Surfels]> {
+        sensor.map_or(Cow::Borrowed(self.surfels), |errors| {
+            self.surfels.iter().map(|s| s.corrected(errors)).collect()
         })
     }
 
@@ -116,11 +114,11 @@ impl<'a> Problem<'a> {
 }
 
 /// The poses that make the fitted surfels of all states agree, and the sizes of the errors of the reported
-/// ones; with the errors of the sensor on the grid of `warp`, if that is given.
-pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Option<Solution> {
-    let mut sensor = warp.map(|warp| {
-        let count = warp.values.len();
-        Sensor { warp, covariance: DMatrix::zeros(count, count) }
+/// ones; with those of the sensor, if some to start from are given.
+pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> Option<Solution> {
+    let mut sensor = sensor.map(|errors| {
+        let count = errors.count();
+        Sensor { errors, covariance: DMatrix::zeros(count, count) }
     });
     let mut poses: Vec<Vec<Pose>> = problems.iter().map(|p| p.reported.clone()).collect();
     let mut sizes = Sizes { poses: vec![PoseErrors::EXPECTED; problems.len()], warp: WARP };
@@ -130,21 +128,21 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
         let mut last = None;
         for _ in 0..rounds {
             let loose = loosened.next();
-            let warp = sensor.as_ref().map(|s| &s.warp);
+            let known = sensor.as_ref().map(|s| &s.errors);
             let sums: Vec<Sums> = problems
                 .iter()
                 .zip(&poses)
                 .zip(&scales)
                 .map(|((p, poses), &scale)| {
-                    let corrected = p.corrected(warp);
+                    let corrected = p.corrected(known);
                     let views = Views { surfels: &corrected, world_from_camera: poses };
-                    p.comparison.sums(views, warp, scale, loose.unwrap_or(0.0))
+                    p.comparison.sums(views, known, scale, loose.unwrap_or(0.0))
                 })
                 .collect();
             scales = sums.iter().map(|s| s.scale).collect();
             let at: Vec<DVector<f64>> =
                 problems.iter().zip(&poses).map(|(p, poses)| p.corrections(poses)).collect();
-            let step = step(problems, &sums, &at, warp, &sizes)?;
+            let step = step(problems, &sums, &at, known, &sizes)?;
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
                 for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
@@ -154,7 +152,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
                 longest = longest.max(step.amax());
             }
             if let Some(sensor) = &mut sensor {
-                sensor.warp.values.iter_mut().zip(step.sensor.iter()).for_each(|(v, s)| *v += s);
+                sensor.errors.step(&step.sensor);
                 sensor.covariance = step.sensor_covariance.clone();
                 longest = longest.max(step.sensor.amax());
             }
@@ -165,7 +163,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], warp: Option<DepthWarp>) -> Optio
             }
         }
         if let Some((sums, at)) = last {
-            sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.warp), &sizes)?;
+            sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.errors), &sizes)?;
         }
     }
     Some(Solution { poses, errors: sizes.poses, sensor })
@@ -176,12 +174,12 @@ fn step(
     problems: &[&Problem<'_>],
     sums: &[Sums],
     at: &[DVector<f64>],
-    warp: Option<&DepthWarp>,
+    sensor: Option<&SensorErrors>,
     sizes: &Sizes,
 ) -> Option<Step> {
-    let values = DVector::from_column_slice(warp.map_or(&[], |w| &w.values));
-    let (sensor_information, half_log) = match warp {
-        Some(warp) => sensor_information(warp, sizes.warp)?,
+    let values = sensor.map_or_else(|| DVector::zeros(0), SensorErrors::values);
+    let (sensor_information, half_log) = match sensor {
+        Some(errors) => sensor_information(errors, sizes.warp)?,
         None => (DMatrix::zeros(0, 0), 0.0),
     };
     let mut information = sensor_information.clone();
@@ -217,7 +215,7 @@ fn step(
         };
         eliminated.push((covariance, follow, own_step, own_gradient));
     }
-    let sensor_covariance = if warp.is_some() {
+    let sensor_covariance = if sensor.is_some() {
         let factor = information.cholesky()?;
         log_likelihood -= half_log_determinant(&factor);
         factor.inverse()
@@ -266,10 +264,8 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
 
 /// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones. With half
 /// the logarithm of its determinant.
-fn sensor_information(warp: &DepthWarp, size: f64) -> Option<(DMatrix<f64>, f64)> {
-    let covariance = warp.smooth() * size.powi(2);
-    // A scale common to all values has a covariance of equal entries: docs/method.md (2.19).
-    let factor = covariance.add_scalar(SCALE.powi(2)).cholesky()?;
+fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>, f64)> {
+    let factor = errors.expected(size).cholesky()?;
     Some((factor.inverse(), -half_log_determinant(&factor)))
 }
 
@@ -280,19 +276,19 @@ fn most_likely(
     problems: &[&Problem<'_>],
     sums: &[Sums],
     at: &[DVector<f64>],
-    warp: Option<&DepthWarp>,
+    sensor: Option<&SensorErrors>,
     before: &Sizes,
 ) -> Option<Sizes> {
     // Partners and weights stay: such a round costs a factor and no search.
     let settled = |errors: PoseErrors| {
         let mut sizes = Sizes { poses: vec![errors; problems.len()], ..before.clone() };
         for _ in 0..SIZES {
-            sizes = resized(problems, at, warp, &step(problems, sums, at, warp, &sizes)?, &sizes);
+            sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
             if errors == PoseErrors::WITHOUT_DRIFT {
                 sizes.poses.iter_mut().for_each(|p| p.walk = errors.walk);
             }
         }
-        let likelihood = step(problems, sums, at, warp, &sizes)?.log_likelihood;
+        let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
         Some((sizes, likelihood))
     };
     let (still, likelihood_of_still) = settled(PoseErrors::WITHOUT_DRIFT)?;
@@ -306,7 +302,7 @@ fn most_likely(
 fn resized(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
-    warp: Option<&DepthWarp>,
+    sensor: Option<&SensorErrors>,
     step: &Step,
     sizes: &Sizes,
 ) -> Sizes {
@@ -315,16 +311,18 @@ fn resized(
         let covariance = &step.pose_covariances[k];
         problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
     };
-    let of_warp = |warp: &DepthWarp| {
-        let mean = DVector::from_column_slice(&warp.values) + &step.sensor;
-        let (information, smooth) = (&step.sensor_information, warp.smooth());
+    let of_warp = |errors: &SensorErrors| {
+        let mean = errors.values() + &step.sensor;
+        let information = &step.sensor_information;
         let pull = information * mean;
-        // As in docs/method.md (2.14), with one size for all values.
+        // As in docs/method.md (2.14), with one size for all values of the warp.
         let marginal = information - information * &step.sensor_covariance * information;
+        let (smooth, count) = (errors.warp.smooth(), errors.first_of_shift());
+        let (pull, marginal) = (pull.rows(0, count), marginal.view((0, 0), (count, count)));
         let change = growth(pull.dot(&(&smooth * &pull)), smooth.dot(&marginal));
         (sizes.warp * change).max(LEAST_WARP)
     };
-    Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: warp.map_or(sizes.warp, of_warp) }
+    Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: sensor.map_or(sizes.warp, of_warp) }
 }
 
 /// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.

@@ -2,10 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::{
-    depth_warp::{DepthWarp, corrected_plane},
-    pose_noise::PoseNoise,
-};
+use super::{depth_warp::corrected_plane, pose_noise::PoseNoise, sensor_errors::SensorErrors};
 use crate::{
     capture::{
         GRAZING_COSINE, NoiseConfig, RgbdFrame,
@@ -65,12 +62,16 @@ pub(super) struct Surfels {
 /// An image feature with its depth.
 #[derive(Clone, Copy, Debug)]
 struct Landmark {
+    /// Of the color image.
     pixel: [f64; 2],
-    /// Depth as read, meters, and its standard deviation.
-    read_m: f64,
+    /// Inverse depth there as read, 1/meter, and slopes along the image, 1/(meter pixel).
+    read: Vector3<f64>,
+    /// Standard deviation of its depth, meters.
     sigma_m: f64,
     /// In the camera's optical frame, meters.
     point: Point3<f64>,
+    /// By how much the point moves where color is shifted along either side of the image, meters.
+    by_shift: [Vector3<f64>; 2],
 }
 
 /// How far a surfel lies off that of another frame.
@@ -89,6 +90,8 @@ pub(super) struct Residual {
     pub other_point: Point3<f64>,
     /// The pixels where both frames see it.
     pub pixels: [[f64; 2]; 2],
+    /// Derivatives of the distance by the shift of color; none where color was not looked at.
+    pub by_color_shift: [f64; 2],
 }
 
 impl Surfel {
@@ -171,13 +174,15 @@ impl Surfels {
                 other_normal: across,
                 other_point,
                 pixels: [this.pixel, that.pixel],
+                by_color_shift: [0, 1]
+                    .map(|k| across.dot(&(other_from_this.rotation * this.by_shift[k] - that.by_shift[k]))),
             })
         })
     }
 
     /// The same by readings that are put right, from what they were as read.
-    pub fn corrected(&self, warp: &DepthWarp) -> Self {
-        let mut corrected = self.clone();
+    pub fn corrected(&self, errors: &SensorErrors) -> Self {
+        let (warp, mut corrected) = (&errors.warp, self.clone());
         for (i, cell) in corrected.cells.iter_mut().enumerate() {
             let Some(surfel) = cell else { continue };
             let pixel = self.pixel(i);
@@ -187,11 +192,7 @@ impl Surfels {
             surfel.point = Point3::from(ray / plane.x).cast();
             surfel.normal = normal(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
         }
-        for landmark in &mut corrected.landmarks {
-            let [u, v] = landmark.pixel;
-            let depth_m = landmark.read_m * (1.0 + warp.at(landmark.pixel));
-            landmark.point = Point3::from(self.intrinsics.ray(u, v) * depth_m);
-        }
+        corrected.landmarks.iter_mut().for_each(|l| l.correct(&self.intrinsics, errors));
         corrected
     }
 
@@ -254,6 +255,7 @@ impl Surfels {
             other_normal,
             other_point,
             pixels,
+            by_color_shift: [0.0; 2],
         })
     }
 
@@ -276,20 +278,40 @@ impl Landmark {
             return None;
         }
         let plane = plane(frame, noise, x, y)?;
-        let read_m =
-            1.0 / (plane.inverse + plane.slopes[0] * (u - x as f64) + plane.slopes[1] * (v - y as f64));
+        let [slope_u, slope_v] = plane.slopes;
+        let inverse = plane.inverse + slope_u * (u - x as f64) + slope_v * (v - y as f64);
         let reading_m = noise.sigma_m(plane.mean_depth_m).max(plane.reading_sigma_m());
-        Some(Self {
+        let mut landmark = Self {
             pixel: [u, v],
-            read_m,
+            read: Vector3::new(inverse, slope_u, slope_v),
             sigma_m: reading_m / INDEPENDENT.sqrt(),
-            point: Point3::from(k.ray(u, v) * read_m),
-        })
+            point: Point3::origin(),
+            by_shift: [Vector3::zeros(); 2],
+        };
+        landmark.correct(&k, &SensorErrors::none(&k));
+        Some(landmark)
+    }
+
+    /// Puts its point where it is with the errors of the sensor.
+    fn correct(&mut self, k: &Intrinsics, errors: &SensorErrors) {
+        let focal_px = [k.fx, k.fy];
+        let shift_px = [0, 1].map(|i| errors.color_shift[i] * focal_px[i]);
+        // What color shows at its pixel, depth has beside it.
+        let [u, v] = [0, 1].map(|i| self.pixel[i] - shift_px[i]);
+        let inverse = self.read.x - self.read.y * shift_px[0] - self.read.z * shift_px[1];
+        let (ray, depth_m) = (k.ray(u, v), (1.0 + errors.warp.at([u, v])) / inverse);
+        self.point = Point3::from(ray * depth_m);
+        let slopes = [self.read.y, self.read.z];
+        self.by_shift = [0, 1].map(|i| {
+            let mut moved = ray * (slopes[i] * focal_px[i] / inverse);
+            moved[i] -= 1.0;
+            moved * depth_m
+        });
     }
 
     /// Standard deviation of its place across the ray, meters.
     fn place_m(&self, k: &Intrinsics) -> f64 {
-        PLACE_PX * self.read_m / k.fx.min(k.fy)
+        PLACE_PX * self.point.z / k.fx.min(k.fy)
     }
 }
 

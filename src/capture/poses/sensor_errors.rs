@@ -1,0 +1,57 @@
+//! The errors of a sensor that stay with it: those of depth by the pixel, and the place of color against depth.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::depth_warp::DepthWarp;
+use crate::geometry::Intrinsics;
+
+/// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
+/// and factory calibration leaves about a fifth of it.
+const SCALE: f64 = 0.005;
+/// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an image of
+/// 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
+const COLOR_SHIFT: f64 = 0.003;
+
+/// Errors of a sensor: the values of the warp, and the shift of color.
+#[derive(Clone, Debug)]
+pub(super) struct SensorErrors {
+    pub warp: DepthWarp,
+    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal lengths.
+    pub color_shift: [f64; 2],
+}
+
+impl SensorErrors {
+    /// None, for images of that size.
+    pub fn none(intrinsics: &Intrinsics) -> Self {
+        Self { warp: DepthWarp::none(intrinsics), color_shift: [0.0; 2] }
+    }
+
+    /// Number of its values.
+    pub fn count(&self) -> usize {
+        self.warp.values.len() + self.color_shift.len()
+    }
+
+    /// Index of the first value of the shift of color.
+    pub fn first_of_shift(&self) -> usize {
+        self.warp.values.len()
+    }
+
+    /// All values.
+    pub fn values(&self) -> DVector<f64> {
+        DVector::from_iterator(self.count(), self.warp.values.iter().chain(&self.color_shift).copied())
+    }
+
+    /// Moves all values by a step.
+    pub fn step(&mut self, step: &DVector<f64>) {
+        self.warp.values.iter_mut().chain(&mut self.color_shift).zip(step.iter()).for_each(|(v, s)| *v += s);
+    }
+
+    /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.19).
+    pub fn expected(&self, size: f64) -> DMatrix<f64> {
+        let warp = (self.warp.smooth() * size.powi(2)).add_scalar(SCALE.powi(2));
+        let (of_warp, count) = (self.first_of_shift(), self.count());
+        let mut expected = DMatrix::from_diagonal_element(count, count, COLOR_SHIFT.powi(2));
+        expected.view_mut((0, 0), (of_warp, of_warp)).copy_from(&warp);
+        expected
+    }
+}
