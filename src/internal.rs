@@ -3,11 +3,10 @@
 
 #![allow(missing_docs, reason = "documented where it is defined")]
 
-pub mod articulate {
-    pub use crate::articulate::Correspondence;
-}
 pub mod capture {
-    pub use crate::capture::{Capture, CaptureConfig, CaptureError, NoiseConfig, RgbdFrame, scene_box};
+    pub use crate::capture::{
+        Capture, CaptureConfig, CaptureError, Correspondence, NoiseConfig, RgbdFrame, scene_box,
+    };
 }
 pub mod config {
     pub use crate::config::{Config, Layers};

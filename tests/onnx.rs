@@ -33,8 +33,7 @@ fn a_build_without_onnx_refuses_a_matcher_and_says_how_to_build_one() {
 mod models {
     use super::*;
     use artitwin::internal::{
-        articulate::Correspondence,
-        capture::RgbdFrame,
+        capture::{Correspondence, RgbdFrame},
         evaluate::{EvaluateOptions, run},
         geometry::{Intrinsics, Pose},
         io::{MAX_MODEL_BYTES, OnnxError, OnnxMatcher},

@@ -2,7 +2,7 @@
 //! docs/method.md 8).
 
 mod joints;
-pub(crate) mod matches;
+mod matches;
 mod neural;
 mod observations;
 mod pair;
@@ -26,7 +26,6 @@ pub use joints::part_evidence::PartEvidence;
 pub use joints::square_axes::SeenDirection;
 pub use joints::static_motion::static_motion;
 pub use matches::lift::lift;
-pub use matches::matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
 #[cfg(feature = "onnx")]
 pub use matches::model_image::{ImageFormat, ModelImage};
 pub use neural::config::ArticulationConfig;

@@ -3,6 +3,7 @@
 mod config;
 mod denoise;
 mod error;
+mod features;
 mod frame;
 mod isolate;
 mod noise;
@@ -21,6 +22,8 @@ mod window;
 pub use config::{CaptureConfig, TopicConfig};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
+pub(crate) use features::luma;
+pub use features::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
 pub use frame::{RgbdFrame, median_over_object};
 pub use isolate::isolate;
 pub use noise::{GRAZING_COSINE, NoiseConfig};

@@ -27,8 +27,8 @@ pub use preset::preset_cost;
 pub use run::{Engine, Init, RunConfig};
 
 use crate::{
-    articulate::{ArticulationConfig, JointConfig, MatchConfig, RegisterConfig},
-    capture::CaptureConfig,
+    articulate::{ArticulationConfig, JointConfig, RegisterConfig},
+    capture::{CaptureConfig, MatchConfig},
     export::{ExportConfig, LookConfig},
     field::TrainConfig,
     model::ModelConfig,

@@ -81,7 +81,7 @@ mod absent {
     use std::path::Path;
 
     use super::OnnxError;
-    use crate::{articulate::Correspondence, capture::RgbdFrame};
+    use crate::capture::{Correspondence, RgbdFrame};
 
     /// A matcher that this build does not have.
     #[derive(Debug)]

@@ -12,8 +12,8 @@ use tract_onnx::{prelude::*, tract_hir::infer::Factoid as _};
 
 use super::onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
 use crate::{
-    articulate::{Correspondence, ImageFormat, ModelImage},
-    capture::RgbdFrame,
+    articulate::{ImageFormat, ModelImage},
+    capture::{Correspondence, RgbdFrame},
 };
 
 const INPUTS: [&str; 2] = ["image0", "image1"];

@@ -10,8 +10,8 @@ use super::{
     stage::stage_of,
 };
 use crate::{
-    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, match_states, standing_share},
-    capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds},
+    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share},
+    capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states},
     config::Config,
     geometry::{Pose, SceneBox},
     io::OnnxMatcher,

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 
 use super::{Event, Monitor, RunError};
 use crate::{
-    articulate::{MatchConfig, frame_pairs, match_states, on_object},
-    capture::{PixelMatch, RgbdFrame},
+    capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object},
     io::OnnxMatcher,
     note::{Note, NoteCode},
 };

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{joints::patch_alignment::Patch, matches::luma::luma};
-use crate::capture::{NoiseConfig, RgbdFrame};
+use crate::articulate::joints::patch_alignment::Patch;
+use crate::capture::{NoiseConfig, RgbdFrame, luma};
 
 /// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
 pub(crate) struct Tangent {

@@ -1,6 +1,6 @@
 //! Images as a matching model takes them, and pixels back to the frame.
 
-use crate::{articulate::matches::luma::luma, capture::RgbdFrame};
+use crate::capture::{RgbdFrame, luma};
 
 /// Sides of an image whose size the model leaves open are multiples of this, pixels.
 pub const SIDE_MULTIPLE: usize = 32;

@@ -6,11 +6,10 @@
 use rayon::prelude::*;
 
 use super::{pairs::Matches, surfels::Surfels};
-use crate::articulate::matches::{
-    features::{Feature, FeatureConfig, features},
-    matcher::{frame_pairs, mutual_matches},
+use crate::capture::{
+    NoiseConfig, RgbdFrame,
+    features::{Feature, FeatureConfig, features, frame_pairs, mutual_matches},
 };
-use crate::capture::{NoiseConfig, RgbdFrame};
 
 /// Frames that every frame is matched with: those seen from nearest by.
 const NEIGHBORS: usize = 8;

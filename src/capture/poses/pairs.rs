@@ -511,4 +511,60 @@ mod tests {
         }
         assert!(checked > 300, "{checked}");
     }
+
+    #[test]
+    fn derivatives_of_landmarks_are_those_of_the_distance() {
+        let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
+        let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
+        let frames = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
+            .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
+        let noise = NoiseConfig::default();
+        let mut surfels = frames.each_ref().map(|f| Surfels::of(f, &noise, |_| true));
+        let poses = frames.each_ref().map(|f| f.world_from_camera);
+        // What a pixel of the first frame shows, the second shows where it projects to, a little beside.
+        let seen: Vec<[[f64; 2]; 2]> = (0..300)
+            .filter_map(|i| {
+                let (u, v) = (50 + i % 20 * 3, 40 + i / 20 * 3);
+                let there = frames[1].in_camera(&frames[0].world_point(v * k.width + u)?);
+                let (x, y) = k.project(&there)?;
+                Some([[u as f64 + 0.3, v as f64 - 0.2], [x, y]])
+            })
+            .collect();
+        let numbers = [0, 1].map(|s| {
+            let pixels = seen.iter().map(|p| p[s]);
+            surfels[s].set_landmarks(&frames[s], &noise, pixels)
+        });
+        let between = |p: &[Pose; 2]| p[1].inverse() * p[0];
+        let at = |s: &[Surfels; 2], p: &[Pose; 2], m: [u32; 2]| {
+            s[0].across(m, &s[1], &between(p), &PoseNoise::EXPECTED)
+        };
+        let mut rng = crate::random::stage_rng(3, "warp", 0);
+        let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
+        let mut errors = SensorErrors::none(&k);
+        errors.step(&DVector::from_fn(errors.count(), |_, _| 1e-4 * drawn()));
+        let spoilt = surfels.each_ref().map(|s| s.corrected(&errors));
+        let values = errors.values();
+        let (mut checked, step) = (0, 1e-6);
+        for m in numbers[0].iter().zip(&numbers[1]).filter_map(|(a, b)| Some([(*a)?, (*b)?])) {
+            for (r, changed) in at(&surfels, &poses, m).into_iter().zip(at(&spoilt, &poses, m)) {
+                let (Some(r), Some(changed)) = (r, changed) else { continue };
+                let expected: f64 = by_sensor(&r, &errors).iter().map(|(k, d)| d * values[*k]).sum();
+                let change = changed.distance_m - r.distance_m;
+                assert!((change - expected).abs() < 3e-6, "{change} {expected}");
+                checked += 1;
+            }
+            for p in 0..12 {
+                let twist = SVector::<f64, 6>::from_fn(|i, _| if i == p % 6 { step } else { 0.0 });
+                let mut moved = poses;
+                moved[p / 6] *= Pose::new(twist.fixed_rows::<3>(0).into(), twist.fixed_rows::<3>(3).into());
+                for (r, there) in at(&surfels, &poses, m).into_iter().zip(at(&surfels, &moved, m)) {
+                    let (Some(r), Some(there)) = (r, there) else { continue };
+                    let slope = (there.distance_m - r.distance_m) / step;
+                    // The ray of the other's landmark stays: a turn of that camera moves the point alone.
+                    assert!((slope - by_poses(&r)[p]).abs() < 1e-3, "{p}: {slope} {}", by_poses(&r)[p]);
+                }
+            }
+        }
+        assert!(checked > 200, "{checked}");
+    }
 }

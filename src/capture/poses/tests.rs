@@ -69,7 +69,7 @@ fn disturbed(frames: &[RgbdFrame], translation_m: f64, rotation_rad: f64) -> Vec
 /// The poses of one state corrected.
 fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
     let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of(f, &NOISE, |_| true)).collect();
-    let Refined { poses, correction } = Refined::alone(&problem(frames, &surfels)?)?;
+    let Refined { poses, correction } = Refined::alone(&problem(frames, &surfels, Matches::new())?)?;
     if correction.used {
         frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
     }
@@ -201,8 +201,18 @@ fn room(p: &Point3<f64>) -> f64 {
 
 /// Frames of the room from places that are drawn, with depth noise and errors of the poses.
 fn of_room(seed: u64, count: usize) -> Vec<RgbdFrame> {
+    drawn_room(seed, count, true)
+}
+
+/// The same without noise and errors.
+fn room_as_it_is(seed: u64, count: usize) -> Vec<RgbdFrame> {
+    drawn_room(seed, count, false)
+}
+
+fn drawn_room(seed: u64, count: usize, with_errors: bool) -> Vec<RgbdFrame> {
     let mut normal = Normal::new(seed);
     let mut drift = Pose::identity();
+    let size = f64::from(u8::from(with_errors));
     let view = |i: usize| {
         let turn = 0.3 + 0.9 * i as f64 / count as f64 + 0.1 * (normal.0)();
         let away = 1.0 + 0.2 * (normal.0)();
@@ -212,10 +222,10 @@ fn of_room(seed: u64, count: usize) -> Vec<RgbdFrame> {
         let mut frame = view_of(&room, INTRINSICS, frame.world_from_camera);
         frame.mask = None;
         for d in frame.depth_m.iter_mut().filter(|d| **d > 0.0) {
-            *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32;
+            *d += (size * NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32;
         }
-        let jitter = Pose::new(normal.vector(0.001), normal.vector(0.001));
-        drift *= Pose::new(normal.vector(0.0008), normal.vector(0.0008));
+        let jitter = Pose::new(normal.vector(0.001 * size), normal.vector(0.001 * size));
+        drift *= Pose::new(normal.vector(0.0008 * size), normal.vector(0.0008 * size));
         frame.world_from_camera = drift * frame.world_from_camera * jitter;
         frame
     };
@@ -286,4 +296,76 @@ fn the_order_of_the_states_does_not_matter() {
     let [one, other] = [&mut forward, &mut backward].map(|s| refine_poses(s, &NOISE).sensor.unwrap());
     let apart = one.warp.values.iter().zip(&other.warp.values).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) < 1e-6, "{one} {other}");
+}
+
+/// A number in `[0, 1]` that a cell of space draws.
+fn drawn_at(cell: [i64; 3]) -> f64 {
+    let mixed = cell.iter().fold(0x9e37_79b9_u64, |h, c| (h ^ *c as u64).wrapping_mul(0xff51_afd7_ed55_8ccd));
+    (mixed ^ (mixed >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53) as f64 / u64::MAX as f64
+}
+
+/// A gray that changes over centimeters.
+fn texture(p: &Point3<f64>) -> u8 {
+    const CELL_M: f64 = 0.025;
+    let place = p.coords / CELL_M;
+    let corner = place.map(f64::floor);
+    let weight = |at: f64, far: i64| if far == 1 { at } else { 1.0 - at };
+    let within = place - corner;
+    let sum: f64 = (0..8i64)
+        .map(|i| {
+            let far = [i & 1, i >> 1 & 1, i >> 2];
+            let cell = [0, 1, 2].map(|k| corner[k] as i64 + far[k]);
+            (0..3).map(|k| weight(within[k], far[k])).product::<f64>() * drawn_at(cell)
+        })
+        .sum();
+    (255.0 * sum) as u8
+}
+
+/// The frames with the texture of space, which lies so many pixels beside their depth.
+fn painted(mut frames: Vec<RgbdFrame>, [du, dv]: [i64; 2]) -> Vec<RgbdFrame> {
+    for f in &mut frames {
+        let (width, height) = (f.intrinsics.width as i64, f.intrinsics.height as i64);
+        let color = |i: i64| {
+            let (u, v) = (i % width - du, i / width - dv);
+            let inside = (0..width).contains(&u) && (0..height).contains(&v);
+            let point = inside.then(|| f.world_point((v * width + u) as usize)).flatten();
+            [point.map_or(0, |p| texture(&p)); 3]
+        };
+        f.rgb = (0..width * height).map(color).collect();
+    }
+    frames
+}
+
+#[test]
+fn texture_shows_how_far_cameras_slid_along_a_wall() {
+    let truth = painted(frames(&wall, 0.5, 8), [0, 0]);
+    let reported = disturbed(&truth, 0.004, 0.002);
+    let mut found = vec![reported.clone()];
+    let findings = refine_poses(&mut found, &NOISE);
+    assert!(findings.states[0].as_ref().is_some_and(|s| s.used), "{findings:?}");
+    let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found[0], &truth));
+    assert!(after[0] < 0.4 * before[0] && after[1] < 0.4 * before[1], "{before:?} {after:?}");
+}
+
+#[test]
+fn color_that_lies_beside_its_depth_is_found_and_moved() {
+    let shift_px = [2, -1];
+    let truth = drawn_warp(3);
+    // Painted where cameras are, before poses and depth get their errors.
+    let states = (0..2).map(|s| of_room(s, 12)).collect();
+    let painted_as_seen = |frames: Vec<RgbdFrame>, seed: u64| {
+        let seen = painted(room_as_it_is(seed, frames.len()), shift_px);
+        frames.into_iter().zip(seen).map(|(f, s)| RgbdFrame { rgb: s.rgb, ..f }).collect::<Vec<_>>()
+    };
+    let states: Vec<Vec<RgbdFrame>> = warped(states, &truth);
+    let mut states: Vec<Vec<RgbdFrame>> =
+        states.into_iter().zip(0..).map(|(frames, seed)| painted_as_seen(frames, seed)).collect();
+    let before = states[0][0].rgb.clone();
+    let found = refine_poses(&mut states, &NOISE).sensor.unwrap();
+    assert!(found.used, "{found}");
+    for k in 0..2 {
+        let error = found.color_shift_px[0][k] - shift_px[k] as f64;
+        assert!(error.abs() < 0.4, "{found:?}");
+    }
+    assert_ne!(states[0][0].rgb, before, "colors were moved");
 }

@@ -4,7 +4,7 @@
 
 use std::f32::consts::TAU;
 
-use crate::articulate::matches::scale_space::Plane;
+use crate::capture::features::scale_space::Plane;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;

@@ -1,0 +1,12 @@
+//! Image features of frames, and which of two frames show the same.
+
+mod descriptor;
+mod feature;
+mod luma;
+mod matcher;
+mod scale_space;
+
+pub(super) use feature::{Feature, FeatureConfig, features};
+pub(crate) use luma::luma;
+pub(super) use matcher::mutual_matches;
+pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
