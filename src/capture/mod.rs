@@ -23,7 +23,7 @@ pub use config::{CaptureConfig, TopicConfig};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub(crate) use features::luma;
-pub use features::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
+pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, match_states, on_object};
 pub use frame::{RgbdFrame, median_over_object};
 pub use isolate::isolate;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
@@ -32,7 +32,7 @@ pub use pixel_weights::pixel_weights;
 pub use poses::{
     PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration, align_worlds, refine_poses,
 };
-pub use recording::{Capture, MAX_STATES, PixelMatch};
+pub use recording::{Capture, MAX_STATES};
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;

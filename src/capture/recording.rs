@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{NoiseConfig, PoseFindings, RgbdFrame};
+use super::{NoiseConfig, PoseFindings, RgbdFrame, features::PixelMatch};
 use crate::note::Note;
 
 /// The recording: frames of every state, and what was found or lost on the way.
@@ -41,16 +41,3 @@ impl Capture {
 
 /// Most states of one recording.
 pub const MAX_STATES: usize = 16;
-
-/// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PixelMatch {
-    /// Index of the frame in `states[0]` and its pixel (u right, v down).
-    pub frame0: usize,
-    /// Pixel coordinates in frame 0.
-    pub pixel0: [f32; 2],
-    /// Index of the frame in `states[1]`.
-    pub frame1: usize,
-    /// Pixel coordinates in frame 1.
-    pub pixel1: [f32; 2],
-}

@@ -51,6 +51,11 @@ pub struct DepthSensorReport {
     pub scale_percent: [f64; 2],
     /// What differs from it over the image, root mean square, percent of the range.
     pub warp_percent: f64,
+    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, pixels; color
+    /// was moved back.
+    pub color_shift_px: [f64; 2],
+    /// Their standard deviations.
+    pub color_shift_std_px: [f64; 2],
     /// Robust standard deviation of the distances between surfaces that two frames see, with corrected poses
     /// alone and with corrected depth, millimeters; of readings that the correction was not fitted to.
     pub residual_mm: [f64; 2],
@@ -73,6 +78,8 @@ impl DepthSensorReport {
             corrected: found.used,
             scale_percent: found.scale.map(percent),
             warp_percent: percent(found.warp_rms),
+            color_shift_px: found.color_shift_px[0].map(|c| round_significant(c, DIGITS)),
+            color_shift_std_px: found.color_shift_px[1].map(|c| round_significant(c, DIGITS)),
             residual_mm: found.residual_m.map(|m| round_significant(1e3 * m, DIGITS)),
             step_px: found.warp.step_px,
             shape: found.warp.shape,

@@ -3,12 +3,12 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::capture::RgbdFrame;
 use crate::capture::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
     scale_space::{Octave, Plane, octaves},
 };
+use crate::capture::frame::RgbdFrame;
 
 /// How features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::capture::features::{
     descriptor::{DESCRIPTOR_NORM, dot},
     feature::{Feature, FeatureConfig, features},
+    pixel_match::PixelMatch,
 };
-use crate::capture::{PixelMatch, RgbdFrame};
+use crate::capture::frame::RgbdFrame;
 
 /// How matches are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

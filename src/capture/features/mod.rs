@@ -4,9 +4,11 @@ mod descriptor;
 mod feature;
 mod luma;
 mod matcher;
+mod pixel_match;
 mod scale_space;
 
 pub(super) use feature::{Feature, FeatureConfig, features};
 pub(crate) use luma::luma;
 pub(super) use matcher::mutual_matches;
 pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
+pub use pixel_match::PixelMatch;

@@ -80,7 +80,7 @@ fn cell_size(capture: &Capture) -> f64 {
     };
     let depth_m = median(frames.clone().flat_map(object).collect()).unwrap_or(1.0);
     let pixel_m = frames.map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
-    // docs/method.md (2.17): wider than the noise, and than the gaps between pixels.
+    // docs/method.md (2.18): wider than the noise, and than the gaps between pixels.
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 

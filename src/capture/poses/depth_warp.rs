@@ -3,7 +3,7 @@
 //! True depth is a reading times `1 + c(u, v)`, where c is a cubic B-spline on a coarse grid over the image
 //! (Basso, Menegatti and Pretto 2018 call its map the undistortion map; Teichman, Miller and Thrun 2013 found
 //! it without a target). Its mean over the image is the error of the sensor's scale.
-//! See docs/method.md (2.19).
+//! See docs/method.md (2.20).
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;

@@ -2,7 +2,7 @@
 //!
 //! The drift of a pose is that of the one before, carried along, and a step of its own (a random walk of
 //! motions in the camera's frame); the jitter is each pose's own. Sizes of both are those of largest marginal
-//! likelihood. See docs/method.md (2.14).
+//! likelihood. See docs/method.md (2.15).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
@@ -94,7 +94,7 @@ impl Drift {
         corrections: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
-        // Of the distances that the frames see, as information about corrections: docs/method.md (2.14).
+        // Of the distances that the frames see, as information about corrections: docs/method.md (2.15).
         let marginal = information - information * covariance * information;
         let pull = information * corrections;
         let carried = &marginal * &self.from_steps;

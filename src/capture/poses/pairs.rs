@@ -326,7 +326,7 @@ impl Comparison {
 }
 
 impl Gain {
-    /// Of all frames of so many states; `None` where too few surfels are held out. See docs/method.md (2.15).
+    /// Of all frames of so many states; `None` where too few surfels are held out. See docs/method.md (2.16).
     pub fn of(states: &[Changes]) -> Option<Self> {
         let pairs = || states.iter().flat_map(|s| &s.pairs);
         if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
@@ -402,7 +402,7 @@ fn by_poses(r: &Residual) -> [f64; 12] {
 /// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
 /// other frame sees it: a point moves along its ray, and so does the plane. Features move with the color.
 fn by_sensor(r: &Residual, errors: &SensorErrors) -> [(usize, f64); SENSOR] {
-    // docs/method.md (2.20).
+    // docs/method.md (2.21).
     let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel));
     let this = this.iter().map(|(k, w)| (k, w * r.normal.dot(&r.point.coords)));
     let other = other.iter().map(|(k, w)| (k, -w * r.other_normal.dot(&r.other_point.coords)));

@@ -27,7 +27,8 @@ pub struct SensorCalibration {
     pub scale: [f64; 2],
     /// What differs from it, root mean square over the image.
     pub warp_rms: f64,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations, pixels.
+    /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations,
+    /// pixels.
     pub color_shift_px: [[f64; 2]; 2],
     /// Robust standard deviation of the distances between surfaces that two frames see, held out, by
     /// corrected poses alone and with corrected depth, meters.

@@ -1,4 +1,5 @@
-//! The errors of a sensor that stay with it: those of depth by the pixel, and the place of color against depth.
+//! The errors of a sensor that stay with it: those of depth by the pixel, and the place of color against
+//! depth.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,15 +9,16 @@ use crate::geometry::Intrinsics;
 /// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
 /// and factory calibration leaves about a fifth of it.
 const SCALE: f64 = 0.005;
-/// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an image of
-/// 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
+/// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an
+/// image of 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
 const COLOR_SHIFT: f64 = 0.003;
 
 /// Errors of a sensor: the values of the warp, and the shift of color.
 #[derive(Clone, Debug)]
 pub(super) struct SensorErrors {
     pub warp: DepthWarp,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal lengths.
+    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
+    /// lengths.
     pub color_shift: [f64; 2],
 }
 
@@ -46,7 +48,7 @@ impl SensorErrors {
         self.warp.values.iter_mut().chain(&mut self.color_shift).zip(step.iter()).for_each(|(v, s)| *v += s);
     }
 
-    /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.19).
+    /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.20).
     pub fn expected(&self, size: f64) -> DMatrix<f64> {
         let warp = (self.warp.smooth() * size.powi(2)).add_scalar(SCALE.powi(2));
         let (of_warp, count) = (self.first_of_shift(), self.count());

@@ -271,7 +271,7 @@ fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>,
 
 /// The most likely sizes of the errors by the last equations, about the place that they were made at: with
 /// drift of the poses where that is likelier than jitter alone (Bayesian information criterion). See
-/// docs/method.md (2.14).
+/// docs/method.md (2.15).
 fn most_likely(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -298,7 +298,7 @@ fn most_likely(
     Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })
 }
 
-/// Sizes by what was found and what is not known of it. See docs/method.md (2.14).
+/// Sizes by what was found and what is not known of it. See docs/method.md (2.15).
 fn resized(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
@@ -315,11 +315,11 @@ fn resized(
         let mean = errors.values() + &step.sensor;
         let information = &step.sensor_information;
         let pull = information * mean;
-        // As in docs/method.md (2.14), with one size for all values of the warp.
+        // As in docs/method.md (2.15), with one size for all values of the warp.
         let marginal = information - information * &step.sensor_covariance * information;
         let (smooth, count) = (errors.warp.smooth(), errors.first_of_shift());
         let (pull, marginal) = (pull.rows(0, count), marginal.view((0, 0), (count, count)));
-        let change = growth(pull.dot(&(&smooth * &pull)), smooth.dot(&marginal));
+        let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
         (sizes.warp * change).max(LEAST_WARP)
     };
     Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: sensor.map_or(sizes.warp, of_warp) }

@@ -130,8 +130,8 @@ impl Surfels {
         Self { intrinsics: k, step, columns, rows, cells, facing, landmarks: Vec::new() }
     }
 
-    /// Takes the features of the frame at these pixels; gives of each its number among the landmarks, where its
-    /// depth is known.
+    /// Takes the features of the frame at these pixels; gives of each its number among the landmarks, where
+    /// its depth is known.
     pub fn set_landmarks(
         &mut self,
         frame: &RgbdFrame,
@@ -145,8 +145,8 @@ impl Surfels {
         numbers.collect()
     }
 
-    /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along two
-    /// directions across it. Distances beyond three standard deviations do not count.
+    /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along
+    /// two directions across it. Distances beyond three standard deviations do not count.
     pub fn across(
         &self,
         [this, that]: [u32; 2],

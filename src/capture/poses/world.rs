@@ -174,7 +174,7 @@ fn step(
 
 /// Covariance of the motion about the middle. Errors of depth and pose run together over an image, so that
 /// each frame of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more
-/// frames of a state than parameters. See docs/method.md (2.16).
+/// frames of a state than parameters. See docs/method.md (2.17).
 fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
     const PARAMETERS: usize = 6;
     let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
