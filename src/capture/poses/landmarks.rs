@@ -1,8 +1,8 @@
 //! Image features that frames share.
 //!
 //! Surfaces that are compared along their normals leave open what lies along them: a floor and the top of an
-//! object do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md
-//! 2.7.
+//! object do not show how far a camera slid over both. Texture does (bundle adjustment).
+//! See docs/method.md 2.7.
 
 use rayon::prelude::*;
 
