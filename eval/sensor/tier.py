@@ -46,15 +46,29 @@ def measure(folder, synth, args):
     report = json.loads((run / "report.json").read_text())
     wanted = sorted(TYPES[p["type"]] for p in truth["parts"] if p["type"] in TYPES)
     found = sorted(TYPES.get(j["type"], j["type"]) for j in report["joints"])
+    stated = {j["name"]: j for j in report["joints"]}
+    joints = [j for j in trial["joints"] if not j.get("missing")]
     return row | {
         "parts": len(truth["parts"]),
         "found": trial["parts_found"],
         "wanted": wanted,
         "types": found,
-        "joints": [j for j in trial["joints"] if not j.get("missing")],
+        "joints": [j | {"in_deviations": in_deviations(j, stated[j["joint"]])} for j in joints],
         "seen_mm": [trial["mesh"].get(f"state{k}/whole", {}).get("seen_mm") for k in (0, 1)],
         "frame": frame,
     }
+
+
+def in_deviations(joint, stated):
+    """Errors as multiples of the standard deviations that the twin states: of the axis, of its line, of the motion."""
+    motion, unit = stated["motion_std"]["value"], stated["motion_std"]["unit"]
+    motion_name, scale = ("motion_mm", 1e3) if unit == "m" else ("motion_deg", math.degrees(1))
+    pairs = {
+        "axis": (joint["axis_deg"], stated["axis_std_deg"]),
+        "line": (joint.get("axis_mm"), stated["origin_std_mm"]),
+        "motion": (joint.get(motion_name), scale * (motion or 0)),
+    }
+    return {k: error / std for k, (error, std) in pairs.items() if error is not None and std}
 
 
 def listed(values, digits):
@@ -79,9 +93,19 @@ def table(rows):
     text = ["| object | parts (true) | types (true) | axis, deg | line, mm | motion | seen, mm | frame off |", "|---|---|---|---|---|---|---|---|"]
     text += [line(row) for row in rows]
     counted = sum(row.get("found") == row.get("parts") and "parts" in row for row in rows)
-    axes = [j["axis_deg"] for row in rows for j in row.get("joints", [])]
-    median = statistics.median(axes) if axes else math.nan
-    return "\n".join([*text, "", f"number of parts right on {counted} of {len(rows)}; axis: median {median:.2f} deg", ""])
+    joints = [j for row in rows for j in row.get("joints", [])]
+    told = [f"number of parts right on {counted} of {len(rows)}; types on {sum(row.get('types') == row.get('wanted') for row in rows)}"]
+    for key, unit in (("axis_deg", "deg"), ("axis_mm", "mm"), ("motion_deg", "deg"), ("motion_mm", "mm")):
+        values = sorted(j[key] for j in joints if j.get(key) is not None)
+        if values:
+            high = values[min(len(values) - 1, int(0.95 * len(values)))]
+            told.append(f"{key}: median {statistics.median(values):.2f}, 95th percentile {high:.2f} {unit} of {len(values)}")
+    for key in ("axis", "line", "motion"):
+        ratios = [j["in_deviations"][key] for j in joints if key in j["in_deviations"]]
+        if ratios:
+            rms = math.sqrt(sum(r * r for r in ratios) / len(ratios))
+            told.append(f"{key}, error over stated deviation: median {statistics.median(ratios):.2f}, root mean square {rms:.2f}")
+    return "\n".join([*text, "", *told, ""])
 
 
 def arguments(description):
