@@ -1,6 +1,6 @@
 //! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
@@ -24,8 +24,7 @@ const BLOCK: usize = 4;
 const HELD_OUT: usize = 3;
 /// Cut of Tukey's biweight, in robust standard deviations.
 const CUT: f64 = 4.685;
-/// A pair of frames counts as no more than so many independent readings: errors of depth run together over an
-/// image.
+/// A frame has no more than so many independent readings: errors of depth run together over an image.
 const INDEPENDENT: f64 = 200.0;
 /// Fewest held-out surfels for a comparison.
 const LEAST_SURFELS: usize = 200;
@@ -99,6 +98,16 @@ struct Row {
     weight: f64,
 }
 
+/// The residuals of a pair.
+struct Rows {
+    surfels: Vec<Row>,
+    landmarks: Vec<Row>,
+    /// Surfels that agree, as shares of a reading each, and those that were tried.
+    agreeing: f64,
+    tried: usize,
+    ratios: Ratios,
+}
+
 /// What a change of poses does to held-out surfels.
 pub(super) struct Gain {
     /// Mean of the frames' gains in its standard errors.
@@ -132,8 +141,8 @@ impl SensorSums {
         }
     }
 
-    fn add(&mut self, [i, j]: [usize; 2], row: &Row, share: f64) {
-        let weight = share * row.weight;
+    fn add(&mut self, [i, j]: [usize; 2], row: &Row) {
+        let weight = row.weight;
         for (at, &(a, x)) in row.sensor.iter().enumerate() {
             let scaled = weight * x;
             self.gradient[a] += scaled * row.distance_m;
@@ -195,20 +204,22 @@ impl Comparison {
         let of_frame = |pairs: &[[usize; 2]]| {
             let mut of_sensor =
                 sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
+            let rows: Vec<Rows> =
+                pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, loose)).collect();
+            let weights = Weights::of(pairs, &rows, &self.matches);
             let (mut sums, mut ratios) = (Vec::new(), Vec::new());
-            for &pair in pairs {
-                let (rows, seen) = self.rows(pair, views, sensor, scale, loose);
-                ratios.push(seen);
-                let weights: f64 = rows.iter().map(|(share, _)| share).sum();
-                if weights <= 0.0 {
+            for (&pair, mut rows) in pairs.iter().zip(rows) {
+                ratios.push(rows.ratios);
+                let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
+                rows.surfels.iter_mut().for_each(|row| row.weight *= of_surfels);
+                rows.landmarks.iter_mut().for_each(|row| row.weight *= weights.of_landmarks);
+                rows.surfels.append(&mut rows.landmarks);
+                if rows.surfels.is_empty() {
                     continue;
                 }
-                // Pixels by the thousand would otherwise outweigh what is expected of the poses.
-                let cap = (INDEPENDENT / weights).min(1.0);
-                let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
-                sums.push(pair_sums(pair, &rows, cap));
+                sums.push(pair_sums(pair, &rows.surfels));
                 if let Some(sums) = &mut of_sensor {
-                    rows.iter().for_each(|row| sums.add(pair, row, cap));
+                    rows.surfels.iter().for_each(|row| sums.add(pair, row));
                 }
             }
             (sums, ratios, of_sensor)
@@ -229,30 +240,38 @@ impl Comparison {
         Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
     }
 
-    /// Rows of a pair, each with its share of a reading.
     fn rows(
         &self,
-        frames: [usize; 2],
+        pair: [usize; 2],
         views: Views<'_>,
         sensor: Option<&SensorErrors>,
         scale: f64,
         loose: f64,
-    ) -> (Vec<(f64, Row)>, Ratios) {
-        let mut rows = Vec::new();
-        let mut ratios = Ratios::default();
-        self.compare(frames, views, Subset::Fitted, |r, _| {
-            ratios.add(r);
+    ) -> Rows {
+        let row = |r: &Residual| {
             let sigma_m = (r.sigma_m * scale).hypot(loose * r.displacement_m);
             // Tukey's biweight: surfels of other surfaces have no say at all.
             let z = r.distance_m / (sigma_m * CUT);
-            if z.abs() < 1.0 {
-                let share = (1.0 - z * z).powi(2);
-                let sensor = sensor.map_or([(0, 0.0); SENSOR], |errors| by_sensor(r, errors));
-                let weight = share / sigma_m.powi(2);
-                rows.push((share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }));
+            let share = (1.0 - z * z).max(0.0).powi(2);
+            let sensor = sensor.map_or([(0, 0.0); SENSOR], |errors| by_sensor(r, errors));
+            let weight = share / sigma_m.powi(2);
+            (share > 0.0)
+                .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
+        };
+        let (mut surfels, mut landmarks, mut agreeing) = (Vec::new(), Vec::new(), 0.0);
+        let mut ratios = Ratios::default();
+        let tried = self.compare_surfels(pair, views, Subset::Fitted, |r, _| {
+            ratios.add(r);
+            if let Some((share, row)) = row(r) {
+                agreeing += share;
+                surfels.push(row);
             }
         });
-        (rows, ratios)
+        self.compare_landmarks(pair, views, Subset::Fitted, |r, _| {
+            ratios.add(r);
+            landmarks.extend(row(r).map(|(_, row)| row));
+        });
+        Rows { surfels, landmarks, agreeing, tried, ratios }
     }
 
     /// What held-out surfels gain `after`.
@@ -289,39 +308,83 @@ impl Comparison {
         change
     }
 
-    /// Visits residuals of a pair and the places of their surfels in a fixed order: about as many for every
-    /// way that surfels face (normal-space sampling: Rusinkiewicz and Levoy 2001), since the larger surfaces
-    /// show the same again and again.
+    /// Visits residuals of a pair and their places in a fixed order.
     fn compare(
+        &self,
+        pair: [usize; 2],
+        views: Views<'_>,
+        subset: Subset,
+        mut visit: impl FnMut(&Residual, usize),
+    ) {
+        let surfels = self.sets[subset as usize][pair[0]].iter().map(Vec::len).sum::<usize>();
+        self.compare_surfels(pair, views, subset, &mut visit);
+        self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
+    }
+
+    /// Visits surfels, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
+    /// Levoy 2001), since the larger surfaces show the same again and again. Says how many it tried.
+    fn compare_surfels(
         &self,
         [i, j]: [usize; 2],
         Views { surfels, world_from_camera }: Views<'_>,
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
-    ) {
+    ) -> usize {
         let most = (COMPARED / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS;
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
-        let mut before = 0;
+        let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
             // Every pair begins elsewhere, so that together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
+                tried += 1;
                 if let Some(r) = surfels[i].residual(cell, &surfels[j], &other_from_this, &self.noise) {
                     visit(&r, before + at);
                 }
             }
             before += cells.len();
         }
+        tried
+    }
+
+    /// Visits landmarks, which have two residuals each.
+    fn compare_landmarks(
+        &self,
+        [i, j]: [usize; 2],
+        Views { surfels, world_from_camera }: Views<'_>,
+        subset: Subset,
+        mut visit: impl FnMut(&Residual, usize),
+    ) {
+        let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let matches = self.matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
         let is_wanted = |at: usize| at.is_multiple_of(HELD_OUT) == matches!(subset, Subset::HeldOut);
         for (at, &landmarks) in matches.iter().enumerate().filter(|(at, _)| is_wanted(*at)) {
             let across = surfels[i].across(landmarks, &surfels[j], &other_from_this, &self.noise);
             for (k, r) in across.iter().enumerate() {
                 if let Some(r) = r {
-                    visit(r, before + 2 * at + k);
+                    visit(r, 2 * at + k);
                 }
             }
         }
+    }
+}
+
+/// What a reading of a frame weighs in each of its pairs.
+struct Weights {
+    of_surfels: f64,
+    of_landmarks: f64,
+}
+
+impl Weights {
+    /// A reading that n - 1 other frames show too is compared with each of them, both ways, but is one reading:
+    /// by weights of 1/n the means of all frames have the information that n readings have (pairwise
+    /// likelihood: Lindsay 1988). See docs/method.md 2.7.
+    fn of(pairs: &[[usize; 2]], rows: &[Rows], matches: &Matches) -> Self {
+        let agreeing: f64 = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
+        let of_pairs = || pairs.iter().filter_map(|pair| matches.get(pair)).flatten();
+        let landmarks: BTreeSet<u32> = of_pairs().map(|m| m[0]).collect();
+        let matched = of_pairs().count() as f64 / landmarks.len().max(1) as f64;
+        Self { of_surfels: 1.0 / (1.0 + agreeing), of_landmarks: 1.0 / (1.0 + matched) }
     }
 }
 
@@ -413,7 +476,7 @@ fn by_sensor(r: &Residual, errors: &SensorErrors) -> [(usize, f64); SENSOR] {
 }
 
 /// Normal equations of the poses of a pair.
-fn pair_sums(frames: [usize; 2], rows: &[Row], cap: f64) -> PairSums {
+fn pair_sums(frames: [usize; 2], rows: &[Row]) -> PairSums {
     // Half of a symmetric matrix; `block` mirrors it.
     let mut upper = [[0.0; 12]; 12];
     let mut gradient = [0.0; 12];
@@ -426,12 +489,11 @@ fn pair_sums(frames: [usize; 2], rows: &[Row], cap: f64) -> PairSums {
             }
         }
     }
-    let block =
-        |r: usize, c: usize| Matrix6::from_fn(|i, k| cap * upper[(r + i).min(c + k)][(r + i).max(c + k)]);
+    let block = |r: usize, c: usize| Matrix6::from_fn(|i, k| upper[(r + i).min(c + k)][(r + i).max(c + k)]);
     PairSums {
         frames,
         information: [block(0, 0), block(0, 6), block(6, 6)],
-        gradient: [0, 6].map(|k| Vector6::from_fn(|i, _| cap * gradient[k + i])),
+        gradient: [0, 6].map(|k| Vector6::from_fn(|i, _| gradient[k + i])),
     }
 }
 
