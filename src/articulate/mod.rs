@@ -25,6 +25,7 @@ pub use joints::part_evidence::PartEvidence;
 #[cfg(test)]
 pub use joints::square_axes::SeenDirection;
 pub use joints::static_motion::static_motion;
+pub use joints::surface_draws::SurfaceDraws;
 pub use matches::lift::lift;
 #[cfg(feature = "onnx")]
 pub use matches::model_image::{ImageFormat, ModelImage};

@@ -4,12 +4,11 @@ use super::{
     articulation::{Articulation, PartsOfState},
     scene::Scene,
     state::State,
-    world_noise::world_covariance,
 };
 use crate::{
     articulate::{
-        LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, TreeJointEstimate,
-        kinematic_tree, static_motion,
+        LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
+        TreeJointEstimate, kinematic_tree, static_motion,
     },
     capture::PoseFindings,
     geometry::{NearestPoints, Pose},
@@ -23,22 +22,26 @@ pub(super) fn joints(
     articulation: &Articulation,
     scene: &Scene,
 ) -> Vec<TreeJointEstimate> {
-    let evidence = Evidence::new(states, articulation, scene);
+    let draws = |(k, s): (usize, &State)| {
+        let spacing_m = s.surface.sdf.spacing_m;
+        SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
+    };
+    let draws: Vec<SurfaceDraws> = states.iter().enumerate().map(draws).collect();
+    // Joints are those of the twin, whose frame is its static part: where that is off as a whole in state 0,
+    // so is all that it carries.
+    let labels = &articulation.states[0].labels;
+    let base: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
+    let frame = draws[0].rigid(&states[0].surface.samples.points, &base);
+    let in_frame = |(draws, s): (SurfaceDraws, &State)| draws.without(&frame, &s.surface.samples.points);
+    let draws: Vec<SurfaceDraws> = draws.into_iter().zip(states).map(in_frame).collect();
+    let evidence = Evidence::new(states, &draws, articulation, scene);
     let parts: Vec<PartEvidence> = (1..articulation.parts()).filter_map(|part| evidence.part(part)).collect();
     // What the static part seems to move by is the error of the world
     // frames; joints against it are free of that.
     let root: Vec<ParentMotion> =
         (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
-    let mut joints = kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint);
-    // (8.13) Errors of state 0's cameras move all that is seen as one, so no residual shows them.
-    if let Some(noise) = poses.noise(0) {
-        for joint in joints.iter_mut().map(|j| &mut j.joint) {
-            joint.evidence.covariance +=
-                world_covariance(states[0].frames, &noise, &joint.axis, &joint.point);
-        }
-    }
-    joints
+    kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint)
 }
 
 /// What all states show, by part.
@@ -51,7 +54,12 @@ struct Evidence<'a> {
 }
 
 impl<'a> Evidence<'a> {
-    fn new(states: &'a [State], articulation: &'a Articulation, scene: &'a Scene) -> Self {
+    fn new(
+        states: &'a [State],
+        draws: &'a [SurfaceDraws],
+        articulation: &'a Articulation,
+        scene: &'a Scene,
+    ) -> Self {
         let parts = &articulation.states;
         let labelled = Labelled {
             nearest: NearestPoints::new(&states[0].surface.samples.points),
@@ -65,7 +73,12 @@ impl<'a> Evidence<'a> {
         Self {
             scene,
             articulation,
-            states: states.iter().zip(parts).map(|(s, parts)| s.observed(&parts.labels)).collect(),
+            states: states
+                .iter()
+                .zip(draws)
+                .zip(parts)
+                .map(|((s, draws), parts)| s.observed(&parts.labels, draws))
+                .collect(),
             matches: states.iter().zip(parts).map(owned).collect(),
         }
     }

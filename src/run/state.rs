@@ -8,7 +8,7 @@ use super::{
     state_surface::{StateSurface, fuse, state_surface},
 };
 use crate::{
-    articulate::{LiftedMatch, ObservedState},
+    articulate::{LiftedMatch, ObservedState, SurfaceDraws},
     capture::RgbdFrame,
     field::{ObjectField, Occupancy, TrainInput},
     surface::SurfaceSource,
@@ -33,7 +33,7 @@ impl State<'_> {
     }
 
     /// What the estimation of joints sees of it.
-    pub fn observed<'a>(&'a self, labels: &'a [u8]) -> ObservedState<'a> {
+    pub fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,
             samples: &self.surface.samples,
@@ -41,6 +41,7 @@ impl State<'_> {
             sdf: &self.surface.sdf,
             visible: &self.surface.visible,
             area_m2: self.surface.mesh.area_m2(),
+            draws,
         }
     }
 }

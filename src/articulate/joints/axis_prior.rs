@@ -180,6 +180,7 @@ mod tests {
             point,
             positions: vec![angle_rad],
             motions: Vec::new(),
+            drawn: Vec::new(),
             covariances: Vec::new(),
             evidence,
         };
@@ -209,7 +210,11 @@ mod tests {
             let axis = Unit::new_normalize(Vector3::from(tilt));
             let turn = UnitQuaternion::from_scaled_axis(turned.into());
             let state1_from_state0 = Pose::from_parts(Vector3::from(turned).into(), turn);
-            let parent = ParentMotion { state1_from_state0, covariance: Matrix6::identity() * 1e-5 };
+            let parent = ParentMotion {
+                state1_from_state0,
+                covariance: Matrix6::identity() * 1e-5,
+                ..ParentMotion::still()
+            };
             let before = hinge(axis, Point3::from(place), angle_rad, &parent);
             let prior = SeenDirection { direction: axis, covariance: Matrix3::identity() * 1e-5 };
             let after = before.clone().towards(&prior, &[parent]);

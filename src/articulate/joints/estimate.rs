@@ -103,6 +103,7 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     estimate.positions.insert(left_out, q);
     estimate.motions.insert(left_out, pose);
     estimate.covariances.insert(left_out, parent.covariance);
+    estimate.drawn.insert(left_out, parent.drawn.clone());
     // Infinite marks a motion that contradicts the others: `settled` leaves it out, too.
     estimate.evidence.position_std.insert(left_out, f64::INFINITY);
     estimate
@@ -158,7 +159,8 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
         point: foot(&joint.point, &axis, &found.place.middle),
         positions: joint.positions.iter().map(|q| sign * q).collect(),
         motions: motions.clone().map(motion).collect(),
-        covariances: motions.map(|k| covariance.motion(k)).collect(),
+        covariances: motions.clone().map(|k| covariance.motion(k)).collect(),
+        drawn: motions.map(|k| covariance.drawn_motion(k)).collect(),
         evidence,
     }
 }

@@ -1,5 +1,6 @@
 //! Joints of one and of several motions with a known answer.
 
+use crate::articulate::joints::drawn_residuals::DrawnResiduals;
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::*;
@@ -62,6 +63,7 @@ fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
         samples[0].points[..matched].iter().map(of).collect()
     };
     let matches: Vec<Vec<MatchEvidence>> = motions.iter().map(on_box).collect();
+    let none = DrawnResiduals::default();
     let motion = |(k, m): (usize, &Pose)| JointMotion {
         start: off * m,
         parent: &still,
@@ -77,6 +79,7 @@ fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
             offsets_m: [&[]; 2],
             displacement_m: 0.0,
             patch_m: 0.2,
+            drawn: &none,
         },
     };
     let all: Vec<JointMotion> = motions.iter().enumerate().map(motion).collect();

@@ -1,6 +1,6 @@
 //! The motion of a part without a joint, with its covariance.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 use crate::{
     articulate::joints::{
@@ -29,13 +29,22 @@ pub struct ParentMotion {
     /// Covariance of a left perturbation (translation 3, rotation 3) of that motion, square meters and
     /// radians; zero for the static part.
     pub covariance: Matrix6<f64>,
+    /// What errors of poses and depth, which all parts share, make of it: a left perturbation by draw, on top
+    /// of the covariance; none where they are not known, or nothing.
+    pub drawn: Vec<Vector6<f64>>,
 }
 
 impl ParentMotion {
+    /// What a draw makes of the motion.
+    #[must_use]
+    pub fn drawn(&self, draw: usize) -> Vector6<f64> {
+        self.drawn.get(draw).copied().unwrap_or_default()
+    }
+
     /// The static part.
     #[must_use]
     pub fn still() -> Self {
-        Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros() }
+        Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros(), drawn: Vec::new() }
     }
 }
 
@@ -101,5 +110,10 @@ pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfi
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
     // Zeros say that some direction is not observed; `static_motion` reads them so.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
-    ParentMotion { state1_from_state0: free.motion, covariance }
+    // The motion makes up for what a draw adds to the gradient.
+    let drawn = match inverse {
+        Some(c) => evidence.drawn(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect(),
+        None => Vec::new(),
+    };
+    ParentMotion { state1_from_state0: free.motion, covariance, drawn }
 }

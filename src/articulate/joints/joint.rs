@@ -1,6 +1,6 @@
 //! A joint between a parent and a moving part.
 
-use nalgebra::{Matrix6, Point3, Unit, Vector3};
+use nalgebra::{Matrix6, Point3, Unit, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -24,6 +24,9 @@ pub struct JointEstimate {
     pub motions: Vec<Pose>,
     /// Covariance of a left perturbation (translation 3, rotation 3) of each motion.
     pub covariances: Vec<Matrix6<f64>>,
+    /// What errors of poses and depth, which all parts share, make of each motion: a left perturbation by
+    /// draw, on top of its covariance.
+    pub drawn: Vec<Vec<Vector6<f64>>>,
     /// What it rests on.
     pub evidence: JointEvidence,
 }

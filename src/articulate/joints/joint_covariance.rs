@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Matrix6, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 
 use crate::articulate::joints::{
     joint_fit::{FreeFits, JointFit},
@@ -21,6 +21,8 @@ pub(crate) struct JointCovariance<'a> {
     own: Option<DMatrix<f64>>,
     /// That, and what the motions of the parents add.
     total: Option<DMatrix<f64>>,
+    /// What errors of poses and depth make of the parameters, by draw.
+    drawn: Vec<DVector<f64>>,
 }
 
 impl<'a> JointCovariance<'a> {
@@ -29,8 +31,13 @@ impl<'a> JointCovariance<'a> {
         let own = fit.inverse.as_ref().map(|c| own(c, fit, dispersion));
         // Errors of the parents are not of this part: its motions have them once, its axis as the fit bears
         // them.
-        let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| total(own, c, fit, found));
-        Self { fit, found, dispersion, own, total }
+        let drawn = fit.inverse.as_ref().map_or_else(Vec::new, |c| drawn(c, fit, found));
+        let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| {
+            let squares = drawn.iter().map(|d| d * d.transpose());
+            let of_draws = squares.fold(DMatrix::zeros(c.nrows(), c.ncols()), |sum, square| sum + square);
+            total(own, c, fit, found) + of_draws / drawn.len().max(1) as f64
+        });
+        Self { fit, found, dispersion, own, total, drawn }
     }
 
     /// Standard deviation of the position in motion `k`; infinite where it is not observed.
@@ -45,6 +52,16 @@ impl<'a> JointCovariance<'a> {
         let own = self.own.as_ref().map(|c| t * c * t.transpose());
         let own = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
         own + self.found.parent(k).covariance
+    }
+
+    /// What every draw makes of motion `k` in the world, on top of that.
+    pub fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
+        let (t, parent) = (&self.fit.tangents[k], self.found.parent(k));
+        let motion = |(draw, by): (usize, &DVector<f64>)| {
+            let own = t * by;
+            parent.drawn(draw) + Vector6::from_fn(|r, _| own[r])
+        };
+        self.drawn.iter().enumerate().map(motion).collect()
     }
 
     /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. Where that
@@ -99,6 +116,23 @@ fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &Fre
         covariance += &carried * found.parent(k).covariance * carried.transpose();
     }
     covariance
+}
+
+/// What errors of poses and depth make of the parameters, by draw: of the part's own residuals, and of the
+/// parents' motions. See docs/method.md (8.13).
+fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
+    let mut drawn: Vec<DVector<f64>> = Vec::new();
+    for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
+        let residuals = &found.residuals;
+        let motion = fit.joint.motion(k, &found.parent(k).state1_from_state0);
+        let gradients = residuals.motions[k].evidence.drawn(&motion, residuals.sigma_m[k], residuals.config);
+        drawn.resize(gradients.len().max(drawn.len()), DVector::zeros(inverse.nrows()));
+        let response = inverse * t.transpose();
+        for (draw, (sum, gradient)) in drawn.iter_mut().zip(gradients).enumerate() {
+            *sum -= &response * (gradient + q.information * found.parent(k).drawn(draw));
+        }
+    }
+    drawn
 }
 
 /// Factor by which errors of state 0, which run through all motions, add to the squared error of the axis:

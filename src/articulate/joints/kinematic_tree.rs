@@ -121,8 +121,12 @@ fn grown(
 
 /// What the joint's part does in every state behind state 0.
 fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
-    let motion = |(m, c): (&Pose, &Matrix6<f64>)| ParentMotion { state1_from_state0: *m, covariance: *c };
-    joint.motions.iter().zip(&joint.covariances).map(motion).collect()
+    let motion = |(k, (m, c)): (usize, (&Pose, &Matrix6<f64>))| ParentMotion {
+        state1_from_state0: *m,
+        covariance: *c,
+        drawn: joint.drawn.get(k).cloned().unwrap_or_default(),
+    };
+    joint.motions.iter().zip(&joint.covariances).enumerate().map(motion).collect()
 }
 
 /// Parent of every part: the static part where it qualifies, else the candidate that does and is in the tree

@@ -1,5 +1,6 @@
 //! The tree and the joints of scenes with a known answer.
 
+use crate::articulate::joints::surface_draws::SurfaceDraws;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
@@ -25,6 +26,7 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
         grid
     });
     let seen = Grid3::over(&around, NODES, true);
+    let none = SurfaceDraws::default();
     let states = [0, 1].map(|s| ObservedState {
         frames: &[],
         samples: &observed[s].0,
@@ -32,6 +34,7 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
         sdf: &sdf[s],
         visible: &seen,
         area_m2: 25e-6 * observed[s].1.len() as f64,
+        draws: &none,
     });
     let off = Pose::new(Vector3::new(0.001, -0.0008, 0.0012), Vector3::new(0.004, 0.003, -0.004));
     let (config, noise, extent_m) = (JointConfig::default(), NoiseConfig::default(), 0.5);

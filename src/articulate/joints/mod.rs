@@ -2,6 +2,7 @@
 
 pub(crate) mod axis_prior;
 pub(crate) mod cautions;
+pub(crate) mod drawn_residuals;
 pub(crate) mod estimate;
 pub(crate) mod flat_faces;
 pub(crate) mod free_motion;
@@ -23,6 +24,7 @@ pub(crate) mod patch_alignment;
 pub(crate) mod quadratic;
 pub(crate) mod square_axes;
 pub(crate) mod static_motion;
+pub(crate) mod surface_draws;
 pub(crate) mod surface_error;
 pub(crate) mod symmetry;
 pub(crate) mod texture;

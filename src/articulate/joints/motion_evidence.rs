@@ -18,7 +18,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::articulate::{
-    joints::quadratic::{Block, Patch, Quadratic, Source},
+    joints::{
+        drawn_residuals::DrawnResiduals,
+        quadratic::{Block, Patch, Quadratic, Source},
+    },
     observations::SurfaceSamples,
 };
 use crate::{
@@ -99,6 +102,8 @@ pub struct MotionEvidence<'a> {
     pub displacement_m: f64,
     /// See [`Self::displacement_m`].
     pub patch_m: f64,
+    /// What errors of poses and depth make of the residuals.
+    pub drawn: &'a DrawnResiduals,
 }
 
 /// Points per parallel task; fixed, so that sums do not depend on the number of threads.
@@ -109,7 +114,20 @@ impl MotionEvidence<'_> {
     /// residual.
     #[must_use]
     pub fn linearise(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Quadratic {
-        let mut q = Quadratic::default();
+        self.linearise_drawn(motion, sigma_m, config, 0)
+    }
+
+    /// What errors of poses and depth add to half the gradient of [`Self::linearise`], by draw.
+    #[must_use]
+    pub fn drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
+        match self.drawn.count() {
+            0 => Vec::new(),
+            count => self.linearise_drawn(motion, sigma_m, config, count).drawn,
+        }
+    }
+
+    fn linearise_drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig, draws: usize) -> Quadratic {
+        let mut q = Quadratic::with_draws(draws);
         for state in [0, 1] {
             // Samples closer than errors run together are no further observations.
             let share = (self.areas_m2[state]
@@ -128,6 +146,7 @@ impl MotionEvidence<'_> {
                         sigma_m,
                         share,
                         config,
+                        draws,
                     )
                 })
                 .collect();
@@ -146,8 +165,9 @@ impl MotionEvidence<'_> {
         sigma_m: f64,
         share: f64,
         config: &RefineConfig,
+        draws: usize,
     ) -> Quadratic {
-        let mut q = Quadratic::default();
+        let mut q = Quadratic::with_draws(draws);
         let source = [Source::Surface0, Source::Surface1][state];
         let warp = if state == 0 { *motion } else { motion.inverse() };
         let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
@@ -187,6 +207,9 @@ impl MotionEvidence<'_> {
             // What a displacement of the patch adds to the gradient, e_c of docs/method.md (8.12).
             *q.displaced.entry(Patch::of(x, n, self.patch_m, source)).or_default() +=
                 row * (weight * self.displacement_m / sigma_m);
+            for (sum, change_m) in q.drawn.iter_mut().zip(self.drawn.of_point(state, i)) {
+                *sum += row * (weight * f64::from(*change_m) / sigma_m);
+            }
         }
         q
     }
@@ -197,7 +220,7 @@ impl MotionEvidence<'_> {
 
     fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose, config: &RefineConfig) {
         let rotation = motion.rotation.to_rotation_matrix();
-        for m in self.matches {
+        for (number, m) in self.matches.iter().enumerate() {
             let y = motion * m.point0;
             let covariance =
                 m.covariance1 + rotation.matrix() * m.covariance0 * rotation.matrix().transpose();
@@ -226,6 +249,11 @@ impl MotionEvidence<'_> {
                 q.information += row * row.transpose() * weight;
                 q.gradient += row * (residual[i] * weight);
                 *block += row * (residual[i] * weight);
+            }
+            for (sum, change_m) in q.drawn.iter_mut().zip(self.drawn.of_match(number)) {
+                let pull = whiten.transpose() * (whiten * change_m.cast::<f64>()) * weight;
+                let turn = y.coords.cross(&pull);
+                *sum -= Vector6::new(pull.x, pull.y, pull.z, turn.x, turn.y, turn.z);
             }
             q.cost += m.share * distance * distance * u;
             q.independent += 3.0 * m.share;

@@ -4,12 +4,14 @@ use nalgebra::{Point3, Vector3};
 
 use crate::articulate::{
     joints::{
+        drawn_residuals::DrawnResiduals,
         estimate::{JointChoice, estimate_joint},
         free_motion::{ParentMotion, free_motion},
         joint_config::JointConfig,
         joint_fit::{JointMotion, PartPlace},
         match_evidence::match_evidence,
         motion_evidence::{MatchEvidence, MotionEvidence},
+        surface_draws::SurfaceDraws,
         surface_error::{ReadingHeights, clear, surface_error_m},
         texture::texture_matches,
     },
@@ -35,18 +37,24 @@ pub struct ObservedState<'a> {
     pub visible: &'a Grid3<bool>,
     /// Area of the whole surface, square meters.
     pub area_m2: f64,
+    /// By how much errors of poses and depth displace the points.
+    pub draws: &'a SurfaceDraws,
 }
 
 impl ObservedState<'_> {
     /// Points on the surface of one part.
     #[must_use]
     pub fn part(&self, part: u8) -> SurfaceSamples {
-        let chosen: Vec<usize> = (0..self.labels.len()).filter(|&i| self.labels[i] == part).collect();
+        let chosen = self.points_of(part);
         SurfaceSamples {
             points: chosen.iter().map(|&i| self.samples.points[i]).collect(),
             normals: chosen.iter().map(|&i| self.samples.normals[i]).collect(),
             colors: chosen.iter().map(|&i| self.samples.colors[i]).collect(),
         }
+    }
+
+    fn points_of(&self, part: u8) -> Vec<usize> {
+        (0..self.labels.len()).filter(|&i| self.labels[i] == part).collect()
     }
 }
 
@@ -88,6 +96,8 @@ pub struct PairEvidence<'a> {
     displacement_m: f64,
     /// What it makes distances too small by at every sample of each state, meters.
     offsets_m: [Vec<f64>; 2],
+    /// What errors of poses and depth make of the residuals.
+    drawn: DrawnResiduals,
 }
 
 impl<'a> PairEvidence<'a> {
@@ -123,8 +133,13 @@ impl<'a> PairEvidence<'a> {
             reach_m: config.refine.reach * extent_m,
             displacement_m: 0.0,
             offsets_m: [Vec::new(), Vec::new()],
+            drawn: DrawnResiduals::default(),
         };
         pair.refine(noise, config);
+        let draws = states.map(|s| s.draws.some(&s.points_of(part)));
+        let matches: Vec<[Point3<f64>; 2]> = pair.matches.iter().map(|m| [m.point0, m.point1]).collect();
+        pair.drawn =
+            DrawnResiduals::new(&draws, pair.surfaces.each_ref(), &matches, &pair.motion, pair.correlation_m);
         pair
     }
 
@@ -189,6 +204,7 @@ impl<'a> PairEvidence<'a> {
             offsets_m: self.offsets_m.each_ref().map(Vec::as_slice),
             displacement_m: self.displacement_m,
             patch_m: (side_m / PATCHES_ALONG).max(self.correlation_m),
+            drawn: &self.drawn,
         }
     }
 }

@@ -77,6 +77,8 @@ pub struct Quadratic {
     pub block_gradients: BTreeMap<Block, Vector6<f64>>,
     /// What a displacement of one patch of a surface adds to the gradient.
     pub displaced: BTreeMap<Patch, Vector6<f64>>,
+    /// What errors of poses and depth add to the gradient, by draw, where they are wanted.
+    pub drawn: Vec<Vector6<f64>>,
 }
 
 impl Default for Quadratic {
@@ -92,11 +94,17 @@ impl Default for Quadratic {
             independent: 0.0,
             block_gradients: BTreeMap::new(),
             displaced: BTreeMap::new(),
+            drawn: Vec::new(),
         }
     }
 }
 
 impl Quadratic {
+    /// Nothing yet, with room for so many draws.
+    pub(crate) fn with_draws(count: usize) -> Self {
+        Self { drawn: vec![Vector6::zeros(); count], ..Self::default() }
+    }
+
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
     /// its weight.
     pub(crate) fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
@@ -127,6 +135,7 @@ impl Quadratic {
         for (patch, gradient) in o.displaced {
             *self.displaced.entry(patch).or_default() += gradient;
         }
+        self.drawn.iter_mut().zip(o.drawn).for_each(|(sum, g)| *sum += g);
         self
     }
 

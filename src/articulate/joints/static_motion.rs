@@ -26,12 +26,14 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     if motion.dot(&(both * motion)) > CONTRADICTION {
         return own.clone();
     }
-    let motion = still * both * motion;
-    let covariance = still * both * own.covariance;
+    let share = still * both;
+    let motion = share * motion;
+    let covariance = share * own.covariance;
     ParentMotion {
         state1_from_state0: Pose::new(motion.fixed_rows::<3>(0).into(), motion.fixed_rows::<3>(3).into()),
         // The product is symmetric up to rounding only.
         covariance: 0.5 * (covariance + covariance.transpose()),
+        drawn: own.drawn.iter().map(|d| share * d).collect(),
     }
 }
 
@@ -52,6 +54,7 @@ mod tests {
         let own = ParentMotion {
             state1_from_state0: motion,
             covariance: diagonal([0.002, 1e-5, 1e-3, 1e-3, 1e-3, 0.002]),
+            drawn: Vec::new(),
         };
         let still = diagonal([1e-5, 0.002, 1e-3, 1e-3, 1e-3, 0.002]);
         let both = static_motion(&own, &still);
@@ -64,7 +67,11 @@ mod tests {
     #[test]
     fn what_was_moved_against_its_surroundings_tells_of_itself() {
         let motion = Pose::new(Vector3::new(0.01, 0.0, 0.0), Vector3::zeros());
-        let own = ParentMotion { state1_from_state0: motion, covariance: diagonal([1e-3; 6]) };
+        let own = ParentMotion {
+            state1_from_state0: motion,
+            covariance: diagonal([1e-3; 6]),
+            ..ParentMotion::still()
+        };
         assert_eq!(static_motion(&own, &diagonal([1e-3; 6])).state1_from_state0, motion);
         let unseen = ParentMotion { covariance: Matrix6::zeros(), ..own };
         assert_eq!(static_motion(&unseen, &diagonal([1e-3; 6])).state1_from_state0, Pose::identity());

@@ -85,6 +85,7 @@ fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Po
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::articulate::joints::drawn_residuals::DrawnResiduals;
     use crate::geometry::{Grid3, SceneBox};
 
     /// A part with so many sides round a vertical axis through (.1, .05), seen in two states, lifted by 2 cm
@@ -138,6 +139,7 @@ mod tests {
             block_m: 0.02,
             displacement_m: 0.0,
             patch_m: 0.05,
+            drawn: &DrawnResiduals::default(),
         };
         looks_alike_round(&evidence, &lift, &Vector3::z_axis(), &RefineConfig::default())
     }

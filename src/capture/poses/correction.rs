@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -71,6 +71,8 @@ impl fmt::Display for PoseCorrection {
 /// The poses of a state as they were found.
 pub(super) struct Refined {
     pub poses: Vec<Pose>,
+    /// What may be left of their errors: by draw, of each frame.
+    pub draws: Vec<Vec<Vector6<f64>>>,
     pub correction: PoseCorrection,
 }
 
@@ -78,7 +80,9 @@ impl Refined {
     /// Without regard to the sensor, of one state alone.
     pub fn alone(problem: &Problem<'_>) -> Option<Self> {
         let solution = solve(&[problem], None)?;
-        let mut refined = Self::new(problem, solution.poses.into_iter().next()?, &solution.errors[0], None)?;
+        let draws = solution.draws.into_iter().filter_map(|d| d.poses.into_iter().next()).collect();
+        let poses = solution.poses.into_iter().next()?;
+        let mut refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
         let PoseCorrection { gain_sigmas, residual_m, .. } = refined.correction;
         refined.correction.used = is_clear(&Gain { sigmas: gain_sigmas, residual_m });
         Some(refined)
@@ -88,6 +92,7 @@ impl Refined {
     pub fn new(
         problem: &Problem<'_>,
         poses: Vec<Pose>,
+        draws: Vec<Vec<Vector6<f64>>>,
         errors: &PoseErrors,
         sensor: Option<&SensorErrors>,
     ) -> Option<Self> {
@@ -110,7 +115,7 @@ impl Refined {
             noise: errors.of_mean(count).times((count as f64).sqrt()),
             errors: *errors,
         };
-        Some(Self { poses, correction })
+        Some(Self { poses, draws, correction })
     }
 }
 

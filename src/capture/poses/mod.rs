@@ -15,6 +15,7 @@
 mod correction;
 mod depth_warp;
 mod drift;
+mod error_draw;
 mod landmarks;
 mod pairs;
 mod pose_noise;
@@ -24,16 +25,21 @@ mod solve;
 mod surfels;
 mod world;
 
+use nalgebra::Vector6;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use self::{
     correction::PoseCorrection,
+    error_draw::ErrorDraw,
     pose_noise::PoseNoise,
     sensor::SensorCalibration,
     world::{WorldCorrection, align_worlds},
 };
-use self::{correction::Refined, landmarks::Landmarks, pairs::Matches, solve::Problem, surfels::Surfels};
+use self::{
+    correction::Refined, depth_warp::DepthWarp, landmarks::Landmarks, pairs::Matches, sensor::Calibrated,
+    solve::Problem, surfels::Surfels,
+};
 use super::{NoiseConfig, RgbdFrame};
 
 /// Whether poses are corrected.
@@ -59,6 +65,8 @@ pub struct PoseFindings {
     pub sensor: Option<SensorCalibration>,
     /// Of the mean error of every other state against that of state 0, where poses were corrected.
     pub worlds: Vec<Option<WorldCorrection>>,
+    /// What may be left of the errors of poses and depth; none where nothing was corrected.
+    pub draws: Vec<ErrorDraw>,
 }
 
 impl PoseFindings {
@@ -92,9 +100,11 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
     // 2. All states with their sensor.
-    let (mut found, calibration) = match sensor::calibrate(states, &problems, &alone) {
-        Some((with_sensor, found)) => (if found.used { with_sensor } else { alone }, Some(found)),
-        None => (alone, None),
+    let (mut found, calibration, warps) = match sensor::calibrate(states, &problems, &alone) {
+        Some(Calibrated { calibration, states, warps }) if calibration.used => {
+            (states, Some(calibration), warps)
+        }
+        other => (alone, other.map(|c| c.calibration), Vec::new()),
     };
     drop(problems);
     // 3. Readings, poses and surfels change together, as each was found with the others.
@@ -105,13 +115,14 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         used.move_color(states.iter_mut().flatten());
         surfels.iter_mut().flatten().for_each(|s| *s = s.corrected(&errors));
     }
+    let draws = draws(states, &found, warps);
     for (frames, refined) in states.iter_mut().zip(&mut found) {
         let Some(refined) = refined.as_mut().filter(|r| r.correction.used) else { continue };
         frames.iter_mut().zip(refined.poses.drain(..)).for_each(|(f, pose)| f.world_from_camera = pose);
     }
     let found = found.into_iter().map(|r| r.map(|r| r.correction)).collect();
     // Poses that need no correction are taken to be right in the mean, too.
-    let mut findings = PoseFindings { states: found, sensor: calibration, worlds: Vec::new() };
+    let mut findings = PoseFindings { states: found, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.changed() {
         return findings;
     }
@@ -120,18 +131,41 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         let noise = findings.states[s].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
         noise.of_mean(states[s].len())
     };
+    let draws = &mut findings.draws;
     let world = |s: usize| {
         let expected = mean_noise(0).beside(&mean_noise(s));
         let matches = landmarks.between([0, s], [&states[0], &states[s]]);
-        world::correct([&states[0], &states[s]], [&surfels[0], &surfels[s]], matches, &expected)
+        let (pair, surfels) = ([&*states[0], &*states[s]], [&*surfels[0], &*surfels[s]]);
+        let (correction, follow) = world::correct(pair, surfels, matches, &expected)?;
+        draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
+        Some(correction)
     };
-    findings.worlds = (1..states.len()).map(world).collect();
+    let worlds = (1..states.len()).map(world).collect();
+    findings.worlds = worlds;
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
         if let Some(correction) = world.as_ref().map(|w| w.corrected_from_reported) {
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
         }
     }
     findings
+}
+
+/// What may be left of the errors of all poses that were corrected, and of depth, by draw.
+fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthWarp>) -> Vec<ErrorDraw> {
+    let used = || found.iter().map(|r| r.as_ref().filter(|r| r.correction.used));
+    let count = used().flatten().map(|r| r.draws.len()).max().unwrap_or(0);
+    let draw = |d: usize| ErrorDraw {
+        // Poses that are right as reported have no errors.
+        poses: used()
+            .zip(states)
+            .map(|(r, frames)| {
+                r.and_then(|r| r.draws.get(d).cloned())
+                    .unwrap_or_else(|| vec![Vector6::zeros(); frames.len()])
+            })
+            .collect(),
+        warp: warps.get(d).cloned(),
+    };
+    (0..count).map(draw).collect()
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     correction::{Refined, is_clear},
     depth_warp::DepthWarp,
+    error_draw::Drawn,
     pairs::{Changes, Gain, Views},
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
@@ -107,27 +108,37 @@ impl fmt::Display for SensorCalibration {
     }
 }
 
+/// What goes with one sensor.
+pub(super) struct Calibrated {
+    pub calibration: SensorCalibration,
+    /// The poses of all states.
+    pub states: Vec<Option<Refined>>,
+    /// Draws of what may be left of the error of depth.
+    pub warps: Vec<DepthWarp>,
+}
+
 /// The sensor's errors, with the poses of all states that go with them; `None` where the states have not one
 /// camera, or too little is seen.
 pub(super) fn calibrate(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
     alone: &[Option<Refined>],
-) -> Option<(Vec<Option<Refined>>, SensorCalibration)> {
+) -> Option<Calibrated> {
     let intrinsics = one_camera(states)?;
     let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
     if posed.is_empty() {
         return None;
     }
-    let Solution { poses, errors, sensor } = solve(&posed, Some(SensorErrors::none(&intrinsics)))?;
+    let Solution { poses, errors, sensor, draws } = solve(&posed, Some(SensorErrors::none(&intrinsics)))?;
     let Sensor { errors: sensor, covariance } = sensor?;
-    let mut found = poses.into_iter().zip(&errors);
+    let mut found = poses.into_iter().zip(&errors).enumerate();
     let refined: Vec<Option<Refined>> = problems
         .iter()
         .map(|problem| {
             let problem = problem.as_ref()?;
-            let (poses, errors) = found.next()?;
-            Refined::new(problem, poses, errors, Some(&sensor))
+            let (k, (poses, errors)) = found.next()?;
+            let draws = draws.iter().map(|d| d.poses[k].clone()).collect();
+            Refined::new(problem, poses, draws, errors, Some(&sensor))
         })
         .collect();
     // Against the best that poses alone can do.
@@ -150,6 +161,11 @@ pub(super) fn calibrate(
     let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
     let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
     let covariance = covariance.view((0, 0), (count, count)).into_owned();
+    let of_warp = |d: &Drawn| DepthWarp {
+        values: d.sensor.rows(0, count).iter().copied().collect(),
+        ..sensor.warp.clone()
+    };
+    let warps = draws.iter().map(of_warp).collect();
     let warp = sensor.warp;
     let mean = warp.mean(&intrinsics);
     let calibration = SensorCalibration {
@@ -165,7 +181,7 @@ pub(super) fn calibrate(
         residual_m: gain.residual_m,
         gain_sigmas: gain.sigmas,
     };
-    Some((refined, calibration))
+    Some(Calibrated { calibration, states: refined, warps })
 }
 
 /// The camera of all frames; `None` where they have several.

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{
     drift::{Drift, PoseErrors, growth, half_log_determinant},
+    error_draw::{Drawn, drawn},
     pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
     sensor_errors::SensorErrors,
     surfels::Surfels,
@@ -44,6 +45,8 @@ pub(super) struct Solution {
     pub poses: Vec<Vec<Pose>>,
     pub errors: Vec<PoseErrors>,
     pub sensor: Option<Sensor>,
+    /// What may be left of their errors.
+    pub draws: Vec<Drawn>,
 }
 
 /// What was found of the sensor.
@@ -64,6 +67,8 @@ struct Sizes {
 struct Step {
     poses: Vec<DVector<f64>>,
     pose_covariances: Vec<DMatrix<f64>>,
+    /// Of the poses where the sensor is known, and what they follow it by.
+    own: Vec<[DMatrix<f64>; 2]>,
     sensor: DVector<f64>,
     sensor_covariance: DMatrix<f64>,
     /// Of the prior.
@@ -124,6 +129,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
     let mut sizes = Sizes { poses: vec![PoseErrors::EXPECTED; problems.len()], warp: WARP };
     let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
     let mut loosened = LOOSE.into_iter();
+    let mut draws = Vec::new();
     for rounds in ROUNDS {
         let mut last = None;
         for _ in 0..rounds {
@@ -156,17 +162,19 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
                 sensor.covariance = step.sensor_covariance.clone();
                 longest = longest.max(step.sensor.amax());
             }
-            last = Some((sums, at));
+            last = Some((sums, at, step));
             // While the cut is still loose the next round solves other equations.
             if loose.is_none() && longest < STEP_M {
                 break;
             }
         }
-        if let Some((sums, at)) = last {
+        if let Some((sums, at, step)) = last {
+            let own: Vec<_> = step.own.iter().map(|[own, follow]| (own, follow)).collect();
+            draws = drawn(&own, &step.sensor_covariance)?;
             sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.errors), &sizes)?;
         }
     }
-    Some(Solution { poses, errors: sizes.poses, sensor })
+    Some(Solution { poses, errors: sizes.poses, sensor, draws })
 }
 
 /// The step that the normal equations of all states ask for.
@@ -225,17 +233,19 @@ fn step(
     let sensor = -(&sensor_covariance * gradient);
     // Half of what the step lowers the sum of squares by, with that of every state below.
     log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
-    let (mut poses, mut pose_covariances) = (Vec::new(), Vec::new());
+    let (mut poses, mut pose_covariances, mut own) = (Vec::new(), Vec::new(), Vec::new());
     for (covariance, follow, own_step, own_gradient) in eliminated {
         // Back substitution. What is not known of the sensor is not known of the poses that follow it.
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
-        pose_covariances.push(covariance + &follow * &sensor_covariance * follow.transpose());
+        pose_covariances.push(&covariance + &follow * &sensor_covariance * follow.transpose());
+        own.push([covariance, follow]);
     }
     Some(Step {
         poses,
         pose_covariances,
+        own,
         sensor,
         sensor_covariance,
         pose_information,

@@ -69,7 +69,7 @@ fn disturbed(frames: &[RgbdFrame], translation_m: f64, rotation_rad: f64) -> Vec
 /// The poses of one state corrected.
 fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
     let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of(f, &NOISE, |_| true)).collect();
-    let Refined { poses, correction } = Refined::alone(&problem(frames, &surfels, Matches::new())?)?;
+    let Refined { poses, correction, .. } = Refined::alone(&problem(frames, &surfels, Matches::new())?)?;
     if correction.used {
         frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
     }

@@ -2,15 +2,17 @@
 
 use std::fmt;
 
-use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{DVector, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     drift::adjoint,
-    pairs::{Comparison, Gain, Matches, PairSums, Views},
+    error_draw::ErrorDraw,
+    pairs::{Comparison, Gain, Matches, PairSums, SensorSums, Views},
     pose_noise::PoseNoise,
+    sensor_errors::SensorErrors,
     solve::LOOSE,
     surfels::Surfels,
 };
@@ -67,7 +69,7 @@ pub fn align_worlds(
 ) -> Option<WorldCorrection> {
     let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
     let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
-    correct(states, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected)
+    correct(states, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
 }
 
 /// See [`align_worlds`].
@@ -76,7 +78,7 @@ pub(super) fn correct(
     surfels: [&[Surfels]; 2],
     matches: Matches,
     expected: &PoseNoise,
-) -> Option<WorldCorrection> {
+) -> Option<(WorldCorrection, Follow)> {
     let (first, count) = (states[0].len(), states[0].len() + states[1].len());
     // Pairs across the states alone: within one the motion changes nothing.
     let pairs = (0..count)
@@ -111,22 +113,77 @@ pub(super) fn correct(
     let poses = moved_poses(&moved);
     let Gain { sigmas, residual_m } =
         Gain::of(&[comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))])?;
-    let covariance = || {
-        let sums = comparison.sums(seen_from(&all, &poses), None, scale, 0.0);
-        let pairs: Vec<PairInformation> =
-            sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
-        let about_center = covariance(&pairs, [first, count - first], expected)?;
+    if sigmas <= 0.0 {
+        return None;
+    }
+    // Both states have one sensor, whose error is the same for all that frames see at one pixel.
+    let sensor = SensorErrors::none(&states[0].first()?.intrinsics);
+    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, 0.0);
+    let pairs: Vec<PairInformation> =
+        sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
+    let covariance = covariance(&pairs, [first, count - first], expected).map(|about_center| {
         // Callers work with motions about the world's origin.
         let at_origin = adjoint(&from_center);
-        Some(at_origin * about_center * at_origin.transpose())
-    };
-    (sigmas > 0.0).then(|| WorldCorrection {
-        covariance: covariance(),
+        at_origin * about_center * at_origin.transpose()
+    });
+    let world = WorldCorrection {
+        covariance,
         corrected_from_reported: from_center * moved * from_center.inverse(),
         moved_m: moved.translation.vector.norm(),
         turned_rad: log_so3(&moved.rotation).norm(),
         residual_m,
-    })
+    };
+    Some((world, Follow::new(&pairs, &sums.sensor?, &poses, first, &from_center, expected)?))
+}
+
+/// What state 1's world follows errors of poses and depth by, as it is brought to rest on what these frames
+/// see. See docs/method.md 2.12.
+pub(super) struct Follow {
+    /// Motion about the middle by a motion of each frame.
+    by_frame: Vec<Matrix6<f64>>,
+    /// ... and by the sensor's errors.
+    by_sensor: Matrix6xX<f64>,
+    /// What a motion about the middle is to each camera of state 1.
+    carried: Vec<Matrix6<f64>>,
+}
+
+impl Follow {
+    fn new(
+        pairs: &[PairInformation],
+        sensor: &SensorSums,
+        poses: &[Pose],
+        first: usize,
+        from_center: &Pose,
+        expected: &PoseNoise,
+    ) -> Option<Self> {
+        let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
+        let response = -(information + expected_information(expected)).cholesky()?.inverse() * projector;
+        let mut by_frame = vec![Matrix6::zeros(); poses.len()];
+        for pair in pairs {
+            pair.frames.iter().zip(pair.by_frame).for_each(|(&f, by)| by_frame[f] += response * by);
+        }
+        let carried: Vec<Matrix6<f64>> =
+            poses[first..].iter().map(|pose| adjoint(&(pose.inverse() * from_center))).collect();
+        let mut by_sensor = Matrix6xX::zeros(sensor.between.ncols());
+        for (k, carried) in carried.iter().enumerate() {
+            by_sensor += response * carried.transpose() * sensor.between.fixed_rows::<6>(6 * (first + k));
+        }
+        Some(Self { by_frame, by_sensor, carried })
+    }
+
+    /// Lets the second of two states follow the errors of a draw.
+    pub fn apply(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
+        let of_frames = draw.poses[first].iter().chain(&draw.poses[second]);
+        let mut world: Vector6<f64> = of_frames.zip(&self.by_frame).map(|(error, by)| by * error).sum();
+        if let Some(warp) = &draw.warp {
+            let values = DVector::from_column_slice(&warp.values);
+            world += self.by_sensor.columns(0, values.len()) * values;
+        }
+        draw.poses[second]
+            .iter_mut()
+            .zip(&self.carried)
+            .for_each(|(error, carried)| *error += carried * world);
+    }
 }
 
 /// What a pair of frames says about the motion of state 1 about the middle: translation and rotation, from
@@ -135,6 +192,8 @@ struct PairInformation {
     frames: [usize; 2],
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
+    /// What a motion of either camera adds to the gradient.
+    by_frame: [Matrix6<f64>; 2],
 }
 
 impl PairInformation {
@@ -143,7 +202,10 @@ impl PairInformation {
         let which = usize::from(sums.frames[0] < first);
         // The motion of the world, as the camera that it carries along sees it.
         let carried = adjoint(&(poses[sums.frames[which]].inverse() * from_center));
+        let [own, between, other] = sums.information;
+        let by_frame = if which == 0 { [own, between] } else { [between.transpose(), other] };
         Self {
+            by_frame: by_frame.map(|by| carried.transpose() * by),
             frames: sums.frames,
             information: carried.transpose() * sums.information[2 * which] * carried,
             gradient: carried.transpose() * sums.gradient[which],

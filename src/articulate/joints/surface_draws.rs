@@ -1,0 +1,122 @@
+//! By how much errors of poses and depth displace a surface: one displacement by draw.
+//!
+//! A fused surface is the mean of what its views saw, so that it goes with the errors of these.
+//! See docs/method.md 8.11.
+
+use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
+use rayon::prelude::*;
+
+use crate::{
+    articulate::observations::SurfaceSamples,
+    capture::{ErrorDraw, GRAZING_COSINE, NoiseConfig, RgbdFrame},
+    geometry::skew,
+};
+
+/// Displacements of the samples of one state, meters.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceDraws {
+    /// Number of draws.
+    count: usize,
+    /// Of sample 0 by every draw, then of sample 1, and so on.
+    displacements_m: Vec<Vector3<f32>>,
+}
+
+impl SurfaceDraws {
+    /// Of the samples of state number `state`. Readings further from a sample than `reach_m` and their noise
+    /// are of another surface.
+    #[must_use]
+    pub fn new(
+        draws: &[ErrorDraw],
+        state: usize,
+        samples: &SurfaceSamples,
+        frames: &[RgbdFrame],
+        noise: &NoiseConfig,
+        reach_m: f64,
+    ) -> Self {
+        let of_sample = |i: usize| {
+            let (point, normal) = (samples.points[i], samples.normals[i]);
+            let mut sums = vec![Vector3::zeros(); draws.len()];
+            let mut weights = 0.0;
+            for (f, frame) in frames.iter().enumerate() {
+                let at = frame.in_camera(&point);
+                let Some(pixel) = frame.intrinsics.pixel(&at) else { continue };
+                let sigma_m = frame.sigma_m(pixel, noise);
+                let read_m = f64::from(frame.depth_m[pixel]);
+                let sight = (frame.world_from_camera.translation.vector - point.coords).normalize();
+                let cosine = sight.dot(&normal);
+                if read_m <= 0.0 || cosine < GRAZING_COSINE || (read_m - at.z).abs() > reach_m + 3.0 * sigma_m
+                {
+                    continue;
+                }
+                // The weight that fusion gives a view: docs/method.md (3.2).
+                let weight = cosine / (sigma_m * sigma_m);
+                let width = frame.intrinsics.width;
+                let pixel = [(pixel % width) as f64, (pixel / width) as f64];
+                weights += weight;
+                for (sum, draw) in sums.iter_mut().zip(draws) {
+                    let pose = &frame.world_from_camera;
+                    *sum += weight * draw.displacement_m([state, f], pose, &at.coords, pixel);
+                }
+            }
+            let share = if weights > 0.0 { 1.0 / weights } else { 0.0 };
+            sums.into_iter().map(move |sum| (share * sum).cast::<f32>())
+        };
+        let fits = draws.iter().all(|d| d.poses.get(state).is_some_and(|p| p.len() == frames.len()));
+        if draws.is_empty() || !fits {
+            return Self::default();
+        }
+        let all: Vec<Vec<Vector3<f32>>> =
+            (0..samples.points.len()).into_par_iter().map(|i| of_sample(i).collect()).collect();
+        Self { count: draws.len(), displacements_m: all.concat() }
+    }
+
+    /// The motion of some of the samples as one body by every draw (least squares): translation, meters, and
+    /// rotation, radians, about the world's origin. None where they do not determine one.
+    #[must_use]
+    pub fn rigid(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
+        // A motion (v, w) moves x by v + w x x.
+        let by = |x: &Point3<f64>| {
+            let mut by = Matrix3x6::identity();
+            by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&x.coords));
+            by
+        };
+        let information: Matrix6<f64> = chosen.iter().map(|&i| by(&points[i]).tr_mul(&by(&points[i]))).sum();
+        let Some(information) = information.cholesky() else { return Vec::new() };
+        let of_draw = |d: usize| {
+            let moved = |&i: &usize| by(&points[i]).tr_mul(&self.of(i)[d].cast::<f64>());
+            information.solve(&chosen.iter().map(moved).sum())
+        };
+        (0..self.count).map(of_draw).collect()
+    }
+
+    /// The displacements without those of motions of all points as one body, one by draw.
+    #[must_use]
+    pub fn without(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
+        for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
+            for (displacement, motion) in all.iter_mut().zip(motions) {
+                let (shift, turn) = (motion.fixed_rows::<3>(0), motion.fixed_rows::<3>(3));
+                *displacement -= (shift + turn.cross(&x.coords)).cast::<f32>();
+            }
+        }
+        self
+    }
+
+    /// Number of draws.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Of one sample, by draw.
+    #[must_use]
+    pub fn of(&self, sample: usize) -> &[Vector3<f32>] {
+        &self.displacements_m[sample * self.count..(sample + 1) * self.count]
+    }
+
+    /// The same of some of the samples.
+    #[must_use]
+    pub fn some(&self, samples: &[usize]) -> Self {
+        let displacements_m = samples.iter().flat_map(|&i| self.of(i)).copied().collect();
+        Self { count: self.count, displacements_m }
+    }
+}

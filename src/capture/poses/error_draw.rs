@@ -1,0 +1,111 @@
+//! What may be left of the errors of poses and depth once both are corrected, as draws from its distribution.
+//!
+//! Such errors run through all that a frame sees. Whatever is made of the frames follows each draw, and the
+//! spread of that is its covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
+
+use nalgebra::{DMatrix, DVector, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+
+use super::depth_warp::DepthWarp;
+use crate::{
+    geometry::Pose,
+    random::{normal, stage_rng},
+};
+
+/// Draws of all errors: a covariance of them has a standard error of an eighth.
+///
+/// derived: one over the root of twice their number
+pub(super) const DRAWS: usize = 32;
+
+/// One draw of what is missing in the corrected poses and the corrected depth.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorDraw {
+    /// Of every frame of every state: a motion from the right, translation, meters, and rotation, radians.
+    pub poses: Vec<Vec<Vector6<f64>>>,
+    /// Of the depth sensor, where it was corrected.
+    pub warp: Option<DepthWarp>,
+}
+
+impl ErrorDraw {
+    /// By how much what a frame sees lies off, meters, in the world: of a point in the camera's frame, at a
+    /// pixel.
+    #[must_use]
+    pub fn displacement_m(
+        &self,
+        [state, frame]: [usize; 2],
+        world_from_camera: &Pose,
+        point: &Vector3<f64>,
+        pixel: [f64; 2],
+    ) -> Vector3<f64> {
+        let error = &self.poses[state][frame];
+        let turned = error.fixed_rows::<3>(3).cross(point);
+        let share = self.warp.as_ref().map_or(0.0, |warp| warp.at(pixel));
+        world_from_camera.rotation * (error.fixed_rows::<3>(0) + turned + share * point)
+    }
+}
+
+/// A draw of the poses of one state and of the sensor.
+#[derive(Clone, Debug)]
+pub(super) struct Drawn {
+    /// Of each state.
+    pub poses: Vec<Vec<Vector6<f64>>>,
+    /// Values of the sensor's errors.
+    pub sensor: DVector<f64>,
+}
+
+/// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
+/// by, and of the sensor; `None` where a covariance is not positive.
+pub(super) fn drawn(states: &[(&DMatrix<f64>, &DMatrix<f64>)], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
+    let rng = &mut stage_rng(0, "errors of poses and depth", 0);
+    let root = |covariance: &DMatrix<f64>| match covariance.nrows() {
+        0 => Some(DMatrix::zeros(0, 0)),
+        _ => covariance.clone().cholesky().map(|c| c.l()),
+    };
+    let roots: Vec<DMatrix<f64>> = states.iter().map(|(own, _)| root(own)).collect::<Option<_>>()?;
+    let of_sensor = root(sensor)?;
+    let mut of = |root: &DMatrix<f64>| root * DVector::from_fn(root.nrows(), |_, _| normal(rng));
+    let draw = |_| {
+        let sensor = of(&of_sensor);
+        let poses = states
+            .iter()
+            .zip(&roots)
+            .map(|((_, follow), root)| {
+                let error = of(root) - *follow * &sensor;
+                error.as_slice().chunks_exact(6).map(Vector6::from_column_slice).collect()
+            })
+            .collect();
+        Drawn { poses, sensor }
+    };
+    Some((0..DRAWS).map(draw).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_goes_with_its_camera_and_its_depth() {
+        let error = Vector6::new(0.001, -0.002, 0.0, 0.0, 0.003, 0.001);
+        let k = crate::geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
+        let mut warp = DepthWarp::none(&k);
+        warp.values.iter_mut().for_each(|v| *v = 0.002);
+        let draw = ErrorDraw { poses: vec![vec![error]], warp: Some(warp) };
+        let (camera, point) = (Pose::new(Vector3::x(), Vector3::y()), Vector3::new(0.1, -0.2, 1.5));
+        let wrong = draw.displacement_m([0, 0], &camera, &point, [10.0, 20.0]);
+        let moved = camera * Pose::new(error.fixed_rows::<3>(0).into(), error.fixed_rows::<3>(3).into());
+        let there = moved * nalgebra::Point3::from(1.002 * point);
+        let expected = there - camera * nalgebra::Point3::from(point);
+        assert!((wrong - expected).norm() < 2e-5, "{wrong} {expected}");
+    }
+
+    #[test]
+    fn draws_have_the_covariance_that_they_are_drawn_from() {
+        let follow = DMatrix::from_fn(6, 1, |r, _| r as f64);
+        let own = DMatrix::from_diagonal_element(6, 6, 4.0);
+        let all = drawn(&[(&own, &follow)], &DMatrix::from_element(1, 1, 9.0)).unwrap();
+        let variance = |k: usize| all.iter().map(|d| d.poses[0][0][k].powi(2)).sum::<f64>() / DRAWS as f64;
+        for (k, expected) in [(0, 4.0), (3, 4.0 + 81.0), (5, 4.0 + 225.0)] {
+            assert!((variance(k) / expected).ln().abs() < 0.7, "{k}: {} {expected}", variance(k));
+        }
+    }
+}
