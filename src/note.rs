@@ -88,6 +88,9 @@ codes! {
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
     SensorChecked = "sensor_checked", "The depth sensor's own errors were looked for, together with the \
         camera poses.";
+    PosesLate = "poses_late", "Camera poses are older or younger than the images.";
+    PosesContradict = "poses_contradict", "Camera poses contradict what the images show.";
+    SeveralSensors = "several_sensors", "Frames come from cameras of different intrinsics.";
     PosesFarOff = "poses_far_off", "Camera poses err by as much as is looked for at most.";
     SensorFarOff = "sensor_far_off", "The depth sensor errs by more than data sheets allow.";
     MasksUsed = "masks_used", "The masks of the recording are used.";

@@ -8,6 +8,8 @@ use crate::limits::BYTES_PER_PIXEL;
 /// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
 /// the rest.
 const MEMORY_GIB: f64 = 8.0;
+/// Poses that are older than that are those of another take.
+const MAX_POSE_DELAY_SECS: f64 = 10.0;
 
 /// How recordings are read. `None` means: found from the recording, and reported in
 /// [`super::Capture::notes`].
@@ -24,6 +26,9 @@ pub struct CaptureConfig {
     pub sync_slop_secs: f64,
     /// Transforms further apart than this are not interpolated, seconds.
     pub tf_max_gap_secs: f64,
+    /// By how much camera poses are older than images of the same stamp, seconds: a pose is read that much
+    /// later.
+    pub pose_delay_secs: f64,
     /// Frames kept per state, chosen by the spread of their views.
     pub frames_per_state: usize,
     /// Memory that the pixels of all kept frames may take together, GiB.
@@ -94,6 +99,7 @@ impl Default for CaptureConfig {
             pose_frame: None,
             sync_slop_secs: 0.015,
             tf_max_gap_secs: 0.5,
+            pose_delay_secs: 0.0,
             frames_per_state: 40,
             memory_gib: MEMORY_GIB,
             split_secs: Vec::new(),
@@ -173,6 +179,9 @@ impl CaptureConfig {
         }
         if !positive(self.tf_max_gap_secs) {
             return refuse("capture.tf_max_gap_secs", "must be positive");
+        }
+        if !(self.pose_delay_secs.abs() <= MAX_POSE_DELAY_SECS) {
+            return refuse("capture.pose_delay_secs", "must be at most 10 s either way");
         }
         let sorted = self.split_secs.windows(2).all(|w| w[0] < w[1]);
         if self.split_secs.len() > 2 || !sorted || self.split_secs.iter().any(|t| !positive(*t)) {

@@ -30,8 +30,8 @@ pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;
 pub use pixel_weights::pixel_weights;
 pub use poses::{
-    ErrorDraw, PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration, align_worlds,
-    refine_poses,
+    ErrorDraw, PoseAgreement, PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration,
+    align_worlds, refine_poses,
 };
 pub use recording::{Capture, MAX_STATES};
 pub use scene::scene_box;

@@ -42,6 +42,27 @@ impl CameraPosesReport {
     }
 }
 
+/// By how much the twin's frame may be off as a whole, which joints and surfaces do not count: the world of a
+/// camera's poses is nowhere but in these.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WorldFrameReport {
+    /// Root mean square displacement of the middle of the root link, millimeters.
+    pub std_mm: f64,
+    /// Root mean square turn, degrees.
+    pub std_deg: f64,
+}
+
+impl WorldFrameReport {
+    /// Of meters and radians.
+    #[must_use]
+    pub fn of([moved_m, turned_rad]: [f64; 2]) -> Self {
+        Self {
+            std_mm: round_significant(1e3 * moved_m, DIGITS),
+            std_deg: round_significant(turned_rad.to_degrees(), DIGITS),
+        }
+    }
+}
+
 /// What was found of the depth sensor: true depth is a reading times 1 + scale + warp.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DepthSensorReport {
@@ -56,6 +77,9 @@ pub struct DepthSensorReport {
     pub color_shift_px: [f64; 2],
     /// Their standard deviations.
     pub color_shift_std_px: [f64; 2],
+    /// By how much the reported poses are older than the images, and its standard deviation, milliseconds;
+    /// corrected.
+    pub pose_lag_ms: [f64; 2],
     /// Robust standard deviation of the distances between surfaces that two frames see, with corrected poses
     /// alone and with corrected depth, millimeters; of readings that the correction was not fitted to.
     pub residual_mm: [f64; 2],
@@ -80,6 +104,7 @@ impl DepthSensorReport {
             warp_percent: percent(found.warp_rms),
             color_shift_px: found.color_shift_px[0].map(|c| round_significant(c, DIGITS)),
             color_shift_std_px: found.color_shift_px[1].map(|c| round_significant(c, DIGITS)),
+            pose_lag_ms: found.pose_lag_s.map(|s| round_significant(1e3 * s, DIGITS)),
             residual_mm: found.residual_m.map(|m| round_significant(1e3 * m, DIGITS)),
             step_px: found.warp.step_px,
             shape: found.warp.shape,

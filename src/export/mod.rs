@@ -23,7 +23,7 @@ mod urdf;
 mod usda;
 mod viewer;
 
-pub use camera_poses::{CameraPosesReport, DepthSensorReport};
+pub use camera_poses::{CameraPosesReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
 #[cfg(test)]
 pub use look::look;

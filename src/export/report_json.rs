@@ -6,7 +6,7 @@ use nalgebra::Unit;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    camera_poses::{CameraPosesReport, DepthSensorReport},
+    camera_poses::{CameraPosesReport, DepthSensorReport, WorldFrameReport},
     number::round_significant,
     part_count::PartCountReport,
     start::InitialMotion,
@@ -236,6 +236,9 @@ pub struct RunFacts {
     /// What was found of the camera poses of each state.
     #[serde(default)]
     pub camera_poses: Vec<CameraPosesReport>,
+    /// By how much the twin's frame may be off as a whole, where poses were corrected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_frame: Option<WorldFrameReport>,
     /// What was found of the depth sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_sensor: Option<DepthSensorReport>,

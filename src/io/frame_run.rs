@@ -108,7 +108,8 @@ fn velocity(
     config: &CaptureConfig,
 ) -> Option<[nalgebra::Vector3<f64>; 2]> {
     let gap = (config.tf_max_gap_secs * 1e9) as i64;
-    let at = |nanos: i64| source.tf.lookup(&source.world, &source.optical, nanos, gap).ok();
+    let delay = (config.pose_delay_secs * 1e9) as i64;
+    let at = |nanos: i64| source.tf.lookup(&source.world, &source.optical, nanos + delay, gap).ok();
     let here = (0, at(frame.stamp_nanos)?);
     // The first and the last frame may have poses on one side only.
     let before = at(frame.stamp_nanos - VELOCITY_NANOS).map_or(here, |p| (-VELOCITY_NANOS, p));

@@ -15,9 +15,10 @@ use super::{
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, PoseCorrection, PoseFindings, RefinePoses, RgbdFrame, Split,
-        denoise, isolate, noise_factor, refine_poses, spread_views,
+        Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
+        RgbdFrame, Split, denoise, isolate, noise_factor, refine_poses, spread_views,
     },
+    geometry::Intrinsics,
     geometry::Pose,
     note::{Note, NoteCode},
     random::stage_rng,
@@ -239,6 +240,7 @@ fn correct_poses(capture: &mut Capture) {
         capture.poses.sensor.iter().map(|found| Note::new(NoteCode::SensorChecked, found.to_string())),
     );
     capture.warnings.extend(beyond_expected(&capture.poses));
+    capture.warnings.extend(several_sensors(&capture.states));
     // State 0 is what the others' worlds are corrected to.
     for (state, world) in (1..).zip(&capture.poses.worlds) {
         capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
@@ -257,6 +259,49 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
             ),
         ))
     };
+    let agreement = |(state, found): (usize, &Option<PoseAgreement>)| {
+        let found = found.as_ref()?;
+        let share = 100.0 * found.share;
+        if let Some([delay_s, with_delay]) = found.delay {
+            return Some(Note::new(
+                NoteCode::PosesLate,
+                format!(
+                    "state {state}: camera poses are {:.2} s {} than the images: by their stamps {share:.0} % \
+                     of the features that frames share lie where the poses say, by that delay {:.0} %; poses \
+                     between those of the kept frames are used; give both one clock, or set \
+                     capture.pose_delay_secs={delay_s:.3}",
+                    delay_s.abs(),
+                    older(delay_s),
+                    100.0 * with_delay
+                ),
+            ));
+        }
+        found.contradicts().then(|| {
+            Note::new(
+                NoteCode::PosesContradict,
+                format!(
+                    "state {state}: camera poses contradict the images: {share:.0} % of the features that \
+                     frames share lie where the poses say, and no delay of the poses explains it; check the \
+                     frame of the poses (capture.pose_frame), the camera's calibration, and that the \
+                     tracking was not lost"
+                ),
+            )
+        })
+    };
+    let agreement = poses.agreement.iter().enumerate().filter_map(agreement);
+    let lag = poses.sensor.as_ref().filter(|s| s.has_late_poses()).map(|s| {
+        let [lag_s, sigma_s] = s.pose_lag_s;
+        Note::new(
+            NoteCode::PosesLate,
+            format!(
+                "camera poses are {:.0} ms (standard deviation {:.0} ms) {} than the images; they were \
+                 corrected, but give both one clock, or set capture.pose_delay_secs={lag_s:.3}",
+                1e3 * lag_s.abs(),
+                1e3 * sigma_s,
+                older(lag_s)
+            ),
+        )
+    });
     let sensor = poses.sensor.as_ref().filter(|s| s.beyond_data_sheets()).map(|s| {
         Note::new(
             NoteCode::SensorFarOff,
@@ -268,7 +313,32 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
             ),
         )
     });
-    poses.states.iter().enumerate().filter_map(far).chain(sensor).collect()
+    let states = poses.states.iter().enumerate().filter_map(far);
+    agreement.chain(lag).chain(states).chain(sensor).collect()
+}
+
+fn older(delay_s: f64) -> &'static str {
+    if delay_s > 0.0 { "older" } else { "younger" }
+}
+
+/// Where frames come from several cameras, which share no errors.
+fn several_sensors(states: &[Vec<RgbdFrame>]) -> Option<Note> {
+    let mut cameras: Vec<Intrinsics> = Vec::new();
+    for frame in states.iter().flatten() {
+        if !cameras.contains(&frame.intrinsics) {
+            cameras.push(frame.intrinsics);
+        }
+    }
+    (cameras.len() > 1).then(|| {
+        Note::new(
+            NoteCode::SeveralSensors,
+            format!(
+                "frames come from {} cameras by their intrinsics; depth is not calibrated, as each errs in its \
+                 own way; record all states with one camera at one resolution",
+                cameras.len()
+            ),
+        )
+    })
 }
 
 fn poses_checked(state: usize, found: &impl Display) -> Note {

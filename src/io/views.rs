@@ -324,6 +324,7 @@ impl Views {
         poses: &PoseSource,
     ) -> Result<(), CaptureError> {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
+        let delay = (config.pose_delay_secs * 1e9) as i64;
         let mut by_stamp = infos.entries.clone();
         // By stamp, as `nearest` wants it; the bag's order is that of the recording.
         by_stamp.sort_by_key(|e| e.0);
@@ -338,7 +339,7 @@ impl Views {
             };
             self.check_sizes(m, self.cameras[camera].intrinsics)?;
             // (2.2), at the stamp of the color image; nothing is extrapolated.
-            match poses.tf.lookup(&poses.world, &poses.optical, stamp, gap) {
+            match poses.tf.lookup(&poses.world, &poses.optical, stamp + delay, gap) {
                 Ok(world_from_camera) => self.views.push(View {
                     stamp_nanos: stamp,
                     log_nanos: m.color.log_nanos,

@@ -10,7 +10,7 @@ use crate::{
     config::{Config, Engine, Init, preset_cost},
     export::{
         CameraPosesReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering, ReportPictures, RunFacts,
-        StageTime, compare_starts, nearest_starts,
+        StageTime, WorldFrameReport, compare_starts, nearest_starts,
     },
     field::InstructionSet,
     note::{Note, NoteCode},
@@ -54,6 +54,10 @@ pub(super) fn facts(
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
         camera_poses: CameraPosesReport::of(&capture.poses.states),
+        world_frame: twin.model.links.first().and_then(|root| {
+            let middle = root.inertial.center_of_mass;
+            capture.poses.frame_deviation(capture.states.first()?, &middle).map(WorldFrameReport::of)
+        }),
         depth_sensor: capture.poses.sensor.as_ref().map(DepthSensorReport::of),
         stages: stages
             .seconds

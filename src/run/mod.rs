@@ -26,7 +26,6 @@ mod scene;
 mod stage;
 mod state;
 mod state_surface;
-mod world_noise;
 mod write;
 
 pub use batch::reconstruct_all;

@@ -37,10 +37,14 @@ impl ErrorDraw {
         point: &Vector3<f64>,
         pixel: [f64; 2],
     ) -> Vector3<f64> {
-        let error = &self.poses[state][frame];
-        let turned = error.fixed_rows::<3>(3).cross(point);
         let share = self.warp.as_ref().map_or(0.0, |warp| warp.at(pixel));
-        world_from_camera.rotation * (error.fixed_rows::<3>(0) + turned + share * point)
+        world_from_camera.rotation * (self.moved_by_pose([state, frame], point) + share * point)
+    }
+
+    /// The same by the pose alone, in the camera's frame.
+    pub(super) fn moved_by_pose(&self, [state, frame]: [usize; 2], point: &Vector3<f64>) -> Vector3<f64> {
+        let error = &self.poses[state][frame];
+        error.fixed_rows::<3>(0) + error.fixed_rows::<3>(3).cross(point)
     }
 }
 

@@ -12,6 +12,7 @@
 //! The mean error of a state's poses is then left; surfaces that stand still between the states show it, as
 //! one motion of a world.
 
+mod agreement;
 mod correction;
 mod depth_warp;
 mod drift;
@@ -23,13 +24,15 @@ mod sensor;
 mod sensor_errors;
 mod solve;
 mod surfels;
+mod trajectory;
 mod world;
 
-use nalgebra::Vector6;
+use nalgebra::{Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use self::{
+    agreement::PoseAgreement,
     correction::PoseCorrection,
     error_draw::ErrorDraw,
     pose_noise::PoseNoise,
@@ -38,7 +41,7 @@ pub use self::{
 };
 use self::{
     correction::Refined, depth_warp::DepthWarp, landmarks::Landmarks, pairs::Matches, sensor::Calibrated,
-    solve::Problem, surfels::Surfels,
+    solve::Problem, surfels::Surfels, trajectory::Trajectory,
 };
 use super::{NoiseConfig, RgbdFrame};
 
@@ -61,6 +64,8 @@ const LEAST_FRAMES: usize = 3;
 pub struct PoseFindings {
     /// Of each state; `None` where it was not looked for, or too little is seen to decide.
     pub states: Vec<Option<PoseCorrection>>,
+    /// How far the poses of each state agree with its images; `None` where too few features match.
+    pub agreement: Vec<Option<PoseAgreement>>,
     /// Of the depth sensor; `None` where it was not looked for, or too little is seen to decide.
     pub sensor: Option<SensorCalibration>,
     /// Of the mean error of every other state against that of state 0, where poses were corrected.
@@ -76,10 +81,29 @@ impl PoseFindings {
         self.states.iter().flatten().any(|s| s.used)
     }
 
-    /// Errors of a state's poses as reported, where they were corrected.
+    /// By how much all that state 0 shows may be off as a whole about a point of the world, root mean square:
+    /// meters, and radians; `None` where nothing was corrected. What cameras report has no other frame, so
+    /// that nothing in the recording shows it.
     #[must_use]
-    pub fn noise(&self, state: usize) -> Option<PoseNoise> {
-        self.states.get(state)?.as_ref().filter(|s| s.used).map(|s| s.noise)
+    pub fn frame_deviation(&self, frames: &[RgbdFrame], middle: &Point3<f64>) -> Option<[f64; 2]> {
+        let squares = |draw: &ErrorDraw| {
+            let of_camera = |(f, frame): (usize, &RgbdFrame)| {
+                let pose = &frame.world_from_camera;
+                let seen = pose.inverse_transform_point(middle).coords;
+                let turned = pose.rotation * draw.poses[0][f].fixed_rows::<3>(3).into_owned();
+                [pose.rotation * draw.moved_by_pose([0, f], &seen), turned]
+            };
+            let all = frames.iter().enumerate().map(of_camera);
+            let sum = all.fold([Vector3::zeros(); 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
+            sum.map(|v| (v / frames.len() as f64).norm_squared())
+        };
+        let fits = |d: &ErrorDraw| d.poses.first().is_some_and(|p| p.len() == frames.len());
+        if self.draws.is_empty() || frames.is_empty() || !self.draws.iter().all(fits) {
+            return None;
+        }
+        let all = self.draws.iter().map(squares);
+        let sum = all.fold([0.0; 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
+        Some(sum.map(|square| (square / self.draws.len() as f64).sqrt()))
     }
 }
 
@@ -91,11 +115,25 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
         .collect();
     let landmarks = Landmarks::find(states, &mut surfels, noise);
+    let within: Vec<Matches> = states.iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
+    // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
+    let agreement: Vec<Option<PoseAgreement>> = states
+        .iter()
+        .zip(&surfels)
+        .zip(&within)
+        .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
+        .collect();
+    for (frames, found) in states.iter_mut().zip(&agreement) {
+        if let Some([delay_s, _]) = found.and_then(|f| f.delay) {
+            let poses = Trajectory::of(frames).delayed(delay_s);
+            frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
+        }
+    }
     let problems: Vec<Option<Problem<'_>>> = states
         .iter()
         .zip(&surfels)
-        .enumerate()
-        .map(|(s, (frames, surfels))| problem(frames, surfels, landmarks.within(s, frames)))
+        .zip(within)
+        .map(|((frames, surfels), matches)| problem(frames, surfels, matches))
         .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
@@ -122,7 +160,8 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     }
     let found = found.into_iter().map(|r| r.map(|r| r.correction)).collect();
     // Poses that need no correction are taken to be right in the mean, too.
-    let mut findings = PoseFindings { states: found, sensor: calibration, worlds: Vec::new(), draws };
+    let mut findings =
+        PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.changed() {
         return findings;
     }
@@ -174,7 +213,7 @@ fn problem<'a>(frames: &[RgbdFrame], surfels: &'a [Surfels], matches: Matches) -
     let coarse =
         |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
     (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
-        .then(|| Problem::new(surfels, matches, frames.iter().map(|f| f.world_from_camera).collect()))
+        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames)))
 }
 
 #[cfg(test)]

@@ -31,6 +31,8 @@ pub struct SensorCalibration {
     /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations,
     /// pixels.
     pub color_shift_px: [[f64; 2]; 2],
+    /// By how much the reported poses are older than the images, and its standard deviation, seconds.
+    pub pose_lag_s: [f64; 2],
     /// Robust standard deviation of the distances between surfaces that two frames see, held out, by
     /// corrected poses alone and with corrected depth, meters.
     pub residual_m: [f64; 2],
@@ -38,6 +40,9 @@ pub struct SensorCalibration {
     pub gain_sigmas: f64,
 }
 
+/// Clocks that were set by each other leave milliseconds; more than this is said, seconds: an image at 30 a
+/// second.
+const LATE_S: f64 = 1.0 / 30.0;
 /// Data sheets of depth cameras allow this share of the range.
 const DATA_SHEET: f64 = 0.02;
 
@@ -48,10 +53,21 @@ impl SensorCalibration {
         self.used && self.scale[0].abs().max(self.warp_rms) > DATA_SHEET
     }
 
+    /// Whether poses are late by more than what the calibration of clocks leaves.
+    #[must_use]
+    pub fn has_late_poses(&self) -> bool {
+        let [lag_s, sigma_s] = self.pose_lag_s;
+        self.used && lag_s.abs() > LATE_S && lag_s.abs() > 3.0 * sigma_s
+    }
+
     /// What was found.
     pub(super) fn errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
         let [u, v] = self.color_shift_px[0];
-        SensorErrors { warp: self.warp.clone(), color_shift: [u / intrinsics.fx, v / intrinsics.fy] }
+        SensorErrors {
+            warp: self.warp.clone(),
+            color_shift: [u / intrinsics.fx, v / intrinsics.fy],
+            lag_s: self.pose_lag_s[0],
+        }
     }
 
     /// Moves the color of frames to where its depth is.
@@ -89,13 +105,15 @@ impl fmt::Display for SensorCalibration {
         let [scale, sigma] = self.scale.map(|s| 100.0 * s);
         let warp = 100.0 * self.warp_rms;
         let [u, v] = self.color_shift_px[0].map(|c| -c);
+        let [lag_ms, lag_sigma_ms] = self.pose_lag_s.map(|s| 1e3 * s);
         let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
         if self.used {
             write!(
                 f,
                 "depth was corrected by {scale:+.2} % (standard deviation {sigma:.2} %) and by a smooth warp \
-                 of {warp:.2} % over the image (root mean square), and color was moved by {u:.1} and {v:.1} \
-                 pixels against depth, found with the camera poses; surfaces that frames share lay \
+                 of {warp:.2} % over the image (root mean square), color was moved by {u:.1} and {v:.1} \
+                 pixels against depth, and poses by {lag_ms:.1} ms (standard deviation {lag_sigma_ms:.1} ms), \
+                 found with the camera poses; surfaces that frames share lay \
                  {before_mm:.2} mm apart by poses alone, now {after_mm:.2} mm"
             )
         } else {
@@ -159,6 +177,8 @@ pub(super) fn calibrate(
     let gain = Gain::of(&changes)?;
     let (count, focal_px) = (sensor.first_of_shift(), [intrinsics.fx, intrinsics.fy]);
     let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
+    let lag = sensor.lag();
+    let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];
     let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
     let covariance = covariance.view((0, 0), (count, count)).into_owned();
     let of_warp = |d: &Drawn| DepthWarp {
@@ -176,6 +196,7 @@ pub(super) fn calibrate(
         ],
         warp_rms: warp.spread(&intrinsics),
         color_shift_px,
+        pose_lag_s,
         covariance: covariance.as_slice().to_vec(),
         warp,
         residual_m: gain.residual_m,

@@ -1,5 +1,5 @@
-//! The errors of a sensor that stay with it: those of depth by the pixel, and the place of color against
-//! depth.
+//! The errors of a sensor that stay with it: those of depth by the pixel, the place of color against depth,
+//! and the age of its poses.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,24 +13,35 @@ const SCALE: f64 = 0.005;
 /// image of 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
 const COLOR_SHIFT: f64 = 0.003;
 
-/// Errors of a sensor: the values of the warp, and the shift of color.
+/// By how much poses are older than images, one standard deviation, seconds: clocks of two devices differ by
+/// milliseconds to tens of them (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018).
+const LAG_S: f64 = 0.02;
+
+/// Errors of a sensor: the values of the warp, the shift of color, and the lag of the poses.
 #[derive(Clone, Debug)]
 pub(super) struct SensorErrors {
     pub warp: DepthWarp,
     /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
     /// lengths.
     pub color_shift: [f64; 2],
+    /// By how much the reported poses are older than the images, seconds.
+    pub lag_s: f64,
 }
 
 impl SensorErrors {
     /// None, for images of that size.
     pub fn none(intrinsics: &Intrinsics) -> Self {
-        Self { warp: DepthWarp::none(intrinsics), color_shift: [0.0; 2] }
+        Self { warp: DepthWarp::none(intrinsics), color_shift: [0.0; 2], lag_s: 0.0 }
     }
 
     /// Number of its values.
     pub fn count(&self) -> usize {
-        self.warp.values.len() + self.color_shift.len()
+        self.warp.values.len() + self.color_shift.len() + 1
+    }
+
+    /// Index of the lag among the values.
+    pub fn lag(&self) -> usize {
+        self.count() - 1
     }
 
     /// Index of the first value of the shift of color.
@@ -40,12 +51,17 @@ impl SensorErrors {
 
     /// All values.
     pub fn values(&self) -> DVector<f64> {
-        DVector::from_iterator(self.count(), self.warp.values.iter().chain(&self.color_shift).copied())
+        DVector::from_iterator(self.count(), self.all().copied())
+    }
+
+    fn all(&self) -> impl Iterator<Item = &f64> {
+        self.warp.values.iter().chain(&self.color_shift).chain([&self.lag_s])
     }
 
     /// Moves all values by a step.
     pub fn step(&mut self, step: &DVector<f64>) {
-        self.warp.values.iter_mut().chain(&mut self.color_shift).zip(step.iter()).for_each(|(v, s)| *v += s);
+        let all = self.warp.values.iter_mut().chain(&mut self.color_shift).chain([&mut self.lag_s]);
+        all.zip(step.iter()).for_each(|(v, s)| *v += s);
     }
 
     /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.20).
@@ -54,6 +70,7 @@ impl SensorErrors {
         let (of_warp, count) = (self.first_of_shift(), self.count());
         let mut expected = DMatrix::from_diagonal_element(count, count, COLOR_SHIFT.powi(2));
         expected.view_mut((0, 0), (of_warp, of_warp)).copy_from(&warp);
+        expected[(count - 1, count - 1)] = LAG_S.powi(2);
         expected
     }
 }

@@ -13,6 +13,7 @@ use super::{
     pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
     sensor_errors::SensorErrors,
     surfels::Surfels,
+    trajectory::Trajectory,
 };
 use crate::geometry::{Pose, log_so3};
 
@@ -37,6 +38,9 @@ pub(super) struct Problem<'a> {
     pub surfels: &'a [Surfels],
     pub reported: Vec<Pose>,
     drift: Drift,
+    /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own
+    /// frames, meters and radians a second.
+    velocities: DVector<f64>,
 }
 
 /// What was found.
@@ -66,6 +70,7 @@ struct Sizes {
 /// A step, and the covariance of what it leads to.
 struct Step {
     poses: Vec<DVector<f64>>,
+    /// Covariances of what the lag does not explain of the corrections.
     pose_covariances: Vec<DMatrix<f64>>,
     /// Of the poses where the sensor is known, and what they follow it by.
     own: Vec<[DMatrix<f64>; 2]>,
@@ -80,7 +85,9 @@ struct Step {
 
 impl<'a> Problem<'a> {
     /// Of a state's frames in the order of time.
-    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: Vec<Pose>) -> Self {
+    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: &Trajectory) -> Self {
+        let velocities = reported.velocities();
+        let reported = reported.poses.clone();
         let count = reported.len();
         let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
         let expected = PoseErrors::EXPECTED.jitter;
@@ -89,6 +96,7 @@ impl<'a> Problem<'a> {
             surfels,
             drift: Drift::along(&reported),
             reported,
+            velocities,
         }
     }
 
@@ -186,6 +194,7 @@ fn step(
     sizes: &Sizes,
 ) -> Option<Step> {
     let values = sensor.map_or_else(|| DVector::zeros(0), SensorErrors::values);
+    let lag_s = sensor.map_or(0.0, |s| s.lag_s);
     let (sensor_information, half_log) = match sensor {
         Some(errors) => sensor_information(errors, sizes.warp)?,
         None => (DMatrix::zeros(0, 0), 0.0),
@@ -202,25 +211,34 @@ fn step(
         let (prior, half_log) = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
-        // The prior pulls towards the reported poses, from which the present ones are `at` away.
-        let pull = &prior * at;
+        // The prior pulls towards the reported poses at the images' time, from which the present ones are
+        // `away`.
+        let away = at - &problem.velocities * lag_s;
+        let pull = &prior * &away;
         own_gradient += &pull;
-        pose_information.push(prior);
         let factor = own.cholesky()?;
-        log_likelihood += half_log - half_log_determinant(&factor) - 0.5 * at.dot(&pull);
+        log_likelihood += half_log - half_log_determinant(&factor) - 0.5 * away.dot(&pull);
         let covariance = factor.inverse();
         let own_step = &covariance * &own_gradient;
         let follow = match &sums.sensor {
             Some(SensorSums { information: of_state, between, gradient: of_sensor }) => {
-                let follow = &covariance * between;
+                let (mut of_state, mut between, mut of_sensor) =
+                    (of_state.clone(), between.clone(), of_sensor.clone());
+                // The lag is seen through the prior alone.
+                let (lag, carried) = (values.len() - 1, &prior * &problem.velocities);
+                of_state[(lag, lag)] += problem.velocities.dot(&carried);
+                between.set_column(lag, &-carried);
+                of_sensor[lag] -= problem.velocities.dot(&pull);
+                let follow = &covariance * &between;
                 // Schur complement: what the state says of the sensor when its poses follow it.
                 information += of_state - between.transpose() * &follow;
-                gradient += of_sensor - between.transpose() * &own_step;
+                gradient += &of_sensor - between.transpose() * &own_step;
                 whole_gradient += of_sensor;
                 follow
             }
             None => DMatrix::zeros(at.len(), values.len()),
         };
+        pose_information.push(prior);
         eliminated.push((covariance, follow, own_step, own_gradient));
     }
     let sensor_covariance = if sensor.is_some() {
@@ -234,12 +252,18 @@ fn step(
     // Half of what the step lowers the sum of squares by, with that of every state below.
     log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
     let (mut poses, mut pose_covariances, mut own) = (Vec::new(), Vec::new(), Vec::new());
-    for (covariance, follow, own_step, own_gradient) in eliminated {
+    for ((covariance, follow, own_step, own_gradient), problem) in eliminated.into_iter().zip(problems) {
         // Back substitution. What is not known of the sensor is not known of the poses that follow it.
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
-        pose_covariances.push(&covariance + &follow * &sensor_covariance * follow.transpose());
+        // Of what the lag does not explain, whose size is that of the errors.
+        let mut rest = follow.clone();
+        if let Some(lag) = rest.ncols().checked_sub(1) {
+            let mut with_lag = rest.column_mut(lag);
+            with_lag += &problem.velocities;
+        }
+        pose_covariances.push(&covariance + &rest * &sensor_covariance * rest.transpose());
         own.push([covariance, follow]);
     }
     Some(Step {
@@ -317,7 +341,8 @@ fn resized(
     sizes: &Sizes,
 ) -> Sizes {
     let of_state = |k: usize| {
-        let mean = &at[k] + &step.poses[k];
+        let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
+        let mean = &at[k] + &step.poses[k] - &problems[k].velocities * lag_s;
         let covariance = &step.pose_covariances[k];
         problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
     };
