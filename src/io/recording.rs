@@ -266,13 +266,16 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
             return Some(Note::new(
                 NoteCode::PosesLate,
                 format!(
-                    "state {state}: camera poses are {:.2} s {} than the images: by their stamps {share:.0} % \
-                     of the features that frames share lie where the poses say, by that delay {:.0} %; poses \
-                     between those of the kept frames are used; give both one clock, or set \
-                     capture.pose_delay_secs={delay_s:.3}",
+                    "state {state}: camera poses seem {:.2} s {} than the images: by their stamps {share:.0} % \
+                     of the features that frames share lie where the poses say, with that delay {:.0} %{}; \
+                     give both one clock, or set capture.pose_delay_secs={delay_s:.3}",
                     delay_s.abs(),
                     older(delay_s),
-                    100.0 * with_delay
+                    100.0 * with_delay,
+                    match found.certain_delay_s() {
+                        Some(_) => "; poses between those of the kept frames are used",
+                        None => "",
+                    },
                 ),
             ));
         }

@@ -17,6 +17,9 @@ const LEAST_SHARE: f64 = 0.5;
 /// a camera by less than matches may be apart.
 const MOST_DELAY_S: f64 = 1.0;
 const DELAY_STEP_S: f64 = 0.025;
+/// Poses are of another time where that lets this many times as many matches agree. Poses between those of
+/// kept frames are inexact, so that few may agree with them, too.
+const EXPLAINED: f64 = 2.0;
 
 /// How far poses and images agree.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,12 +56,18 @@ impl PoseAgreement {
         let best =
             || delayed.filter_map(|s| Some([s, share(s)?])).reduce(|a, b| if b[1] > a[1] { b } else { a });
         let delay = if reported < LEAST_SHARE { best() } else { None };
-        Some(Self { share: reported, delay: delay.filter(|d| d[1] > LEAST_SHARE) })
+        Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) })
     }
 
-    /// Whether poses and images contradict each other, at any time.
+    /// Whether poses and images contradict each other.
     #[must_use]
     pub fn contradicts(&self) -> bool {
-        self.share < LEAST_SHARE && self.delay.is_none()
+        self.share < LEAST_SHARE
+    }
+
+    /// The delay by which most matches agree.
+    #[must_use]
+    pub fn certain_delay_s(&self) -> Option<f64> {
+        self.delay.filter(|d| d[1] > LEAST_SHARE).map(|d| d[0])
     }
 }

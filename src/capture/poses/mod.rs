@@ -124,7 +124,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
         .collect();
     for (frames, found) in states.iter_mut().zip(&agreement) {
-        if let Some([delay_s, _]) = found.and_then(|f| f.delay) {
+        if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
             let poses = Trajectory::of(frames).delayed(delay_s);
             frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
         }

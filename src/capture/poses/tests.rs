@@ -369,3 +369,96 @@ fn color_that_lies_beside_its_depth_is_found_and_moved() {
     }
     assert_ne!(states[0][0].rgb, before, "colors were moved");
 }
+
+/// A camera that is carried by hand about the room, unevenly: an even turn at another time is the same turn
+/// of another world.
+fn carried(seconds: f64) -> Pose {
+    let turn = 0.8 + 0.45 * (1.9 * seconds).sin();
+    looking_at_origin(Point3::new(0.8 * turn.cos(), 0.8 * turn.sin(), 0.65 + 0.2 * (2.6 * seconds).cos()))
+}
+
+/// Painted frames of it, a tenth of a second apart, from some time on, whose poses are older by a lag.
+fn late(from_s: f64, count: usize, lag_s: f64) -> Vec<RgbdFrame> {
+    let mut normal = Normal::new(17);
+    let mut view = |i: usize| {
+        let time_s = from_s + 0.1 * i as f64;
+        let mut frame = view_of(&room, INTRINSICS, carried(time_s));
+        frame.mask = None;
+        frame.stamp_nanos = (1e9 * time_s) as i64;
+        frame
+            .depth_m
+            .iter_mut()
+            .filter(|d| **d > 0.0)
+            .for_each(|d| *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32);
+        frame
+    };
+    let mut frames = painted((0..count).map(&mut view).collect(), [0, 0]);
+    for frame in &mut frames {
+        frame.world_from_camera = carried(frame.stamp_nanos as f64 * 1e-9 - lag_s);
+    }
+    frames
+}
+
+#[test]
+fn poses_that_are_older_than_their_images_are_found() {
+    // Beside an error of depth, or nothing would need a sensor.
+    for lag_s in [0.015, -0.015] {
+        let read = (0..2).map(|s| late(3.0 * f64::from(s), 14, lag_s)).collect();
+        let mut states = warped(read, &drawn_warp(2));
+        let found = refine_poses(&mut states, &NOISE).sensor.unwrap();
+        let [found_s, sigma_s] = found.pose_lag_s;
+        assert!(found.used && sigma_s < 0.004, "{found}");
+        assert!((found_s - lag_s).abs() < 3.0 * sigma_s.max(0.001), "{lag_s} {found}");
+        assert!(!found.has_late_poses());
+    }
+}
+
+#[test]
+fn a_delay_of_half_a_second_is_named_and_undone() {
+    let truth = late(0.0, 20, 0.0);
+    for lag_s in [0.5, -0.4] {
+        let reported = late(0.0, 20, lag_s);
+        let mut found = vec![reported.clone()];
+        let agreement = refine_poses(&mut found, &NOISE).agreement[0].unwrap();
+        let delay_s = agreement.certain_delay_s();
+        assert!(delay_s.is_some_and(|d| (d - lag_s).abs() < 0.05), "{lag_s} {agreement:?}");
+        let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found[0], &truth));
+        assert!(after[0] < 0.5 * before[0], "{before:?} {after:?}");
+    }
+}
+
+#[test]
+fn poses_that_no_time_explains_contradict() {
+    let agreement = |frames: Vec<RgbdFrame>| refine_poses(&mut [frames], &NOISE).agreement[0].unwrap();
+    let right = agreement(late(0.0, 12, 0.0));
+    assert!(!right.contradicts() && right.share > 0.8, "{right:?}");
+    let lost = agreement(disturbed(&late(0.0, 12, 0.0), 0.08, 0.08));
+    assert!(lost.contradicts() && lost.certain_delay_s().is_none(), "{lost:?}");
+}
+
+#[test]
+fn draws_are_as_large_as_what_is_left_of_the_errors() {
+    let (mut left, mut drawn) = ([0.0; 2], [0.0; 2]);
+    for seed in 0..3 {
+        let truth = late(0.3 * f64::from(seed), 12, 0.0);
+        let mut found = vec![disturbed(&truth, 0.003, 0.004)];
+        let findings = refine_poses(&mut found, &NOISE);
+        assert!(findings.changed() && findings.draws.len() > 8);
+        let square = |sum: &mut [f64; 2], errors: [f64; 2], share: f64| {
+            (0..2).for_each(|k| sum[k] += share * errors[k].powi(2));
+        };
+        square(&mut left, relative_errors(&found[0], &truth), 1.0);
+        for draw in &findings.draws {
+            let moved = |(f, error): (&RgbdFrame, &Vector6<f64>)| {
+                let [shift, turn] = [0, 3].map(|k| error.fixed_rows::<3>(k).into_owned());
+                RgbdFrame { world_from_camera: f.world_from_camera * Pose::new(shift, turn), ..f.clone() }
+            };
+            let moved: Vec<RgbdFrame> = found[0].iter().zip(&draw.poses[0]).map(moved).collect();
+            square(&mut drawn, relative_errors(&moved, &found[0]), 1.0 / findings.draws.len() as f64);
+        }
+    }
+    for k in 0..2 {
+        let ratio = (left[k] / drawn[k]).sqrt();
+        assert!((0.3..1.5).contains(&ratio), "{k}: {ratio} {left:?} {drawn:?}");
+    }
+}
