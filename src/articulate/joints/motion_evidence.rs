@@ -129,11 +129,6 @@ impl MotionEvidence<'_> {
     fn linearise_drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig, draws: usize) -> Quadratic {
         let mut q = Quadratic::with_draws(draws);
         for state in [0, 1] {
-            // Samples closer than errors run together are no further observations.
-            let share = (self.areas_m2[state]
-                / self.independent_area_m2
-                / self.surfaces[state].points.len().max(1) as f64)
-                .min(1.0);
             let parts: Vec<Quadratic> = self.surfaces[state]
                 .points
                 .par_chunks(CHUNK)
@@ -144,7 +139,6 @@ impl MotionEvidence<'_> {
                         chunk * CHUNK..chunk * CHUNK + points.len(),
                         motion,
                         sigma_m,
-                        share,
                         config,
                         draws,
                     )
@@ -163,7 +157,6 @@ impl MotionEvidence<'_> {
         points: Range<usize>,
         motion: &Pose,
         sigma_m: f64,
-        share: f64,
         config: &RefineConfig,
         draws: usize,
     ) -> Quadratic {
@@ -171,6 +164,7 @@ impl MotionEvidence<'_> {
         let source = [Source::Surface0, Source::Surface1][state];
         let warp = if state == 0 { *motion } else { motion.inverse() };
         let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
+        let share = self.share(state);
         // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
         for i in points {
@@ -212,6 +206,13 @@ impl MotionEvidence<'_> {
             }
         }
         q
+    }
+
+    /// What a sample of a state is of an independent observation: samples closer than errors run together are
+    /// no further ones.
+    fn share(&self, state: usize) -> f64 {
+        let independent = self.areas_m2[state] / self.independent_area_m2;
+        (independent / self.surfaces[state].points.len().max(1) as f64).min(1.0)
     }
 
     fn offset_m(&self, state: usize, point: usize) -> f64 {
