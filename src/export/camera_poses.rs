@@ -72,8 +72,8 @@ pub struct DepthSensorReport {
     pub scale_percent: [f64; 2],
     /// What differs from it over the image, root mean square, percent of the range.
     pub warp_percent: f64,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, pixels; color
-    /// was moved back.
+    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, pixels;
+    /// color was moved back.
     pub color_shift_px: [f64; 2],
     /// Their standard deviations.
     pub color_shift_std_px: [f64; 2],

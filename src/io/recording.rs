@@ -266,8 +266,8 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
             return Some(Note::new(
                 NoteCode::PosesLate,
                 format!(
-                    "state {state}: camera poses seem {:.2} s {} than the images: by their stamps {share:.0} % \
-                     of the features that frames share lie where the poses say, with that delay {:.0} %{}; \
+                    "state {state}: camera poses seem {:.2} s {} than the images: by their stamps {share:.0} \
+                     % of the features that frames share lie where the poses say, with that delay {:.0} %{}; \
                      give both one clock, or set capture.pose_delay_secs={delay_s:.3}",
                     delay_s.abs(),
                     older(delay_s),
@@ -336,8 +336,8 @@ fn several_sensors(states: &[Vec<RgbdFrame>]) -> Option<Note> {
         Note::new(
             NoteCode::SeveralSensors,
             format!(
-                "frames come from {} cameras by their intrinsics; depth is not calibrated, as each errs in its \
-                 own way; record all states with one camera at one resolution",
+                "frames come from {} cameras by their intrinsics; depth is not calibrated, as each errs in \
+                 its own way; record all states with one camera at one resolution",
                 cameras.len()
             ),
         )

@@ -20,6 +20,7 @@ mod error_draw;
 mod landmarks;
 mod pairs;
 mod pose_noise;
+mod reading_weights;
 mod sensor;
 mod sensor_errors;
 mod solve;

@@ -1,6 +1,6 @@
 //! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::{
     depth_warp::SUPPORT,
     pose_noise::PoseNoise,
+    reading_weights::ReadingWeights,
     sensor_errors::SensorErrors,
     surfels::{FACINGS, Residual, Surfels},
 };
@@ -83,6 +84,7 @@ pub(super) struct PairSums {
 }
 
 /// Normal equations of the sensor's errors.
+#[derive(Clone)]
 pub(super) struct SensorSums {
     pub information: DMatrix<f64>,
     /// Between the poses (six rows each) and the sensor.
@@ -206,7 +208,9 @@ impl Comparison {
                 sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
             let rows: Vec<Rows> =
                 pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, loose)).collect();
-            let weights = Weights::of(pairs, &rows, &self.matches);
+            let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
+            let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
+            let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
             let (mut sums, mut ratios) = (Vec::new(), Vec::new());
             for (&pair, mut rows) in pairs.iter().zip(rows) {
                 ratios.push(rows.ratios);
@@ -366,25 +370,6 @@ impl Comparison {
                 }
             }
         }
-    }
-}
-
-/// What a reading of a frame weighs in each of its pairs.
-struct Weights {
-    of_surfels: f64,
-    of_landmarks: f64,
-}
-
-impl Weights {
-    /// A reading that n - 1 other frames show too is compared with each of them, both ways, but is one reading:
-    /// by weights of 1/n the means of all frames have the information that n readings have (pairwise
-    /// likelihood: Lindsay 1988). See docs/method.md 2.7.
-    fn of(pairs: &[[usize; 2]], rows: &[Rows], matches: &Matches) -> Self {
-        let agreeing: f64 = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
-        let of_pairs = || pairs.iter().filter_map(|pair| matches.get(pair)).flatten();
-        let landmarks: BTreeSet<u32> = of_pairs().map(|m| m[0]).collect();
-        let matched = of_pairs().count() as f64 / landmarks.len().max(1) as f64;
-        Self { of_surfels: 1.0 / (1.0 + agreeing), of_landmarks: 1.0 / (1.0 + matched) }
     }
 }
 

@@ -112,8 +112,8 @@ impl fmt::Display for SensorCalibration {
                 f,
                 "depth was corrected by {scale:+.2} % (standard deviation {sigma:.2} %) and by a smooth warp \
                  of {warp:.2} % over the image (root mean square), color was moved by {u:.1} and {v:.1} \
-                 pixels against depth, and poses by {lag_ms:.1} ms (standard deviation {lag_sigma_ms:.1} ms), \
-                 found with the camera poses; surfaces that frames share lay \
+                 pixels against depth, and poses by {lag_ms:.1} ms (standard deviation {lag_sigma_ms:.1} \
+                 ms), found with the camera poses; surfaces that frames share lay \
                  {before_mm:.2} mm apart by poses alone, now {after_mm:.2} mm"
             )
         } else {

@@ -211,8 +211,7 @@ fn step(
         let (prior, half_log) = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
-        // The prior pulls towards the reported poses at the images' time, from which the present ones are
-        // `away`.
+        // The prior pulls towards the reported poses at the images' time.
         let away = at - &problem.velocities * lag_s;
         let pull = &prior * &away;
         own_gradient += &pull;
@@ -221,14 +220,9 @@ fn step(
         let covariance = factor.inverse();
         let own_step = &covariance * &own_gradient;
         let follow = match &sums.sensor {
-            Some(SensorSums { information: of_state, between, gradient: of_sensor }) => {
-                let (mut of_state, mut between, mut of_sensor) =
-                    (of_state.clone(), between.clone(), of_sensor.clone());
-                // The lag is seen through the prior alone.
-                let (lag, carried) = (values.len() - 1, &prior * &problem.velocities);
-                of_state[(lag, lag)] += problem.velocities.dot(&carried);
-                between.set_column(lag, &-carried);
-                of_sensor[lag] -= problem.velocities.dot(&pull);
+            Some(of_state) => {
+                let SensorSums { information: of_state, between, gradient: of_sensor } =
+                    with_lag(of_state, &problem.velocities, &prior, &pull);
                 let follow = &covariance * &between;
                 // Schur complement: what the state says of the sensor when its poses follow it.
                 information += of_state - between.transpose() * &follow;
@@ -257,12 +251,7 @@ fn step(
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
-        // Of what the lag does not explain, whose size is that of the errors.
-        let mut rest = follow.clone();
-        if let Some(lag) = rest.ncols().checked_sub(1) {
-            let mut with_lag = rest.column_mut(lag);
-            with_lag += &problem.velocities;
-        }
+        let rest = beside_lag(&follow, &problem.velocities);
         pose_covariances.push(&covariance + &rest * &sensor_covariance * rest.transpose());
         own.push([covariance, follow]);
     }
@@ -276,6 +265,32 @@ fn step(
         sensor_information,
         log_likelihood,
     })
+}
+
+/// What the corrections beside those of the lag, the last value, follow the sensor by.
+fn beside_lag(follow: &DMatrix<f64>, velocities: &DVector<f64>) -> DMatrix<f64> {
+    let mut rest = follow.clone();
+    if let Some(lag) = rest.ncols().checked_sub(1) {
+        let mut of_lag = rest.column_mut(lag);
+        of_lag += velocities;
+    }
+    rest
+}
+
+/// The sums of a state with those of the lag, the last value, which is seen through the poses' prior alone:
+/// docs/method.md (2.23).
+fn with_lag(
+    sums: &SensorSums,
+    velocities: &DVector<f64>,
+    prior: &DMatrix<f64>,
+    pull: &DVector<f64>,
+) -> SensorSums {
+    let SensorSums { mut information, mut between, mut gradient } = sums.clone();
+    let (lag, carried) = (gradient.len() - 1, prior * velocities);
+    information[(lag, lag)] += velocities.dot(&carried);
+    between.set_column(lag, &-carried);
+    gradient[lag] -= velocities.dot(pull);
+    SensorSums { information, between, gradient }
 }
 
 /// Normal equations about the poses of a state.

@@ -1,0 +1,40 @@
+//! What a reading of a frame weighs in each of its pairs.
+//!
+//! A reading that n - 1 other frames show too is compared with each of them, both ways, but is one reading.
+//! By weights of 1/n the means of all frames have the information that n readings have (pairwise likelihood:
+//! Lindsay 1988). See docs/method.md 2.7.
+
+use std::collections::BTreeSet;
+
+/// Weights of a frame's readings.
+pub(super) struct ReadingWeights {
+    pub of_surfels: f64,
+    pub of_landmarks: f64,
+}
+
+impl ReadingWeights {
+    /// Of a frame whose surfels so many others show, in the mean, and whose landmarks were matched as listed.
+    pub fn of(others: f64, matched: impl Iterator<Item = u32>) -> Self {
+        let (mut landmarks, mut matches) = (BTreeSet::new(), 0usize);
+        matched.for_each(|landmark| {
+            landmarks.insert(landmark);
+            matches += 1;
+        });
+        let per_landmark = matches as f64 / landmarks.len().max(1) as f64;
+        Self { of_surfels: 1.0 / (1.0 + others), of_landmarks: 1.0 / (1.0 + per_landmark) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_two_frames_share_counts_by_half() {
+        let weights = ReadingWeights::of(1.0, [3, 4, 7].into_iter());
+        assert_eq!([weights.of_surfels, weights.of_landmarks], [0.5; 2]);
+        // One landmark in three others, one in one: two in the mean.
+        let weights = ReadingWeights::of(0.0, [3, 3, 3, 5].into_iter());
+        assert_eq!([weights.of_surfels, weights.of_landmarks], [1.0, 1.0 / 3.0]);
+    }
+}
