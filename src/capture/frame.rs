@@ -65,6 +65,18 @@ impl RgbdFrame {
     }
 }
 
+/// The cameras of frames, each once, in the order in which they first appear.
+#[must_use]
+pub fn cameras<'a>(frames: impl Iterator<Item = &'a RgbdFrame>) -> Vec<Intrinsics> {
+    let mut all = Vec::new();
+    for frame in frames {
+        if !all.contains(&frame.intrinsics) {
+            all.push(frame.intrinsics);
+        }
+    }
+    all
+}
+
 /// Median of a value over every 97th pixel with depth on the object; `None` where there is none.
 #[must_use]
 pub fn median_over_object<'a>(

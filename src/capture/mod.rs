@@ -24,7 +24,7 @@ pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub(crate) use features::luma;
 pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, match_states, on_object};
-pub use frame::{RgbdFrame, median_over_object};
+pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;

@@ -16,9 +16,8 @@ use super::{
 use crate::{
     capture::{
         Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, denoise, isolate, noise_factor, refine_poses, spread_views,
+        RgbdFrame, Split, cameras, denoise, isolate, noise_factor, refine_poses, spread_views,
     },
-    geometry::Intrinsics,
     geometry::Pose,
     note::{Note, NoteCode},
     random::stage_rng,
@@ -326,12 +325,7 @@ fn older(delay_s: f64) -> &'static str {
 
 /// Where frames come from several cameras, which share no errors.
 fn several_sensors(states: &[Vec<RgbdFrame>]) -> Option<Note> {
-    let mut cameras: Vec<Intrinsics> = Vec::new();
-    for frame in states.iter().flatten() {
-        if !cameras.contains(&frame.intrinsics) {
-            cameras.push(frame.intrinsics);
-        }
-    }
+    let cameras = cameras(states.iter().flatten());
     (cameras.len() > 1).then(|| {
         Note::new(
             NoteCode::SeveralSensors,

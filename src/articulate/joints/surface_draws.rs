@@ -61,8 +61,7 @@ impl SurfaceDraws {
             let share = if weights > 0.0 { 1.0 / weights } else { 0.0 };
             sums.into_iter().map(move |sum| (share * sum).cast::<f32>())
         };
-        let fits = draws.iter().all(|d| d.poses.get(state).is_some_and(|p| p.len() == frames.len()));
-        if draws.is_empty() || !fits {
+        if draws.is_empty() || !draws.iter().all(|d| d.covers(state, frames.len())) {
             return Self::default();
         }
         let all: Vec<Vec<Vector3<f32>>> =

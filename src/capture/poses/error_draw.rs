@@ -15,7 +15,7 @@ use crate::{
 /// Draws of all errors: a covariance of them has a standard error of an eighth.
 ///
 /// derived: one over the root of twice their number
-pub(super) const DRAWS: usize = 32;
+const DRAWS: usize = 32;
 
 /// One draw of what is missing in the corrected poses and the corrected depth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,12 @@ pub struct ErrorDraw {
 }
 
 impl ErrorDraw {
+    /// Whether it has an error of each of so many frames of a state.
+    #[must_use]
+    pub fn covers(&self, state: usize, frames: usize) -> bool {
+        self.poses.get(state).is_some_and(|poses| poses.len() == frames)
+    }
+
     /// By how much what a frame sees lies off, meters, in the world: of a point in the camera's frame, at a
     /// pixel.
     #[must_use]
@@ -59,13 +65,13 @@ pub(super) struct Drawn {
 
 /// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
 /// by, and of the sensor; `None` where a covariance is not positive.
-pub(super) fn drawn(states: &[(&DMatrix<f64>, &DMatrix<f64>)], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
+pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let root = |covariance: &DMatrix<f64>| match covariance.nrows() {
         0 => Some(DMatrix::zeros(0, 0)),
         _ => covariance.clone().cholesky().map(|c| c.l()),
     };
-    let roots: Vec<DMatrix<f64>> = states.iter().map(|(own, _)| root(own)).collect::<Option<_>>()?;
+    let roots: Vec<DMatrix<f64>> = states.iter().map(|[own, _]| root(own)).collect::<Option<_>>()?;
     let of_sensor = root(sensor)?;
     let mut of = |root: &DMatrix<f64>| root * DVector::from_fn(root.nrows(), |_, _| normal(rng));
     let draw = |_| {
@@ -73,8 +79,8 @@ pub(super) fn drawn(states: &[(&DMatrix<f64>, &DMatrix<f64>)], sensor: &DMatrix<
         let poses = states
             .iter()
             .zip(&roots)
-            .map(|((_, follow), root)| {
-                let error = of(root) - *follow * &sensor;
+            .map(|([_, follow], root)| {
+                let error = of(root) - follow * &sensor;
                 error.as_slice().chunks_exact(6).map(Vector6::from_column_slice).collect()
             })
             .collect();
@@ -106,7 +112,7 @@ mod tests {
     fn draws_have_the_covariance_that_they_are_drawn_from() {
         let follow = DMatrix::from_fn(6, 1, |r, _| r as f64);
         let own = DMatrix::from_diagonal_element(6, 6, 4.0);
-        let all = drawn(&[(&own, &follow)], &DMatrix::from_element(1, 1, 9.0)).unwrap();
+        let all = drawn(&[[own, follow]], &DMatrix::from_element(1, 1, 9.0)).unwrap();
         let variance = |k: usize| all.iter().map(|d| d.poses[0][0][k].powi(2)).sum::<f64>() / DRAWS as f64;
         for (k, expected) in [(0, 4.0), (3, 4.0 + 81.0), (5, 4.0 + 225.0)] {
             assert!((variance(k) / expected).ln().abs() < 0.7, "{k}: {} {expected}", variance(k));

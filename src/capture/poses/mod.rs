@@ -98,8 +98,8 @@ impl PoseFindings {
             let sum = all.fold([Vector3::zeros(); 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
             sum.map(|v| (v / frames.len() as f64).norm_squared())
         };
-        let fits = |d: &ErrorDraw| d.poses.first().is_some_and(|p| p.len() == frames.len());
-        if self.draws.is_empty() || frames.is_empty() || !self.draws.iter().all(fits) {
+        let covered = self.draws.iter().all(|d| d.covers(0, frames.len()));
+        if self.draws.is_empty() || frames.is_empty() || !covered {
             return None;
         }
         let all = self.draws.iter().map(squares);

@@ -13,7 +13,10 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
 };
-use crate::{capture::RgbdFrame, geometry::Intrinsics};
+use crate::{
+    capture::{RgbdFrame, frame::cameras},
+    geometry::Intrinsics,
+};
 
 /// What was found of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -142,7 +145,7 @@ pub(super) fn calibrate(
     problems: &[Option<Problem<'_>>],
     alone: &[Option<Refined>],
 ) -> Option<Calibrated> {
-    let intrinsics = one_camera(states)?;
+    let [intrinsics] = cameras(states.iter().flatten())[..] else { return None };
     let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
     if posed.is_empty() {
         return None;
@@ -203,11 +206,4 @@ pub(super) fn calibrate(
         gain_sigmas: gain.sigmas,
     };
     Some(Calibrated { calibration, states: refined, warps })
-}
-
-/// The camera of all frames; `None` where they have several.
-fn one_camera(states: &[Vec<RgbdFrame>]) -> Option<Intrinsics> {
-    let mut all = states.iter().flatten().map(|f| f.intrinsics);
-    let first = all.next()?;
-    all.all(|other| other == first).then_some(first)
 }

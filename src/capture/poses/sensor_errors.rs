@@ -12,7 +12,6 @@ const SCALE: f64 = 0.005;
 /// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an
 /// image of 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
 const COLOR_SHIFT: f64 = 0.003;
-
 /// By how much poses are older than images, one standard deviation, seconds: clocks of two devices differ by
 /// milliseconds to tens of them (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018).
 const LAG_S: f64 = 0.02;
@@ -70,7 +69,7 @@ impl SensorErrors {
         let (of_warp, count) = (self.first_of_shift(), self.count());
         let mut expected = DMatrix::from_diagonal_element(count, count, COLOR_SHIFT.powi(2));
         expected.view_mut((0, 0), (of_warp, of_warp)).copy_from(&warp);
-        expected[(count - 1, count - 1)] = LAG_S.powi(2);
+        expected[(self.lag(), self.lag())] = LAG_S.powi(2);
         expected
     }
 }

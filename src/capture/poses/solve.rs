@@ -137,7 +137,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
     let mut sizes = Sizes { poses: vec![PoseErrors::EXPECTED; problems.len()], warp: WARP };
     let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
     let mut loosened = LOOSE.into_iter();
-    let mut draws = Vec::new();
+    let mut found = None;
     for rounds in ROUNDS {
         let mut last = None;
         for _ in 0..rounds {
@@ -177,11 +177,12 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
             }
         }
         if let Some((sums, at, step)) = last {
-            let own: Vec<_> = step.own.iter().map(|[own, follow]| (own, follow)).collect();
-            draws = drawn(&own, &step.sensor_covariance)?;
             sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.errors), &sizes)?;
+            found = Some(step);
         }
     }
+    let found = found?;
+    let draws = drawn(&found.own, &found.sensor_covariance)?;
     Some(Solution { poses, errors: sizes.poses, sensor, draws })
 }
 
@@ -194,7 +195,7 @@ fn step(
     sizes: &Sizes,
 ) -> Option<Step> {
     let values = sensor.map_or_else(|| DVector::zeros(0), SensorErrors::values);
-    let lag_s = sensor.map_or(0.0, |s| s.lag_s);
+    let (lag, lag_s) = (sensor.map(SensorErrors::lag), sensor.map_or(0.0, |s| s.lag_s));
     let (sensor_information, half_log) = match sensor {
         Some(errors) => sensor_information(errors, sizes.warp)?,
         None => (DMatrix::zeros(0, 0), 0.0),
@@ -222,7 +223,7 @@ fn step(
         let follow = match &sums.sensor {
             Some(of_state) => {
                 let SensorSums { information: of_state, between, gradient: of_sensor } =
-                    with_lag(of_state, &problem.velocities, &prior, &pull);
+                    with_lag(of_state, lag?, &problem.velocities, &prior, &pull);
                 let follow = &covariance * &between;
                 // Schur complement: what the state says of the sensor when its poses follow it.
                 information += of_state - between.transpose() * &follow;
@@ -251,7 +252,7 @@ fn step(
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
-        let rest = beside_lag(&follow, &problem.velocities);
+        let rest = beside_lag(&follow, lag, &problem.velocities);
         pose_covariances.push(&covariance + &rest * &sensor_covariance * rest.transpose());
         own.push([covariance, follow]);
     }
@@ -267,26 +268,27 @@ fn step(
     })
 }
 
-/// What the corrections beside those of the lag, the last value, follow the sensor by.
-fn beside_lag(follow: &DMatrix<f64>, velocities: &DVector<f64>) -> DMatrix<f64> {
+/// What the corrections beside those of the lag, the value of that number, follow the sensor by.
+fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f64>) -> DMatrix<f64> {
     let mut rest = follow.clone();
-    if let Some(lag) = rest.ncols().checked_sub(1) {
+    if let Some(lag) = lag {
         let mut of_lag = rest.column_mut(lag);
         of_lag += velocities;
     }
     rest
 }
 
-/// The sums of a state with those of the lag, the last value, which is seen through the poses' prior alone:
+/// The sums of a state with those of the lag, which is seen through the poses' prior alone:
 /// docs/method.md (2.23).
 fn with_lag(
     sums: &SensorSums,
+    lag: usize,
     velocities: &DVector<f64>,
     prior: &DMatrix<f64>,
     pull: &DVector<f64>,
 ) -> SensorSums {
     let SensorSums { mut information, mut between, mut gradient } = sums.clone();
-    let (lag, carried) = (gradient.len() - 1, prior * velocities);
+    let carried = prior * velocities;
     information[(lag, lag)] += velocities.dot(&carried);
     between.set_column(lag, &-carried);
     gradient[lag] -= velocities.dot(pull);

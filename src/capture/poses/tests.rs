@@ -24,6 +24,13 @@ impl Normal {
     fn vector(&mut self, sigma: f64) -> Vector3<f64> {
         Vector3::from_fn(|_, _| sigma * (self.0)())
     }
+
+    /// Adds depth noise, so many times that of the model.
+    fn spoil(&mut self, frame: &mut RgbdFrame, times: f64) {
+        for d in frame.depth_m.iter_mut().filter(|d| **d > 0.0) {
+            *d += (times * NOISE.sigma_m(f64::from(*d)) * (self.0)()) as f32;
+        }
+    }
 }
 
 /// A box with a smaller one on it, on a floor.
@@ -46,11 +53,7 @@ fn frames(scene: &dyn Fn(&Point3<f64>) -> f64, tilt: f64, count: usize) -> Vec<R
         let eye = Point3::new(0.8 * tilt * turn.cos(), 0.8 * tilt * turn.sin(), 0.6 + 0.1 * (i % 3) as f64);
         let mut frame = view_of(scene, INTRINSICS, looking_at_origin(eye));
         frame.mask = None;
-        frame
-            .depth_m
-            .iter_mut()
-            .filter(|d| **d > 0.0)
-            .for_each(|d| *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32);
+        normal.spoil(&mut frame, 1.0);
         frame
     };
     (0..count).map(view).collect()
@@ -221,9 +224,7 @@ fn drawn_room(seed: u64, count: usize, with_errors: bool) -> Vec<RgbdFrame> {
         frame.world_from_camera.rotation *= exp_so3(&normal.vector(0.1));
         let mut frame = view_of(&room, INTRINSICS, frame.world_from_camera);
         frame.mask = None;
-        for d in frame.depth_m.iter_mut().filter(|d| **d > 0.0) {
-            *d += (size * NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32;
-        }
+        normal.spoil(&mut frame, size);
         let jitter = Pose::new(normal.vector(0.001 * size), normal.vector(0.001 * size));
         drift *= Pose::new(normal.vector(0.0008 * size), normal.vector(0.0008 * size));
         frame.world_from_camera = drift * frame.world_from_camera * jitter;
@@ -385,11 +386,7 @@ fn late(from_s: f64, count: usize, lag_s: f64) -> Vec<RgbdFrame> {
         let mut frame = view_of(&room, INTRINSICS, carried(time_s));
         frame.mask = None;
         frame.stamp_nanos = (1e9 * time_s) as i64;
-        frame
-            .depth_m
-            .iter_mut()
-            .filter(|d| **d > 0.0)
-            .for_each(|d| *d += (NOISE.sigma_m(f64::from(*d)) * (normal.0)()) as f32);
+        normal.spoil(&mut frame, 1.0);
         frame
     };
     let mut frames = painted((0..count).map(&mut view).collect(), [0, 0]);
