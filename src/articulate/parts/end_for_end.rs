@@ -2,18 +2,21 @@
 //! for end. Its hinge distinguishes them. (Round parts: `round_parts.rs`.) See docs/method.md 6.9.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 use crate::articulate::{
     pair::reprojection::EXPLAINED,
     parts::{
         labeling::label,
         matched_pair::MatchedPair,
+        round_parts::without,
         score::{is_matched, weighed},
         settle::round,
     },
+    propose::search::Search,
     samples::{
         hinge::{axis_of_turn, axis_off_m, hinge_score, touch_m},
-        slip::round_axis,
+        slip::{Slip, round_axis},
     },
 };
 use crate::geometry::Pose;
@@ -71,8 +74,8 @@ fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f
     (0..motions.len()).filter(|p| *p != k).map(on).fold(0.0, f64::max)
 }
 
-/// The motion of part `k` after half a turn of the part about its middle and the direction of its axis;
-/// `None` for a slide.
+/// The motion of part `k` after half a turn of the part about its middle and the direction of its axis,
+/// where it explains most; `None` for a slide.
 fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Option<Pose> {
     let axis = axis_of_turn(&motions[k])?.direction;
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
@@ -84,34 +87,67 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
     if round_axis(&points, &normals).is_some() {
         return None;
     }
-    let center = middle(&points)?;
+    let Middle { center, thin } = Middle::of(&points)?;
     let turn = UnitQuaternion::from_axis_angle(&axis, std::f64::consts::PI);
-    Some(motions[k] * Pose::from_parts((center.coords - turn * center.coords).into(), turn))
+    let about_middle = motions[k] * Pose::from_parts((center.coords - turn * center.coords).into(), turn);
+    // Of a panel that shows one side the middle is that of the side, and the turn leaves the panel beside
+    // itself by its thickness, at most the reach.
+    let across = motions[k] * thin;
+    let search = Search::new(&pair.surfaces, &without(motions, k), pair.extent_m);
+    let total = |motion: &Pose| search.sharp_total(motion).0;
+    let step_m = pair.surfaces.scales.plane_m;
+    let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
+    let beside = (-steps..=steps).into_par_iter().map(|s| {
+        let shifted = Slip::along(across).by(s as f64 * step_m) * about_middle;
+        (total(&shifted), shifted)
+    });
+    // In the order of the steps, so that equal ones do not depend on threads.
+    let all: Vec<(f64, Pose)> = beside.collect();
+    let best = all.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?.1;
+    Some(search.slips(&best).map_or(best, |slips| search.climbed(&best, slips, total, |m| search.slips(m)).1))
 }
 
-/// Middle of the box around points along their principal directions; `None` for too few.
-fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
-    const LEAST: usize = 12;
-    if points.len() < LEAST {
-        return None;
+/// Where the middle of points is, and which way they extend least.
+struct Middle {
+    center: Point3<f64>,
+    /// Unit direction.
+    thin: Vector3<f64>,
+}
+
+impl Middle {
+    /// Of the box around points along their principal directions; `None` for too few.
+    fn of(points: &[Point3<f64>]) -> Option<Self> {
+        const LEAST: usize = 12;
+        if points.len() < LEAST {
+            return None;
+        }
+        let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+        let spread: Matrix3<f64> =
+            points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(spread);
+        let center = eigenvectors.column_iter().map(|axis| {
+            let mut along: Vec<f64> = points.iter().map(|p| axis.dot(&p.coords)).collect();
+            along.sort_by(f64::total_cmp);
+            // A few wrong samples beyond the ends would shift the middle, and the turned motion by twice as
+            // much.
+            let cut = along.len() / 50;
+            axis * (0.5 * (along[cut] + along[along.len() - 1 - cut]))
+        });
+        let thin = eigenvectors.column(eigenvalues.imin()).into_owned();
+        Some(Self { center: center.sum::<Vector3<f64>>().into(), thin })
     }
-    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
-    let spread: Matrix3<f64> = points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
-    let axes = SymmetricEigen::new(spread).eigenvectors;
-    let center = axes.column_iter().map(|axis| {
-        let mut along: Vec<f64> = points.iter().map(|p| axis.dot(&p.coords)).collect();
-        along.sort_by(f64::total_cmp);
-        // A few wrong samples beyond the ends would shift the middle, and the turned motion by twice as much.
-        let cut = along.len() / 50;
-        axis * (0.5 * (along[cut] + along[along.len() - 1 - cut]))
-    });
-    Some(center.sum::<Vector3<f64>>().into())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+    use crate::{
+        articulate::{
+            RegisterConfig,
+            samples::synthetic::{Part, Scene},
+        },
+        geometry::Screw,
+    };
 
     #[test]
     fn a_plain_arm_turned_end_for_end_goes_back_to_its_hinges() {
@@ -127,6 +163,36 @@ mod tests {
                 for z in [0.05, 0.31] {
                     let end = Point3::new(0.0, 0.0, z);
                     let off_m = (found * end - scene.truth(1) * end).norm();
+                    assert!(off_m < 0.01, "{off_m}");
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn a_lid_whose_inside_one_state_hides_goes_back_to_its_hinge() {
+        let cuboid = |center: [f64; 3], half: [f64; 3]| vec![(Point3::from(center), Vector3::from(half))];
+        let hinge = Screw {
+            direction: Vector3::x_axis(),
+            point: Point3::new(0.0, 0.15, 0.02),
+            angle_rad: 1.35,
+            advance_m: 0.0,
+        };
+        let still = Part { boxes: cuboid([0.0, 0.0, 0.01], [0.2, 0.15, 0.01]), motion: Pose::identity() };
+        // Upright, then nearly closed.
+        let lid = Part { boxes: cuboid([0.0, 0.15, 0.16], [0.2, 0.01, 0.135]), motion: hinge.motion() };
+        let scene = Scene { parts: vec![still, lid], world: Pose::identity(), texture: 0.0 };
+        let middle = Vector3::new(0.0, 0.15, 0.16);
+        let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let start = scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half);
+        scene.seen(0.006, 0.016, |surfaces, _| {
+            let config = RegisterConfig::default();
+            let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+            for start in [start, scene.truth(1)] {
+                let found = hinged(&pair, vec![Pose::identity(), start])[1];
+                for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
+                    let corner = Point3::new(x, 0.16, z);
+                    let off_m = (found * corner - scene.truth(1) * corner).norm();
                     assert!(off_m < 0.01, "{off_m}");
                 }
             }
