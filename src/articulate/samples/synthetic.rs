@@ -90,6 +90,17 @@ impl Scene {
         Self { parts: vec![foot, arm, head], world: Pose::identity(), texture: 1.0 }
     }
 
+    /// A plain case whose lid stands upright, then is nearly closed.
+    pub fn case() -> Self {
+        let base =
+            Part { boxes: vec![cuboid([0.0, 0.0, 0.01], [0.2, 0.15, 0.01])], motion: Pose::identity() };
+        let lid = Part {
+            boxes: vec![cuboid([0.0, 0.15, 0.16], [0.2, 0.007, 0.135])],
+            motion: turn(Vector3::x(), [0.0, 0.15, 0.02], 1.35),
+        };
+        Self { parts: vec![base, lid], world: Pose::identity(), texture: 0.0 }
+    }
+
     /// A jar whose lid unscrews by 2 rad and 16 mm.
     pub fn jar() -> Self {
         let jar =
