@@ -47,26 +47,28 @@ def measure(folder, synth, args):
     wanted = sorted(TYPES[p["type"]] for p in truth["parts"] if p["type"] in TYPES)
     found = sorted(TYPES.get(j["type"], j["type"]) for j in report["joints"])
     stated = {j["name"]: j for j in report["joints"]}
+    positions = {p["name"]: p["motion"] for p in truth["parts"] if "axis" in p}
     joints = [j for j in trial["joints"] if not j.get("missing")]
     return row | {
         "parts": len(truth["parts"]),
         "found": trial["parts_found"],
         "wanted": wanted,
         "types": found,
-        "joints": [j | {"in_deviations": in_deviations(j, stated[j["joint"]])} for j in joints],
+        "joints": [j | {"in_deviations": in_deviations(j, stated[j["joint"]], positions[j["part"]])} for j in joints],
         "seen_mm": [trial["mesh"].get(f"state{k}/whole", {}).get("seen_mm") for k in (0, 1)],
         "frame": frame,
     }
 
 
-def in_deviations(joint, stated):
-    """Errors as multiples of the standard deviations that the twin states: of the axis, of its line, of the motion."""
-    motion, unit = stated["motion_std"]["value"], stated["motion_std"]["unit"]
-    motion_name, scale = ("motion_mm", 1e3) if unit == "m" else ("motion_deg", math.degrees(1))
+def in_deviations(joint, stated, position):
+    """Errors as multiples of the standard deviations that the twin states: of the axis, of its line, of the joint's position.
+
+    A rotation between the found and the true motion (`motion_deg`) holds the axis' error too, so positions are compared here.
+    """
     pairs = {
         "axis": (joint["axis_deg"], stated["axis_std_deg"]),
         "line": (joint.get("axis_mm"), stated["origin_std_mm"]),
-        "motion": (joint.get(motion_name), scale * (motion or 0)),
+        "position": (abs(abs(stated["motion"]["value"]) - abs(position)), stated["motion_std"]["value"]),
     }
     return {k: error / std for k, (error, std) in pairs.items() if error is not None and std}
 
@@ -100,7 +102,7 @@ def table(rows):
         if values:
             high = values[min(len(values) - 1, int(0.95 * len(values)))]
             told.append(f"{key}: median {statistics.median(values):.2f}, 95th percentile {high:.2f} {unit} of {len(values)}")
-    for key in ("axis", "line", "motion"):
+    for key in ("axis", "line", "position"):
         ratios = [j["in_deviations"][key] for j in joints if key in j["in_deviations"]]
         if ratios:
             rms = math.sqrt(sum(r * r for r in ratios) / len(ratios))

@@ -123,14 +123,11 @@ fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &Fre
 fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
     let mut drawn: Vec<DVector<f64>> = Vec::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
-        let residuals = &found.residuals;
         let motion = fit.joint.motion(k, &found.parent(k).state1_from_state0);
-        let gradients = residuals.motions[k].evidence.drawn(&motion, residuals.sigma_m[k], residuals.config);
+        let gradients = found.drawn(k, &motion, &q.information);
         drawn.resize(gradients.len().max(drawn.len()), DVector::zeros(inverse.nrows()));
         let response = inverse * t.transpose();
-        for (draw, (sum, gradient)) in drawn.iter_mut().zip(gradients).enumerate() {
-            *sum -= &response * (gradient + q.information * found.parent(k).drawn(draw));
-        }
+        drawn.iter_mut().zip(gradients).for_each(|(sum, gradient)| *sum -= &response * gradient);
     }
     drawn
 }

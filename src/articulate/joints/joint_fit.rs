@@ -2,7 +2,7 @@
 //!
 //! Information matrices of all motions add up in the parameters of the joint.
 
-use nalgebra::{DMatrix, DVector, Point3};
+use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector6};
 
 use crate::{
     articulate::joints::{
@@ -144,6 +144,15 @@ impl<'a> FreeFits<'a> {
     /// Motion `k` relative to the parent, without a joint.
     pub fn relative(&self, k: usize) -> Pose {
         self.parent(k).state1_from_state0.inverse() * self.free[k].motion
+    }
+
+    /// What errors of poses and depth add to half the gradient of motion `k`, by draw: by the part's own
+    /// residuals, and by the motion of its parent, which the `information` makes a gradient.
+    pub fn drawn(&self, k: usize, motion: &Pose, information: &Matrix6<f64>) -> Vec<Vector6<f64>> {
+        let Residuals { motions, sigma_m, config } = &self.residuals;
+        let own = motions[k].evidence.drawn(motion, sigma_m[k], config);
+        let of_parent = |draw| information * self.parent(k).drawn(draw);
+        own.into_iter().enumerate().map(|(draw, g)| g + of_parent(draw)).collect()
     }
 
     /// The slide that explains all motions best.

@@ -2,13 +2,15 @@
 //! See docs/method.md 8.6.
 //!
 //! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is `cost
-//! + parameters * ln(independent residuals)`; the type with the lowest score wins, a screw only decisively.
+//! + parameters * ln(independent residuals)`, the cost without what errors that leave no residual explain of
+//! it; the type with the lowest score wins, a screw only decisively.
 
 use crate::{
     articulate::joints::{
         free_motion::FREEDOMS,
         joint_fit::{FreeFits, JointFit, PartPlace},
         joint_motion::{Freedom, PlacedJoint, foot},
+        misfit::Misfit,
     },
     model::{JointFamily, JointKind, TypeScores},
 };
@@ -34,8 +36,12 @@ impl TypeFits {
         // A part at rest is scored for the report alone: no choice rests on it.
         let still = found.residuals.at(|k| found.parent(k).state1_from_state0);
         let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
+        let misfit = Misfit::new(found);
         let of_joint = |fit: &JointFit| {
-            let score = score(fit.cost(), fit.joint.dimension() as f64);
+            // What errors that leave no residual explain of the misfit speaks against no joint.
+            let share = misfit.as_ref().map_or(1.0, |m| m.share(fit, found));
+            let cost = fit.cost() - (1.0 - share) * (fit.cost() - free).max(0.0);
+            let score = score(cost, fit.joint.dimension() as f64);
             (fit.joint.freedom.family(), score + far(&fit.joint, &found.place))
         };
         // The free motion has six parameters in every state, a joint one.

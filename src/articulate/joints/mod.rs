@@ -16,6 +16,7 @@ pub(crate) mod joint_type;
 pub(crate) mod kinematic_tree;
 pub(crate) mod match_evidence;
 pub(crate) mod minimise;
+pub(crate) mod misfit;
 pub(crate) mod motion_evidence;
 pub(crate) mod pair_evidence;
 pub(crate) mod parent_candidates;
