@@ -1,6 +1,6 @@
 //! Joints of one and of several motions with a known answer.
 
-use crate::articulate::joints::drawn_residuals::DrawnResiduals;
+use crate::articulate::joints::{drawn_residuals::DrawnResiduals, surface_draws::SurfaceDraws};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::*;
@@ -37,6 +37,11 @@ fn box_samples(place: &Pose) -> SurfaceSamples {
 
 /// The joint of a box that makes some motions; the fits start off the truth, with so many matches.
 fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
+    joint_by(motions, matched, &[])
+}
+
+/// The same where errors of poses and depth displace all states but state 0, by draw.
+fn joint_by(motions: &[Pose], matched: usize, draws: &[Vector3<f32>]) -> JointEstimate {
     let place = Pose::translation(0.1, 0.05, 0.0);
     let scene = SceneBox::around(&Point3::new(-0.6, -0.6, -0.6), &Point3::new(0.6, 0.6, 0.6));
     let poses: Vec<Pose> = std::iter::once(place).chain(motions.iter().map(|m| m * place)).collect();
@@ -63,7 +68,14 @@ fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
         samples[0].points[..matched].iter().map(of).collect()
     };
     let matches: Vec<Vec<MatchEvidence>> = motions.iter().map(on_box).collect();
-    let none = DrawnResiduals::default();
+    let drawn = |(k, m): (usize, &Pose)| {
+        let of = |s: &SurfaceSamples, by: &[Vector3<f32>]| SurfaceDraws::alike(s.points.len(), by);
+        let still = vec![Vector3::zeros(); draws.len()];
+        let both = [of(&samples[0], &still), of(&samples[k + 1], draws)];
+        let ends: Vec<[Point3<f64>; 2]> = matches[k].iter().map(|m| [m.point0, m.point1]).collect();
+        DrawnResiduals::new(&both, [&samples[0], &samples[k + 1]], &ends, m, 0.05)
+    };
+    let drawn: Vec<DrawnResiduals> = motions.iter().enumerate().map(drawn).collect();
     let motion = |(k, m): (usize, &Pose)| JointMotion {
         start: off * m,
         parent: &still,
@@ -79,7 +91,7 @@ fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
             offsets_m: [&[]; 2],
             displacement_m: 0.0,
             patch_m: 0.2,
-            drawn: &none,
+            drawn: &drawn[k],
         },
     };
     let all: Vec<JointMotion> = motions.iter().enumerate().map(motion).collect();
@@ -229,4 +241,22 @@ fn a_slid_box_is_prismatic() {
     let e = check(&Pose::translation(0.12, 0.0, 0.02), JointKind::Prismatic);
     assert!((e.motion() - 0.12f64.hypot(0.02)).abs() < 1e-3);
     assert!(e.evidence.covariance[(6, 6)].sqrt() < 1e-3);
+}
+
+#[test]
+fn an_advance_that_the_sensor_can_feign_is_no_screw() {
+    let axis = Unit::new_normalize(Vector3::new(0.1, 0.2, 1.0));
+    let advanced = |advance_m: f64| Screw { advance_m, ..Screw::of(&hinge(0.6)).unwrap() }.motion();
+    // Errors of 2 mm, root mean square, along the axis.
+    let draws: Vec<Vector3<f32>> =
+        (0..32).map(|d| (axis.into_inner() * (2e-3 * (f64::from(d) - 15.5) / 9.23)).cast()).collect();
+    let kind = |advance_m: f64, draws: &[Vector3<f32>]| joint_by(&[advanced(advance_m)], 0, draws).kind;
+    assert!(matches!(kind(2e-3, &[]), JointKind::Screw { .. }));
+    assert_eq!(kind(2e-3, &draws), JointKind::Revolute);
+    assert!(matches!(kind(0.02, &draws), JointKind::Screw { .. }));
+    // What errors across the axis feign is another axis, no advance.
+    let aside = axis.cross(&Vector3::x()).normalize();
+    let across: Vec<Vector3<f32>> =
+        draws.iter().map(|d| (aside * f64::from(d.dot(&axis.cast()))).cast()).collect();
+    assert!(matches!(kind(2e-3, &across), JointKind::Screw { .. }));
 }

@@ -39,8 +39,9 @@ impl TypeFits {
         let misfit = Misfit::new(found);
         let of_joint = |fit: &JointFit| {
             // What errors that leave no residual explain of the misfit speaks against no joint.
-            let share = misfit.as_ref().map_or(1.0, |m| m.share(fit, found));
-            let cost = fit.cost() - (1.0 - share) * (fit.cost() - free).max(0.0);
+            let excess = (fit.cost() - free).max(0.0);
+            let left = misfit.as_ref().map_or(excess, |m| m.left(excess, fit, found));
+            let cost = fit.cost() - excess + left;
             let score = score(cost, fit.joint.dimension() as f64);
             (fit.joint.freedom.family(), score + far(&fit.joint, &found.place))
         };

@@ -42,9 +42,9 @@ impl Misfit {
         Some(Self { by_residuals, by_all })
     }
 
-    /// Share of a joint's misfit that is left when those errors explain what they can: 1 where they explain
-    /// nothing.
-    pub fn share(&self, fit: &JointFit, found: &FreeFits) -> f64 {
+    /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those errors
+    /// explain what they can.
+    pub fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)
         });
@@ -55,8 +55,9 @@ impl Misfit {
         }
         let by = |metric| least(metric, off.column(0), &tangents);
         match (by(&self.by_all), by(&self.by_residuals)) {
-            (Some(left), Some(all)) if all > 0.0 => (left / all).clamp(0.0, 1.0),
-            _ => 1.0,
+            // The cost, which is robust, is less than the square far from the motions.
+            (Some(left), Some(all)) if all > 0.0 => misfit.min(left / all * misfit.max(all)),
+            _ => misfit,
         }
     }
 }

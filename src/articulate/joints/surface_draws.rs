@@ -69,6 +69,12 @@ impl SurfaceDraws {
         Self { count: draws.len(), displacements_m: all.concat() }
     }
 
+    /// So many samples that all draws displace alike, each by its own vector, meters.
+    #[cfg(test)]
+    pub(crate) fn alike(samples: usize, displacements_m: &[Vector3<f32>]) -> Self {
+        Self { count: displacements_m.len(), displacements_m: displacements_m.repeat(samples) }
+    }
+
     /// The motion of some of the samples as one body by every draw (least squares): translation, meters, and
     /// rotation, radians, about the world's origin. None where they do not determine one.
     #[must_use]
