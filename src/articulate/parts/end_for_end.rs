@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::articulate::{
@@ -17,7 +17,7 @@ use crate::articulate::{
     },
     propose::search::Search,
     samples::{
-        hinge::{axis_of_turn, axis_off_m, hinge_score, touch_m},
+        hinge::{PARALLEL, axis_of_turn, axis_off_m, hinge_score, touch_m},
         slip::{Slip, round_axis},
     },
 };
@@ -38,22 +38,30 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
             continue;
         }
         let (labels, _) = label(&pair.surfaces, &motions);
-        let Some(turned) = turned(pair, &motions, &labels, k) else { continue };
-        let mut others = motions.clone();
-        others[k] = turned;
-        // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
-        if hinge(pair, &others, &labels[0], k) <= hinge(pair, &motions, &labels[0], k) {
-            continue;
-        }
-        (0..ROUNDS).for_each(|_| round(pair, &mut others));
-        let worth = |motions: &[Pose]| {
-            hinge(pair, motions, &label(&pair.surfaces, motions).0[0], k) * weighed(pair, motions).0[k]
+        let plausible = |motions: &[Pose]| hinge(pair, motions, &labels[0], k);
+        let settled = |turned: Pose| {
+            let mut others = motions.clone();
+            others[k] = turned;
+            // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
+            if plausible(&others) <= plausible(&motions) {
+                return None;
+            }
+            (0..ROUNDS).for_each(|_| round(pair, &mut others));
+            Some((worth(pair, &others, k), others))
         };
-        if worth(&others) > worth(&motions) {
+        let all = turned(pair, &motions, &labels, k).into_iter().filter_map(settled);
+        if let Some((found, others)) = all.reduce(|a, b| if b.0 > a.0 { b } else { a })
+            && found > worth(pair, &motions, k)
+        {
             motions = others;
         }
     }
     motions
+}
+
+/// What the motions explain by part `k`, times what speaks for its hinge.
+fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
+    hinge(pair, motions, &label(&pair.surfaces, motions).0[0], k) * weighed(pair, motions).0[k]
 }
 
 /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
@@ -76,35 +84,60 @@ fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f
     (0..motions.len()).filter(|p| *p != k).map(on).fold(0.0, f64::max)
 }
 
-/// The motion of part `k` after half a turn of the part about its middle and the direction of its axis,
-/// where it explains most; `None` for a slide.
-fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Option<Pose> {
-    let axis = axis_of_turn(&motions[k])?.direction;
+/// The motions that part `k` may have made as well, each where it explains most: half a turn about its middle
+/// and the direction of its axis before its own; of a round bar those of [`swings`]. None for a slide.
+fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
+    let Some(axis) = axis_of_turn(&motions[k]) else { return Vec::new() };
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
     let explained = |i: &usize| usize::from(labels[0][*i]) == k && costs[i * motions.len() + k] < EXPLAINED;
     let surface = pair.surfaces.samples[0];
     let (points, normals): (Vec<Point3<f64>>, Vec<Vector3<f64>>) =
         (0..labels[0].len()).filter(explained).map(|i| (surface.points[i], surface.normals[i])).unzip();
-    // A round part has more than two such motions: `round_parts.rs` looks at all.
-    if round_axis(&points, &normals).is_some() {
-        return None;
-    }
-    let Middle { center, thin } = Middle::of(&points)?;
-    let half_turn = Screw { direction: axis, point: center, angle_rad: PI, advance_m: 0.0 }.motion();
+    let Some(Middle { center, thin }) = Middle::of(&points) else { return Vec::new() };
+    let starts = match round_axis(&points, &normals) {
+        Some(round) => swings(motions, k, &center, &round.direction),
+        None => {
+            let half = Screw { direction: axis.direction, point: center, angle_rad: PI, advance_m: 0.0 };
+            vec![motions[k] * half.motion()]
+        }
+    };
     // Of a panel that shows one side the middle is that of the side, and the turn leaves the panel beside
     // itself by its thickness, at most the reach.
     let search = Search::new(&pair.surfaces, &without(motions, k), pair.extent_m);
     let total = |motion: &Pose| search.sharp_total(motion).0;
     let step_m = pair.surfaces.scales.plane_m;
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
-    let beside = (-steps..=steps).into_par_iter().map(|s| {
-        let shifted = motions[k] * half_turn * Slip::along(thin).by(s as f64 * step_m);
-        (total(&shifted), shifted)
-    });
-    // In the order of the steps, so that equal ones do not depend on threads.
-    let all: Vec<(f64, Pose)> = beside.collect();
-    let best = all.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?.1;
-    Some(search.slips(&best).map_or(best, |slips| search.climbed(&best, slips, total, |m| search.slips(m)).1))
+    let placed = |start: Pose| {
+        let beside = (-steps..=steps).into_par_iter().map(|s| {
+            let shifted = start * Slip::along(thin).by(s as f64 * step_m);
+            (total(&shifted), shifted)
+        });
+        // In the order of the steps, so that equal ones do not depend on threads.
+        let all: Vec<(f64, Pose)> = beside.collect();
+        let best = all.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?.1;
+        Some(search.slips(&best).map_or(best, |s| search.climbed(&best, s, total, |m| search.slips(m)).1))
+    };
+    starts.into_iter().filter_map(placed).collect()
+}
+
+/// The motions of part `k`, a bar round about a line through `center`, that take the bar to where its motion
+/// takes it, either end first, without a spin about the line against some other part: the spin of a bar is
+/// not seen. None for a cap, whose line stays as it is.
+fn swings(motions: &[Pose], k: usize, center: &Point3<f64>, line: &Unit<Vector3<f64>>) -> Vec<Pose> {
+    let against = |parent: usize| {
+        let relative = motions[parent].inverse() * motions[k];
+        let (to, turned) = (relative * center, relative * line.into_inner());
+        if turned.angle(line) < PARALLEL {
+            return Vec::new();
+        }
+        let either =
+            [turned, -turned].into_iter().filter_map(|end| UnitQuaternion::rotation_between(line, &end));
+        let swing =
+            |turn: UnitQuaternion<f64>| motions[parent] * Pose::from_parts((to - turn * center).into(), turn);
+        either.map(swing).collect::<Vec<Pose>>()
+    };
+    let other = |motion: &Pose| motion.rotation.angle_to(&motions[k].rotation) > PARALLEL;
+    (0..motions.len()).filter(|p| *p != k).flat_map(against).filter(other).collect()
 }
 
 /// Where the middle of points is, and which way they extend least.
@@ -140,8 +173,6 @@ impl Middle {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Unit;
-
     use super::*;
     use crate::articulate::{
         RegisterConfig, SurfaceSamples,
@@ -173,6 +204,28 @@ mod tests {
     }
 
     #[test]
+    fn a_round_bar_swings_without_a_spin() {
+        let (center, line) = (Point3::new(0.0, 0.0, 0.18), Vector3::z_axis());
+        let parent = Pose::new(Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.4, 0.0));
+        let hinge =
+            Screw { direction: Vector3::y_axis(), point: Point3::origin(), angle_rad: 1.3, advance_m: 0.0 };
+        let own = parent * hinge.motion();
+        for spin_rad in [1.0, PI] {
+            let spin = Screw { direction: line, point: center, angle_rad: spin_rad, advance_m: 0.0 }.motion();
+            let motions = [Pose::identity(), own * spin, parent];
+            let all = swings(&motions, 1, &center, &line);
+            let off =
+                |m: &Pose, to: &Pose| (m.inverse() * to).rotation.angle() + (m * center - to * center).norm();
+            assert!(all.iter().any(|m| off(m, &own) < 1e-9), "{all:?}");
+            // The other end first, about the hinge's direction.
+            let turned = own * half_turn(center, Vector3::y_axis());
+            assert!(all.iter().any(|m| off(m, &turned) < 1e-9), "{all:?}");
+        }
+        let cap = Screw { direction: line, point: center, angle_rad: 1.0, advance_m: 0.01 }.motion();
+        assert!(swings(&[Pose::identity(), cap], 1, &center, &line).is_empty());
+    }
+
+    #[test]
     fn a_lid_whose_inside_one_state_hides_is_turned_into_its_place() {
         let (scene, cameras) = (Scene::case(), camera_ring(10));
         // Without the lid's edges, which tell how thick it is, and in state 1 without its inside.
@@ -199,7 +252,7 @@ mod tests {
         let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
         let start = scene.truth(1) * half_turn(Point3::new(0.0, 0.15, 0.16), Vector3::x_axis());
         let motions = [Pose::identity(), start];
-        let found = turned(&pair, &motions, &label(&pair.surfaces, &motions).0, 1).unwrap();
+        let found = turned(&pair, &motions, &label(&pair.surfaces, &motions).0, 1)[0];
         for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
             let corner = Point3::new(x, 0.157, z);
             let across = scene.truth(1) * Vector3::y();
