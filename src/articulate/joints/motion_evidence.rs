@@ -11,9 +11,9 @@
 //! are thinned to the number of independent ones, so that the information matrix can be read as an inverse
 //! covariance.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
-use nalgebra::{Matrix3, Point3, Vector6};
+use nalgebra::{Matrix3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -106,6 +106,14 @@ pub struct MotionEvidence<'a> {
     pub drawn: &'a DrawnResiduals,
 }
 
+/// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one. Where a
+/// state saw empty space, but not the surface behind it, the field jumps from inside to outside, which looks
+/// like a surface some millimeters in front of the true one.
+///
+/// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is below
+/// one by more than noise
+const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
+
 /// Points per parallel task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
 
@@ -163,25 +171,19 @@ impl MotionEvidence<'_> {
         let mut q = Quadratic::with_draws(draws);
         let source = [Source::Surface0, Source::Surface1][state];
         let warp = if state == 0 { *motion } else { motion.inverse() };
-        let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
         let share = self.share(state);
         // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
         for i in points {
             let (x, n) = (&self.surfaces[state].points[i], &self.surfaces[state].normals[i]);
             let y = warp * x;
-            let seen = visible.nearest(&y).is_some_and(|i| visible.values[i]);
-            let (d, g) = sdf.sample_with_gradient(&y);
-            let (d, g) = (f64::from(d), g.cast::<f64>());
-            let norm = g.norm();
-            // A gradient far below one is that of the middle between two surfaces.
-            if !seen || norm < 0.3 || d.abs() > self.reach_m {
+            let Some((d, g)) = self.distance(1 - state, &y) else {
                 q.cost += missing;
                 continue;
-            }
+            };
             q.tried += 1;
             // The back of a thin wall is as near as its front, but faces away.
-            if g.dot(&(warp * n)) < config.normal_cosine * norm {
+            if g.dot(&(warp * n)) < config.normal_cosine * g.norm() {
                 q.cost += missing;
                 continue;
             }
@@ -206,6 +208,16 @@ impl MotionEvidence<'_> {
             }
         }
         q
+    }
+
+    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where the state
+    /// does not tell it.
+    fn distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+        let visible = self.visible[state];
+        let (d, g) = self.sdf[state].sample_with_gradient(y);
+        let (d, g) = (f64::from(d), g.cast::<f64>());
+        let seen = visible.nearest(y).is_some_and(|i| visible.values[i]);
+        (seen && SLOPES.contains(&g.norm()) && d.abs() <= self.reach_m).then_some((d, g))
     }
 
     /// What a sample of a state is of an independent observation: samples closer than errors run together are
@@ -267,11 +279,9 @@ impl MotionEvidence<'_> {
         let mut all: Vec<f64> = Vec::new();
         for state in [0, 1] {
             let warp = if state == 0 { *motion } else { motion.inverse() };
-            let (sdf, visible) = (self.sdf[1 - state], self.visible[1 - state]);
             all.extend(self.surfaces[state].points.iter().enumerate().filter_map(|(i, x)| {
-                let y = warp * x;
-                let d = (f64::from(sdf.sample(&y)) + self.offset_m(state, i)).abs();
-                (d < self.reach_m && visible.nearest(&y).is_some_and(|i| visible.values[i])).then_some(d)
+                let (d, _) = self.distance(1 - state, &(warp * x))?;
+                Some((d + self.offset_m(state, i)).abs())
             }));
         }
         // Without a partner nothing is known of the scale but that three of it fit into the reach.
