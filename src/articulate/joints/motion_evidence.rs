@@ -288,3 +288,88 @@ impl MotionEvidence<'_> {
         median(all).map_or(self.reach_m / 3.0, |m| m * SIGMAS_PER_MAD).max(floor_m)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        articulate::joints::free_motion::FreeFit,
+        geometry::{SceneBox, exp_so3},
+    };
+
+    /// Half the sides of a panel, meters.
+    const HALF: Vector3<f64> = Vector3::new(0.2, 0.012, 0.15);
+
+    fn panel_distance(p: &Point3<f64>) -> f64 {
+        let q = p.coords.abs() - HALF;
+        q.map(|x| x.max(0.0)).norm() + q.max().min(0.0)
+    }
+
+    /// What a state tells that saw the panel's lower side, and space above it down to `empty_m` over the upper
+    /// side, which it did not read: the distance from the lower side, inside below that, outside above.
+    fn half_seen(p: &Point3<f64>, empty_m: f64) -> f64 {
+        let above_lower_m = p.y + HALF.y;
+        let over = p.x.abs() < HALF.x && p.z.abs() < HALF.z && above_lower_m > HALF.y;
+        if !over {
+            panel_distance(p)
+        } else if p.y < HALF.y + empty_m {
+            -above_lower_m
+        } else {
+            above_lower_m
+        }
+    }
+
+    /// Both sides of the panel.
+    fn sides() -> SurfaceSamples {
+        let mut samples = SurfaceSamples::default();
+        for (side, i) in [-1.0, 1.0].into_iter().flat_map(|s| (0..400).map(move |i| (s, i))) {
+            let at = |k: i32| (f64::from(k) - 9.5) / 10.0;
+            samples.points.push(Point3::new(HALF.x * at(i % 20), side * HALF.y, HALF.z * at(i / 20)));
+            samples.normals.push(Vector3::y() * side);
+            samples.colors.push([0.5; 3]);
+        }
+        samples
+    }
+
+    #[test]
+    fn space_seen_empty_in_front_of_a_side_that_was_not_read_moves_nothing() {
+        let scene = SceneBox::around(&Point3::new(-0.3, -0.3, -0.3), &Point3::new(0.3, 0.3, 0.3));
+        let field = |distance: &dyn Fn(&Point3<f64>) -> f64| {
+            let mut grid = Grid3::over(&scene, 201, 0.0f32);
+            (0..grid.values.len()).for_each(|i| grid.values[i] = distance(&grid.position(i)) as f32);
+            grid
+        };
+        let sdf = [field(&panel_distance), field(&|p| half_seen(p, 0.004))];
+        let samples = sides();
+        let mut lower = SurfaceSamples::default();
+        for i in (0..samples.points.len()).filter(|&i| samples.normals[i].y < 0.0) {
+            lower.points.push(samples.points[i]);
+            lower.normals.push(samples.normals[i]);
+            lower.colors.push(samples.colors[i]);
+        }
+        let seen = Grid3::over(&scene, 201, true);
+        let drawn = DrawnResiduals::default();
+        let evidence = MotionEvidence {
+            surfaces: [&samples, &lower],
+            sdf: [&sdf[0], &sdf[1]],
+            visible: [&seen, &seen],
+            matches: &[],
+            independent_area_m2: 1e-3,
+            areas_m2: [0.24, 0.12],
+            reach_m: 0.025,
+            block_m: 0.08,
+            offsets_m: [&[]; 2],
+            displacement_m: 0.0,
+            patch_m: 0.2,
+            drawn: &drawn,
+        };
+        let start =
+            Pose::from_parts(Vector3::new(0.0, 0.003, 0.0).into(), exp_so3(&Vector3::new(0.0, 0.0, 0.01)));
+        let found = FreeFit::new(&start, &evidence, &RefineConfig::default());
+        for corner in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+            let corner = Point3::new(corner.0 * HALF.x, 0.0, corner.1 * HALF.z);
+            let off_m = (found.motion * corner - corner).y.abs();
+            assert!(off_m < 3e-4, "{off_m} {}", found.sigma_m);
+        }
+    }
+}
