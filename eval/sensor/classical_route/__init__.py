@@ -1,0 +1,1 @@
+"""The route of `classical.py`: recording, volume, matches, motions, segmentation, joints, score."""
