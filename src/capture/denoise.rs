@@ -29,11 +29,8 @@ const CONFIDENCE: f64 = 1.0;
 /// A window is too large once its residual variance exceeds the expected one by this many standard
 /// deviations.
 const MISFIT: f64 = 1.0;
-/// Share of a window's readings that must be of the same surface: in the smallest one, and in the others. Pixels
-/// that were not read, as many of a dark surface are, say nothing of their neighbors.
+/// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
-/// Fewest readings of a plane: as many again as it has parameters.
-const LEAST_READINGS: f64 = 6.0;
 /// Most readings that one depth may stand for.
 const MAX_READINGS: f64 = 60.0;
 
@@ -186,8 +183,6 @@ struct Sums {
     residuals: [Lanes; 3],
     /// Of the squared residuals.
     squares: Lanes,
-    /// Number of all readings, those beyond the gate too.
-    read: Lanes,
 }
 
 /// The sums of neighboring pixels, `starts` being their planes so far.
@@ -214,9 +209,7 @@ fn sums(
                 // Residuals in place of values: small numbers keep their digits in single precision.
                 let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
                 // Without a branch, so that the lanes of a register stay together.
-                let is_read = readings[lane] > 0.0;
-                sums.read[lane] += if is_read { 1.0 } else { 0.0 };
-                let near = is_read & (residual.abs() < gates[lane]);
+                let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
                 let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
                 n[lane] += one;
                 nu[lane] += one * u;
@@ -258,7 +251,8 @@ impl Sums {
     ) -> Option<Plane> {
         let s = self.moments.map(|m| f64::from(m[lane]));
         let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
-        if s[0] < (MIN_SHARE[usize::from(!first)] * f64::from(self.read[lane])).max(LEAST_READINGS) {
+        let side = offsets(window).count();
+        if s[0] < MIN_SHARE[usize::from(!first)] * (side * side) as f64 {
             return None;
         }
         let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
@@ -344,20 +338,6 @@ mod tests {
             kept.map(|i| (f64::from(frame.depth_m[i]) - truth[i]) / frame.sigma_m(i, &NOISE)).collect();
         let spread = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
         assert!((0.5..1.6).contains(&spread), "{spread}");
-    }
-
-    #[test]
-    fn a_surface_of_which_most_pixels_are_lost_keeps_its_readings() {
-        let (mut frame, truth) = noisy(|x, y| 1.0 / (0.5 + 0.0008 * x - 0.0005 * y));
-        let before = rms(&frame, &truth, |_, _| true);
-        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(4);
-        frame.depth_m.iter_mut().for_each(|d| *d *= f32::from(u8::from(rng.next_u32() % 10 < 4)));
-        let count = |frame: &RgbdFrame| frame.depth_m.iter().filter(|d| **d > 0.0).count() as f64;
-        let read = count(&frame);
-        denoise(&mut frame, &NOISE);
-        assert!(count(&frame) > 0.9 * read, "{} of {read}", count(&frame));
-        let after = rms(&frame, &truth, |_, _| true);
-        assert!(after < 0.5 * before, "{before} {after}");
     }
 
     #[test]
