@@ -1,9 +1,9 @@
 //! Which type of joint explains the motions of a part: by the Bayesian information criterion.
 //! See docs/method.md 8.6.
 //!
-//! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is `cost
-//! + parameters * ln(independent residuals)`, the cost without what errors that leave no residual explain of
-//! it; the type with the lowest score wins, a screw only decisively.
+//! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is
+//! `cost + parameters * ln(independent residuals)`, the cost without what errors that leave no residual
+//! explain of it; the type with the lowest score wins, a screw only decisively.
 
 use crate::{
     articulate::joints::{
