@@ -1,5 +1,5 @@
-//! What of a joint's misfit against the free motions is more than errors that leave no residual make: those of
-//! poses and depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
+//! What of a joint's misfit against the free motions is more than errors that leave no residual make: those
+//! of poses and depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Vector6};
 
@@ -42,8 +42,8 @@ impl Misfit {
         Some(Self { by_residuals, by_all })
     }
 
-    /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those errors
-    /// explain what they can.
+    /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those
+    /// errors explain what they can.
     pub fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)

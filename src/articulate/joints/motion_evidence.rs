@@ -106,12 +106,12 @@ pub struct MotionEvidence<'a> {
     pub drawn: &'a DrawnResiduals,
 }
 
-/// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one. Where a
-/// state saw empty space, but not the surface behind it, the field jumps from inside to outside, which looks
-/// like a surface some millimeters in front of the true one.
+/// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one.
+/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside, which
+/// looks like a surface some millimeters in front of the true one.
 ///
-/// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is below
-/// one by more than noise
+/// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
+/// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 
 /// Points per parallel task; fixed, so that sums do not depend on the number of threads.
@@ -210,8 +210,8 @@ impl MotionEvidence<'_> {
         q
     }
 
-    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where the state
-    /// does not tell it.
+    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where the
+    /// state does not tell it.
     fn distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
         let visible = self.visible[state];
         let (d, g) = self.sdf[state].sample_with_gradient(y);
@@ -305,8 +305,8 @@ mod tests {
         q.map(|x| x.max(0.0)).norm() + q.max().min(0.0)
     }
 
-    /// What a state tells that saw the panel's lower side, and space above it down to `empty_m` over the upper
-    /// side, which it did not read: the distance from the lower side, inside below that, outside above.
+    /// What a state tells that saw the panel's lower side, and space above it down to `empty_m` over the
+    /// upper side, which it did not read: the distance from the lower side, inside below that, outside above.
     fn half_seen(p: &Point3<f64>, empty_m: f64) -> f64 {
         let above_lower_m = p.y + HALF.y;
         let over = p.x.abs() < HALF.x && p.z.abs() < HALF.z && above_lower_m > HALF.y;
