@@ -107,8 +107,8 @@ pub struct MotionEvidence<'a> {
 }
 
 /// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one.
-/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside, which
-/// looks like a surface some millimeters in front of the true one.
+/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside,
+/// which looks like a surface some millimeters in front of the true one.
 ///
 /// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
 /// below one by more than noise
