@@ -305,7 +305,7 @@ mod tests {
         q.map(|x| x.max(0.0)).norm() + q.max().min(0.0)
     }
 
-    /// What a state tells that saw the panel's lower side, and space above it down to `empty_m` over the
+    /// What a state shows that saw the panel's lower side, and space above it down to `empty_m` over the
     /// upper side, which it did not read: the distance from the lower side, inside below that, outside above.
     fn half_seen(p: &Point3<f64>, empty_m: f64) -> f64 {
         let above_lower_m = p.y + HALF.y;
