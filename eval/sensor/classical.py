@@ -16,7 +16,6 @@ hangs on the part that it touches. Half a minute of two cores for a recording.
 
 import argparse
 import json
-import statistics
 import sys
 import time
 from pathlib import Path
@@ -25,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from classical_route.joints import reconstruct  # noqa: E402
 from classical_route.matches import observed  # noqa: E402
 from classical_route.score import scored  # noqa: E402
+from tier import errors  # noqa: E402
 
 
 def measure(recording):
@@ -61,19 +61,8 @@ def line(row):
 
 
 def summary(rows):
-    told = [
-        f"parts right on {sum(r.get('found') == r.get('parts') and 'parts' in r for r in rows)} of {len(rows)}",
-        f"types on {sum('types' in r and r['types'] == r['wanted'] for r in rows)}",
-    ]
     joints = [j for r in rows for j in r.get("joints", [])]
-    told.append(f"joints missed: {sum(j.get('missing', False) for j in joints)} of {len(joints)}")
-    names = {"axis_deg": ("axis", "deg"), "axis_mm": ("line", "mm"), "motion_deg": ("turn", "deg"), "motion_mm": ("slide", "mm")}
-    for key, (name, unit) in names.items():
-        values = sorted(j[key] for j in joints if key in j)
-        if values:
-            high = values[min(len(values) - 1, int(0.95 * len(values)))]
-            told.append(f"{name}: median {statistics.median(values):.2f}, 95th percentile {high:.2f} {unit} of {len(values)}")
-    return "; ".join(told)
+    return "; ".join([*errors(rows), f"joints missed: {sum(j.get('missing', False) for j in joints)} of {len(joints)}"])
 
 
 def main():

@@ -91,17 +91,24 @@ def line(row):
     )
 
 
-def table(rows):
-    text = ["| object | parts (true) | types (true) | axis, deg | line, mm | motion | seen, mm | frame off |", "|---|---|---|---|---|---|---|---|"]
-    text += [line(row) for row in rows]
+def errors(rows):
+    """Sentences on rows: how many are right, medians and 95th percentiles of their joints' errors."""
     counted = sum(row.get("found") == row.get("parts") and "parts" in row for row in rows)
+    typed = sum("parts" in row and row["types"] == row["wanted"] for row in rows)
+    told = [f"number of parts right on {counted} of {len(rows)}; types on {typed}"]
     joints = [j for row in rows for j in row.get("joints", [])]
-    told = [f"number of parts right on {counted} of {len(rows)}; types on {sum(row.get('types') == row.get('wanted') for row in rows)}"]
     for key, unit in (("axis_deg", "deg"), ("axis_mm", "mm"), ("motion_deg", "deg"), ("motion_mm", "mm")):
         values = sorted(j[key] for j in joints if j.get(key) is not None)
         if values:
             high = values[min(len(values) - 1, int(0.95 * len(values)))]
             told.append(f"{key}: median {statistics.median(values):.2f}, 95th percentile {high:.2f} {unit} of {len(values)}")
+    return told
+
+
+def table(rows):
+    text = ["| object | parts (true) | types (true) | axis, deg | line, mm | motion | seen, mm | frame off |", "|---|---|---|---|---|---|---|---|"]
+    text += [line(row) for row in rows]
+    told, joints = errors(rows), [j for row in rows for j in row.get("joints", [])]
     for key in ("axis", "line", "position"):
         ratios = [j["in_deviations"][key] for j in joints if key in j["in_deviations"]]
         if ratios:

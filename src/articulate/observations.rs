@@ -31,3 +31,15 @@ pub struct SurfaceSamples {
     #[serde(with = "crate::geometry::bytes")]
     pub colors: Vec<[f32; 3]>,
 }
+
+impl SurfaceSamples {
+    /// Some of the samples.
+    #[must_use]
+    pub fn some(&self, samples: &[usize]) -> Self {
+        Self {
+            points: samples.iter().map(|&i| self.points[i]).collect(),
+            normals: samples.iter().map(|&i| self.normals[i]).collect(),
+            colors: samples.iter().map(|&i| self.colors[i]).collect(),
+        }
+    }
+}

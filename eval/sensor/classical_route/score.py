@@ -6,11 +6,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from in_frame import align
+from tier import TYPES
 
 from .motions import STATIC_DEG
 from .rigid_motion import moved, turn_deg
-
-TYPES = {"revolute": "hinge", "prismatic": "slide", "screw": "screw"}
 
 
 def line_distance_m(a, u, b, v):

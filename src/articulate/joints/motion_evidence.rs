@@ -341,12 +341,8 @@ mod tests {
         };
         let sdf = [field(&panel_distance), field(&|p| half_seen(p, 0.004))];
         let samples = sides();
-        let mut lower = SurfaceSamples::default();
-        for i in (0..samples.points.len()).filter(|&i| samples.normals[i].y < 0.0) {
-            lower.points.push(samples.points[i]);
-            lower.normals.push(samples.normals[i]);
-            lower.colors.push(samples.colors[i]);
-        }
+        let down: Vec<usize> = (0..samples.points.len()).filter(|&i| samples.normals[i].y < 0.0).collect();
+        let lower = samples.some(&down);
         let seen = Grid3::over(&scene, 201, true);
         let drawn = DrawnResiduals::default();
         let evidence = MotionEvidence {

@@ -45,12 +45,7 @@ impl ObservedState<'_> {
     /// Points on the surface of one part.
     #[must_use]
     pub fn part(&self, part: u8) -> SurfaceSamples {
-        let chosen = self.points_of(part);
-        SurfaceSamples {
-            points: chosen.iter().map(|&i| self.samples.points[i]).collect(),
-            normals: chosen.iter().map(|&i| self.samples.normals[i]).collect(),
-            colors: chosen.iter().map(|&i| self.samples.colors[i]).collect(),
-        }
+        self.samples.some(&self.points_of(part))
     }
 
     fn points_of(&self, part: u8) -> Vec<usize> {

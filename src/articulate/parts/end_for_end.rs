@@ -1,5 +1,5 @@
 //! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end
-//! for end. Its hinge distinguishes them. (Round parts: `round_parts.rs`.) See docs/method.md 6.9.
+//! for end. Its hinge distinguishes them. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
 
 use std::f64::consts::PI;
 
@@ -175,20 +175,15 @@ impl Middle {
 mod tests {
     use super::*;
     use crate::articulate::{
-        RegisterConfig, SurfaceSamples,
+        RegisterConfig,
         pair::surface_pair::SurfacePair,
-        samples::synthetic::{Scene, camera_ring},
+        samples::synthetic::{Scene, camera_ring, turn},
     };
-
-    /// Half a turn about a line.
-    fn half_turn(point: Point3<f64>, direction: Unit<Vector3<f64>>) -> Pose {
-        Screw { direction, point, angle_rad: PI, advance_m: 0.0 }.motion()
-    }
 
     #[test]
     fn a_plain_arm_turned_end_for_end_goes_back_to_its_hinges() {
         let scene = Scene { texture: 0.0, ..Scene::lamp() };
-        let turned = scene.truth(1) * half_turn(Point3::new(0.0, 0.0, 0.18), Vector3::y_axis());
+        let turned = scene.truth(1) * turn(Vector3::y(), [0.0, 0.0, 0.18], PI);
         scene.seen(0.006, 0.012, |surfaces, _| {
             let config = RegisterConfig::default();
             let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
@@ -205,21 +200,19 @@ mod tests {
 
     #[test]
     fn a_round_bar_swings_without_a_spin() {
-        let (center, line) = (Point3::new(0.0, 0.0, 0.18), Vector3::z_axis());
+        let (middle, line) = ([0.0, 0.0, 0.18], Vector3::z_axis());
+        let center = Point3::from(middle);
         let parent = Pose::new(Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.4, 0.0));
-        let hinge =
-            Screw { direction: Vector3::y_axis(), point: Point3::origin(), angle_rad: 1.3, advance_m: 0.0 };
-        let own = parent * hinge.motion();
+        let own = parent * turn(Vector3::y(), [0.0; 3], 1.3);
         for spin_rad in [1.0, PI] {
-            let spin = Screw { direction: line, point: center, angle_rad: spin_rad, advance_m: 0.0 }.motion();
-            let motions = [Pose::identity(), own * spin, parent];
+            let motions = [Pose::identity(), own * turn(Vector3::z(), middle, spin_rad), parent];
             let all = swings(&motions, 1, &center, &line);
             let off =
                 |m: &Pose, to: &Pose| (m.inverse() * to).rotation.angle() + (m * center - to * center).norm();
             assert!(all.iter().any(|m| off(m, &own) < 1e-9), "{all:?}");
             // The other end first, about the hinge's direction.
-            let turned = own * half_turn(center, Vector3::y_axis());
-            assert!(all.iter().any(|m| off(m, &turned) < 1e-9), "{all:?}");
+            let other_end = own * turn(Vector3::y(), middle, PI);
+            assert!(all.iter().any(|m| off(m, &other_end) < 1e-9), "{all:?}");
         }
         let cap = Screw { direction: line, point: center, angle_rad: 1.0, advance_m: 0.01 }.motion();
         assert!(swings(&[Pose::identity(), cap], 1, &center, &line).is_empty());
@@ -232,16 +225,11 @@ mod tests {
         let [first, second] = [0, 1].map(|state| {
             let (all, parts) = scene.surface(state, &cameras, 0.006);
             let out = if state == 0 { Vector3::y() } else { scene.truth(1) * Vector3::y() };
-            let mut kept = SurfaceSamples::default();
-            for (i, normal) in all.normals.iter().enumerate() {
-                let outward = normal.dot(&out);
-                if parts[i] == 0 || outward > 0.9 || (state == 0 && outward < -0.9) {
-                    kept.points.push(all.points[i]);
-                    kept.normals.push(*normal);
-                    kept.colors.push(all.colors[i]);
-                }
-            }
-            kept
+            let kept = |i: &usize| {
+                let outward = all.normals[*i].dot(&out);
+                parts[*i] == 0 || outward > 0.9 || (state == 0 && outward < -0.9)
+            };
+            all.some(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
         });
         let free = [0, 1].map(|s| {
             let (scene, cameras) = (&scene, &cameras);
@@ -250,7 +238,7 @@ mod tests {
         let surfaces = SurfacePair::new([&first, &second], [Some(&free[0]), Some(&free[1])], 0.016);
         let config = RegisterConfig::default();
         let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
-        let start = scene.truth(1) * half_turn(Point3::new(0.0, 0.15, 0.16), Vector3::x_axis());
+        let start = scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI);
         let motions = [Pose::identity(), start];
         let found = turned(&pair, &motions, &label(&pair.surfaces, &motions).0, 1)[0];
         for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {

@@ -28,7 +28,8 @@ fn cuboid(center: [f64; 3], half: [f64; 3]) -> (Point3<f64>, Vector3<f64>) {
     (Point3::from(center), Vector3::from(half))
 }
 
-fn turn(axis: Vector3<f64>, point: [f64; 3], angle_rad: f64) -> Pose {
+/// A turn about a line.
+pub(crate) fn turn(axis: Vector3<f64>, point: [f64; 3], angle_rad: f64) -> Pose {
     let screw = Screw {
         direction: nalgebra::Unit::new_normalize(axis),
         point: Point3::from(point),
