@@ -1,8 +1,8 @@
 """Errors of the twin against the level of the sensor's errors, for each effect alone and for all of them.
 
-    python eval/sensor/curves.py --out DIR [--artitwin PATH] [--only EFFECT,...] [--levels 0,0.25,...] [--have] [OBJECT ...]
+    python eval/sensor/curves.py --out DIR [--artitwin PATH] [--only EFFECT,...] [--levels 0,0.25,...] [--classical] [--have] [OBJECT ...]
 
-Needs numpy and scipy (`in_frame.py`). Every point has a folder DIR/<effect>/<level>/<object>; what is there is not made again, so a run
+Needs numpy and scipy (`in_frame.py`); `--classical` puts the classical route beside the program (`classical.py`, and what it needs). Every point has a folder DIR/<effect>/<level>/<object>; what is there is not made again, so a run
 that was stopped goes on, and `--have` reports what is there alone. An effect alone stands among things and without masks, as all
 of them do. Writes DIR/curves.md and DIR/curves.svg. All of it takes about 20 minutes of two cores for an object and a level.
 """
@@ -33,18 +33,34 @@ def sensor(effect, level):
     return ["--sensor", f"handheld:{level}", *alone]
 
 
+def classical_row(folder):
+    """The classical route's row of a recording; it is kept beside the recording."""
+    from classical import measure as route  # noqa: PLC0415: opencv only where it is asked for
+
+    kept = folder / "classical.json"
+    if not kept.exists():
+        kept.write_text(json.dumps(route(folder / "object")))
+    return json.loads(kept.read_text())
+
+
+def found(rows):
+    """What rows of either method show: objects with the right number of parts and types, the median axis, the worst one."""
+    axes = [j["axis_deg"] for r in rows for j in r.get("joints", []) if j.get("axis_deg") is not None]
+    return {
+        "right": sum("parts" in r and r["found"] == r["parts"] for r in rows),
+        "types": sum("parts" in r and r["types"] == r["wanted"] for r in rows),
+        "objects": len(rows),
+        "axis_deg": statistics.median(axes) if axes else None,
+        "worst_deg": max(axes, default=None),
+    }
+
+
 def summary(rows):
-    """What a point shows: objects with the right number of parts, medians, the worst axis."""
+    """What a point shows: what was found, and medians of lines and surfaces."""
     made = [r for r in rows if "parts" in r]
     joints = [j for r in made for j in r["joints"]]
     median = lambda values: statistics.median(values) if values else None  # noqa: E731
-    axes = [j["axis_deg"] for j in joints]
-    return {
-        "right": sum(r["found"] == r["parts"] for r in made),
-        "types": sum(r["types"] == r["wanted"] for r in made),
-        "objects": len(rows),
-        "axis_deg": median(axes),
-        "worst_deg": max(axes, default=None),
+    return found(rows) | {
         "line_mm": median([j["axis_mm"] for j in joints if j.get("axis_mm") is not None]),
         "seen_mm": median([s for r in made for s in r["seen_mm"] if s is not None]),
     }
@@ -56,21 +72,24 @@ def number(value, digits=2):
 
 def table(points):
     text = [
-        "| effect | level | parts right | types right | axis, median deg | worst deg | line, median mm | seen, median mm |",
-        "|---|---|---|---|---|---|---|---|",
+        "| effect | level | parts right | types right | axis, median deg | worst deg | line, median mm | seen, median mm | classical: parts, types | axis, median deg | worst deg |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for effect, level, s in points:
+        c = s.get("classical")
+        beside = f"{c['right']}, {c['types']} of {c['objects']} | {number(c['axis_deg'])} | {number(c['worst_deg'])}" if c else " | | "
         text.append(
             f"| {effect} | {level} | {s['right']} of {s['objects']} | {s['types']} of {s['objects']} | {number(s['axis_deg'])} "
-            f"| {number(s['worst_deg'])} | {number(s['line_mm'], 1)} | {number(s['seen_mm'], 1)} |"
+            f"| {number(s['worst_deg'])} | {number(s['line_mm'], 1)} | {number(s['seen_mm'], 1)} | {beside} |"
         )
     return "\n".join(text) + "\n"
 
 
 def plot(points, effects):
-    """A small plot for every effect: the median error of the axis over the level; a full dot has the parts right."""
+    """A small plot for every effect: the median error of the axis over the level, of the program (green) and of the classical
+    route (red); a full dot has all parts right. Errors above twice the program's worst are off the plot."""
     columns = 4
-    top = max([s["axis_deg"] for _, _, s in points if s["axis_deg"] is not None] + [0.25])
+    top = 2 * max([s["axis_deg"] for _, _, s in points if s["axis_deg"] is not None] + [0.125])
     last = max([float(level) for _, level, _ in points] + [1e-9])
     rows = -(-len(effects) // columns)
     out = [
@@ -83,10 +102,12 @@ def plot(points, effects):
         place = lambda level, s: (x0 + w * float(level) / last, y0 + h * (1 - s["axis_deg"] / top))  # noqa: E731
         out.append(f'<path d="M{x0} {y0}v{h}h{w}" fill="none" stroke="#888"/><text x="{x0}" y="{y0 - 8}">{effect}</text>')
         out.append(f'<text x="{x0 - 4}" y="{y0 + 6}" text-anchor="end">{top:.2g} deg</text><text x="{x0 + w}" y="{y0 + h + 12}" text-anchor="end">level {last:g}</text>')
-        own = [(place(level, s), s) for e, level, s in points if e == effect and s["axis_deg"] is not None]
-        path = " ".join(f"{x:.1f},{y:.1f}" for (x, y), _ in own)
-        out.append(f'<polyline points="{path}" fill="none" stroke="#2a6"/>')
-        out += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" stroke="#2a6" fill="{"#2a6" if s["right"] == s["objects"] else "white"}"/>' for (x, y), s in own]
+        own = [(level, s) for e, level, s in points if e == effect]
+        for curve, hue in ((own, "#2a6"), ([(level, s.get("classical", {})) for level, s in own], "#c43")):
+            dots = [(place(level, s), s) for level, s in curve if s.get("axis_deg") is not None and s["axis_deg"] <= top]
+            path = " ".join(f"{x:.1f},{y:.1f}" for (x, y), _ in dots)
+            out.append(f'<polyline points="{path}" fill="none" stroke="{hue}"/>')
+            out += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" stroke="{hue}" fill="{hue if s["right"] == s["objects"] else "white"}"/>' for (x, y), s in dots]
     return "\n".join([*out, "</svg>", ""])
 
 
@@ -94,6 +115,7 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--only", default="", help=f"effects, and {ALL}; default: each and {ALL}")
     parser.add_argument("--levels", default=LEVELS)
+    parser.add_argument("--classical", action="store_true", help="the classical route beside the program")
     parser.add_argument("--have", action="store_true", help="report what is there, make nothing")
     parser.add_argument("objects", nargs="*", default=OBJECTS)
     args = parser.parse_args()
@@ -104,14 +126,16 @@ def main():
     points = []
     for effect in effects:
         for level in args.levels.split(","):
-            rows = []
+            rows, beside = [], []
             for name in args.objects:
                 folder = args.out / effect / level / name.replace(":", "-")
                 if args.have and not (folder / "runs" / "object").exists():
                     continue
                 rows.append(measure(folder, [*options(name), *sensor(effect, level)], args))
+                if args.classical:
+                    beside.append(classical_row(folder))
             if rows:
-                points.append((effect, level, summary(rows)))
+                points.append((effect, level, summary(rows) | ({"classical": found(beside)} if beside else {})))
                 print(table(points[-1:]).splitlines()[-1], flush=True)
     args.out.mkdir(parents=True, exist_ok=True)
     (args.out / "points.json").write_text(json.dumps(points, indent=1))
