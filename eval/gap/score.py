@@ -24,6 +24,27 @@ def names(report, joint):
     return first, more
 
 
+def is_explained(truth, finding):
+    """Whether a machine's floor is the cause of a finding: an effect that is not hidden, no further from neutral than the floor takes it."""
+    if any(finding["effect"] in effects for part, effects in truth["hidden"].items() if finding["joint"] == f"{part}_joint"):
+        return False
+    limits = truth.get("explained", {}).get(finding["joint"].removesuffix("_joint"), {}).get(finding["effect"])
+    neutral = {"gain": 1.0, "scale": 1.0}
+    return limits is not None and all(abs(p["value"] - neutral.get(p["name"], 0.0)) <= limits.get(p["name"], 0.0) for p in finding["parameters"])
+
+
+def without_floor(truth, report):
+    """The report without the findings that a machine's floor explains."""
+    left = [f for f in report["findings"] if not is_explained(truth, f)]
+    return report | dict(findings=left)
+
+
+def first_name(truth, report):
+    """Whether the effects named first, alternatives aside, are the hidden ones at their joint."""
+    named = {(f["joint"], f["effect"]) for f in report["findings"]}
+    return named == {(f"{part}_joint", e) for part, effects in truth["hidden"].items() for e in effects}
+
+
 def judge(truth, report):
     hidden = truth["hidden"]
     if not hidden:

@@ -20,24 +20,37 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[2] / "tests/python/gap")]
 import generate
+import machine
+import mjcf_error
 import replay
 import score
 from table import table
 
 # kind: (noises, runs, seconds of a run, cases); 0 cases: all of one seed's, times the seeds.
 SIZES = {
-    "ci": {"single": (["mid"], 3, 8.0, 8), "null": (["mid"], 3, 8.0, 4), "pair": (["mid"], 4, 8.0, 2), "outside": (["mid"], 4, 8.0, 3)},
+    "ci": {
+        "single": (["mid"], 3, 8.0, 8),
+        "null": (["mid"], 3, 8.0, 4),
+        "pair": (["mid"], 4, 8.0, 2),
+        "outside": (["mid"], 4, 8.0, 3),
+        "machine": (["mid"], 3, 8.0, 4),
+        "machine_null": (["mid"], 3, 8.0, 2),
+    },
     "day": {
         "single": (["low", "mid", "high"], 5, 10.0, 132),
         "null": (["low", "mid", "high"], 3, 8.0, 84),
         "pair": (["low", "mid", "high"], 5, 10.0, 48),
         "outside": (["low", "mid", "high"], 5, 10.0, 48),
+        "machine": (["low", "mid"], 5, 10.0, 132),
+        "machine_null": (["low", "mid"], 3, 8.0, 84),
     },
     "full": {
         "single": (["low", "mid", "high"], 5, 10.0, 1100),
         "null": (["low", "mid", "high"], 3, 8.0, 300),
         "pair": (["low", "mid", "high"], 5, 10.0, 60),
         "outside": (["low", "mid", "high"], 5, 10.0, 90),
+        "machine": (["low", "mid"], 5, 10.0, 440),
+        "machine_null": (["low", "mid"], 3, 8.0, 300),
     },
 }
 
@@ -50,7 +63,7 @@ def plan(kind, setting, seed):
     families = {}
     for obj, effects, _, _ in generate.cases(kind, list(generate.OBJECTS), [], ["mid"], [seed]):
         families.setdefault(effects, []).append((obj, effects))
-    if kind == "null":
+    if kind in ("null", "machine_null"):
         families = {obj: [(obj, effects)] for (obj, effects) in families[()]}
     cells = {}
     for family, members in families.items():
@@ -70,6 +83,17 @@ def plan(kind, setting, seed):
     return cases[:wanted]
 
 
+def judge_machine(record, truth, report, out, case):
+    """Adds what is judged of machines alone: names, and the exported MJCF on runs that the program did not get."""
+    named = score.without_floor(truth, report)
+    record |= dict(result=score.judge(truth, named), first=score.first_name(truth, named), explained=len(report["findings"]) - len(named["findings"]))
+    record |= {key: truth[key] for key in ("drawn", "ratio", "floor")}
+    found = mjcf_error.errors(case / "twin.urdf", out / "twin.xml", sorted(case.glob("unseen_*")))
+    record["mjcf"] = found
+    record["mjcf_ratio"] = found[next((f"{part}_joint" for part in truth["hidden"]), "all")][2]
+    record["worse"] = any(ratio > mjcf_error.WORSE for _, _, ratio in found.values())
+
+
 def one(job):
     """Makes, diagnoses and judges one case."""
     program, work, (kind, obj, effects, noise, seed, runs, duration) = job
@@ -80,7 +104,8 @@ def one(job):
     folder = work / f"case-{kind}-{name}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    generate.write_case(folder, name, obj, effects, noise, seed, runs, duration)
+    is_machine = kind.startswith("machine")
+    (machine if is_machine else generate).write_case(folder, name, obj, effects, noise, seed, runs, duration)
     case, out = folder / name, folder / "out"
     started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     command = [program, "diagnose", case / "twin.urdf", *(case / f"run_{r}" for r in range(runs)), "--out", out]
@@ -99,7 +124,9 @@ def one(job):
         record["covered"] = score.coverage(truth, report)
         named = {f["joint"] for f in report["findings"]}
         mjcf = [e for e in report["exports"] if e["format"] == "mjcf"]
-        if len(named) == 1 and all(e["status"] == "native" for e in mjcf):
+        if is_machine:
+            judge_machine(record, truth, report, out, case)
+        elif len(named) == 1 and all(e["status"] == "native" for e in mjcf):
             joint = named.pop()
             own = [r["after"] ** 2 for r in report["gap"]["runs"] if r["joint"] == joint]
             record["replay"] = replay.replay(out, [case / f"run_{r}" for r in range(runs)])[joint] / (sum(own) / len(own)) ** 0.5

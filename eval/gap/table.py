@@ -53,6 +53,7 @@ def table(folder, title):
     covered = [c for r in single if r["result"] == "right" for c in r["covered"]]
     if covered:
         lines.append(row("95 % intervals that hold the truth", sum(c["inside"] for c in covered), len(covered)))
+    lines += machine_rows(of(kind="machine"), of(kind="machine_null"))
     lines += ["", "| one effect, by | right | cases | % | 95 % interval |", "|---|---|---|---|---|"]
     for noise in ("low", "mid", "high"):
         some = [r for r in single if r["noise"] == noise]
@@ -60,7 +61,7 @@ def table(folder, title):
     for obj in sorted({r["object"] for r in single}):
         some = [r for r in single if r["object"] == obj]
         lines.append(row(obj, right(some), len(some)))
-    for kind, some_kind in (("", single), ("outside: ", outside)):
+    for kind, some_kind in (("", single), ("outside: ", outside), ("machine: ", of(kind="machine"))):
         for effect in sorted({r["effects"][0] for r in some_kind}):
             some = [r for r in some_kind if r["effects"] == [effect]]
             lines.append(row(kind + effect, right(some), len(some)))
@@ -71,6 +72,38 @@ def table(folder, title):
         name = lambda r: " + ".join(f["effect"] for f in r.get("findings", [])) or "no name"
         lines += [f"- {r['kind']} `{r['name']}`: {r['result']}, verdict {r['verdict']}, {name(r)}" for r in wrong]
     return "\n".join(lines) + "\n"
+
+
+def machine_rows(machine, null):
+    """Demands on machines, whose floor is no effect."""
+    lines = []
+    if machine:
+        lines.append(row("machine, one hidden effect: right first name", sum(r.get("first", False) for r in machine), len(machine)))
+        lines.append(row("machine, one hidden effect: right name, alternatives counted", sum(r["result"] == "right" for r in machine), len(machine)))
+    if null:
+        lines.append(row("machine, nothing hidden: a name (at most 3 %)", sum(r["result"] == "false name" for r in null), len(null)))
+        lines.append(row("machine, nothing hidden: verdict `none`", sum(r["verdict"] == "none" for r in null), len(null)))
+    covered = [c for r in machine if r["result"] == "right" for c in r["covered"]]
+    if covered:
+        lines.append(row("machine: 95 % intervals that hold the truth", sum(c["inside"] for c in covered), len(covered)))
+    judged = [r for r in machine + null if "worse" in r]
+    if judged:
+        lines.append(row("machine: exported MJCF worse than the twin at a joint", sum(r["worse"] for r in judged), len(judged)))
+    return lines
+
+
+def machine_figures(machine):
+    """The exported MJCF over the twin, floors, and what is hidden over them."""
+    ratios = [r["mjcf_ratio"] for r in machine if "mjcf_ratio" in r]
+    if not ratios:
+        return []
+    shares = [f["share"] for r in machine if "floor" in r for f in r["floor"].values()]
+    above = [r["ratio"] for r in machine if r.get("ratio")]
+    return [
+        f"Machines, exported MJCF over the twin on {len(ratios)} machines' unseen runs, start states fitted: median {share(ratios, 0.5):.3f}, highest {max(ratios):.3f}.",
+        f"Floors: {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the effort, median {100 * share(shares, 0.5):.1f} %; "
+        f"hidden effect over floor: median {share(above, 0.5):.1f}, lowest {min(above):.1f}.",
+    ]
 
 
 def figures(results):
@@ -86,6 +119,7 @@ def figures(results):
     if replays:
         near = sum(abs(x - 1) < 0.03 for x in replays)
         lines.append(f"Exported MJCF rolled out by MuJoCo over `after`, {len(replays)} cases whose effects are native: within 3 % in {near}, median {share(replays, 0.5):.3f}, highest {max(replays):.3f}.")
+    lines += machine_figures([r for r in results if r["kind"] == "machine"])
     if times:
         lines.append(f"CPU per joint and 50 s of fitted log: median {share(times, 0.5):.1f} s, 95th percentile {share(times, 0.95):.1f} s.")
     return lines

@@ -3,7 +3,7 @@
 Shares no code with the program. Every case is a folder with `twin.urdf` (the nominal model) and `run_*` bags; what is
 hidden goes to `truth/<case>.json` beside the case folders, which only the scorer opens.
 
-usage: generate.py OUT --kind single|null|pair|outside --seeds A:B [--objects ...] [--effects ...] [--noise ...]
+usage: generate.py OUT --kind single|null|pair|outside|machine|machine_null --seeds A:B [--objects ...] [--effects ...] [--noise ...]
 """
 
 import argparse
@@ -46,7 +46,8 @@ def inertia_at_joint(part):
     return float(axis**2 @ np.array(inertia(part)) + part["mass"] * arm**2)
 
 
-def urdf(parts):
+def urdf(parts, friction=None):
+    """The twin; `friction` {part: N m or N} is that of a machine."""
     text = ['<?xml version="1.0"?>', '<robot name="twin">', '  <link name="base"/>']
     for index, name in enumerate(parts):
         p = PARTS[name]
@@ -57,12 +58,12 @@ def urdf(parts):
             f'<inertia ixx="{i[0]:.9g}" ixy="0" ixz="0" iyy="{i[1]:.9g}" iyz="0" izz="{i[2]:.9g}"/></inertial></link>',
             f'  <joint name="{name}_joint" type="{joint}"><parent link="base"/><child link="{name}"/><origin xyz="0 {3 * index} 0"/>'
             f'<axis xyz="{vec(p["axis"])}"/><limit lower="{p["range"][0]}" upper="{p["range"][1]}" effort="100" velocity="20"/>'
-            f'<dynamics damping="{p["damping"]}" friction="0"/></joint>',
+            f'<dynamics damping="{p["damping"]}" friction="{(friction or {}).get(name, 0):g}"/></joint>',
         ]
     return "\n".join(text + ["</robot>", ""])
 
 
-def mjcf(parts, hidden):
+def mjcf(parts, hidden, is_machine=False):
     """The plant; effects that MuJoCo has go in here, the others act in `Plant.step`."""
     bodies, extra = [], []
     for index, name in enumerate(parts):
@@ -71,7 +72,7 @@ def mjcf(parts, hidden):
         attributes = f'damping="{p["damping"] + h.get("viscous_friction", {}).get("b", 0)}"'
         if "coulomb_friction" in h:
             attributes += f' frictionloss="{h["coulomb_friction"]["F"]}"'
-        elif any(k in h for k in ("asymmetric_friction", "local_friction", "load_dependent_friction", "stribeck_friction", "heating_friction")):
+        elif is_machine or any(k in h for k in ("asymmetric_friction", "local_friction", "load_dependent_friction", "stribeck_friction", "heating_friction")):
             attributes += ' frictionloss="1e-9"'
         if "inertia" in h:
             attributes += f' armature="{h["inertia"]["I"]}"'
@@ -108,12 +109,17 @@ def smoothstep(x):
 
 
 class Plant:
-    """MuJoCo with the effects that it does not have."""
+    """MuJoCo with the effects that it does not have, and the floors {part: Floor} of a machine."""
 
-    def __init__(self, parts, hidden, run):
-        self.parts, self.hidden, self.run = parts, hidden, run
-        self.model = mujoco.MjModel.from_xml_string(mjcf(parts, hidden))
+    def __init__(self, parts, hidden, run, floors=None):
+        self.parts, self.hidden, self.run, self.floors = parts, hidden, run, floors or {}
+        self.model = mujoco.MjModel.from_xml_string(mjcf(parts, hidden, bool(floors)))
+        for name, floor in self.floors.items():
+            # What sits behind the spring loads the joint through it alone.
+            self.model.dof_armature[parts.index(name)] -= floor.flexible_inertia
         self.data = mujoco.MjData(self.model)
+        if self.floors:
+            mujoco.mj_setConst(self.model, self.data)
         self.gauge = None
         self.queue = {}
         self.bristle = dict.fromkeys(parts, 0.0)
@@ -176,7 +182,7 @@ class Plant:
         return f, bound
 
     def step(self, efforts):
-        d, m = self.data, self.model
+        d, m, before = self.data, self.model, {}
         for i, name in enumerate(self.parts):
             h = self.hidden.get(name, {})
             u = efforts[name]
@@ -185,11 +191,21 @@ class Plant:
                 queue.append(u)
                 u = queue.pop(0)
             u *= h.get("torque_gain", {}).get("g", 1.0)
+            floor = self.floors.get(name)
+            if floor:
+                before[name] = (d.qvel[i], u)
+                floor.at(d.qpos[i])
+                u *= floor.gain()
             f, bound = self.own_effort(name, i, d.qpos[i], d.qvel[i], u, d.time)
+            if floor:
+                bound = (h.get("coulomb_friction", {}).get("F", 0.0) if bound is None else bound) + floor.friction()
+                f += floor.effort()
             if bound is not None:
                 m.dof_frictionloss[i] = max(bound, 1e-9)
             d.qfrc_applied[i] = u + f
         mujoco.mj_step(m, d)
+        for name, (v, u) in before.items():
+            self.floors[name].advance(v, d.qacc[self.parts.index(name)], u, STEP_S)
 
     def measure(self):
         """True positions as the encoders see them."""
@@ -256,9 +272,9 @@ def load_effort(part, q):
     return GRAVITY * part["mass"] * part["com"][0] * math.cos(q)
 
 
-def record(parts, hidden, rng, duration_s, noise, rich=True, run=0):
-    """One run: stamps, measured positions, recorded efforts."""
-    plant = Plant(parts, hidden, run)
+def record(parts, hidden, rng, duration_s, noise, rich=True, run=0, floors=None):
+    """One run: stamps, measured positions, recorded efforts; of a machine with the errors of its signals."""
+    plant = Plant(parts, hidden, run, floors)
     operators = {n: Operator(PARTS[n], rng, duration_s, rich) for n in parts}
     for i, n in enumerate(parts):
         plant.data.qpos[i] = operators[n].start
@@ -272,14 +288,19 @@ def record(parts, hidden, rng, duration_s, noise, rich=True, run=0):
             effort[n] = operators[n].effort(t, plant.data.qpos[i], plant.data.qvel[i]) + carried
         times.append(t)
         seen.append([plant.measure()[n] for n in parts])
-        efforts.append([effort[n] for n in parts])
+        efforts.append([floors[n].report(effort[n]) if floors else effort[n] for n in parts])
         for _ in range(sub):
             plant.step(effort)
     seen, efforts = np.array(seen), np.array(efforts)
-    sigma, share = NOISE[noise]
+    sigma, share = NOISE[noise] if noise else (0.0, 0.0)
     position = seen + sigma * rng.standard_normal(seen.shape)
     effort = efforts + share * np.sqrt((efforts**2).mean(0)) * rng.standard_normal(efforts.shape)
-    return np.array(times), position, effort
+    times = np.array(times)
+    for i, n in enumerate(parts if floors else []):
+        position[:, i], effort[:, i] = floors[n].quantised(position[:, i], effort[:, i])
+    if floors:
+        times = times + floors[parts[0]].stamp_errors(rng, len(times))
+    return times, position, effort
 
 
 def write_bag(folder, parts, times, position, effort):
@@ -360,6 +381,7 @@ def applies(effect, obj):
 
 
 def write_case(out, name, obj, effects, noise, seed, runs, duration_s):
+    """Without a floor; machine.py writes those with one."""
     rng = np.random.default_rng(zlib.crc32(f"{name}/{seed}".encode()))
     parts = OBJECTS[obj]
     where = str(rng.choice(parts))
@@ -384,9 +406,9 @@ def cases(kind, objects, effects, noises, seeds):
     for seed in seeds:
         for obj in objects:
             for noise in noises:
-                if kind == "null":
+                if kind in ("null", "machine_null"):
                     yield obj, (), noise, seed
-                chosen = {"single": SINGLE, "outside": OUTSIDE}.get(kind, [])
+                chosen = {"single": SINGLE, "machine": SINGLE, "outside": OUTSIDE}.get(kind, [])
                 for e in chosen:
                     if (not effects or e in effects) and applies(e, obj):
                         yield obj, (e,), noise, seed
@@ -399,7 +421,7 @@ def cases(kind, objects, effects, noises, seeds):
 def main():
     a = argparse.ArgumentParser(description=__doc__)
     a.add_argument("out", type=Path)
-    a.add_argument("--kind", required=True, choices=["single", "null", "pair", "outside"])
+    a.add_argument("--kind", required=True, choices=["single", "null", "pair", "outside", "machine", "machine_null"])
     a.add_argument("--seeds", default="0:1")
     a.add_argument("--objects", nargs="*", default=list(OBJECTS))
     a.add_argument("--effects", nargs="*", default=[])
@@ -408,6 +430,11 @@ def main():
     a.add_argument("--duration", type=float, default=10.0)
     a.add_argument("--draw", type=int, default=0, help="write this many cases, drawn evenly from the list")
     o = a.parse_args()
+    write = write_case
+    if o.kind.startswith("machine"):
+        import machine  # which imports this file
+
+        write = machine.write_case
     first, last = (int(x) for x in o.seeds.split(":"))
     todo = list(cases(o.kind, o.objects, o.effects, o.noise, range(first, last)))
     if o.draw and o.draw < len(todo):
@@ -415,7 +442,7 @@ def main():
     for obj, effects, noise, seed in todo:
         name = "_".join([obj, *(effects or ["nothing"]), noise, str(seed)])
         if not (o.out / "truth" / f"{name}.json").exists():
-            write_case(o.out, name, obj, effects, noise, seed, o.runs, o.duration)
+            write(o.out, name, obj, effects, noise, seed, o.runs, o.duration)
             print(name, flush=True)
 
 
