@@ -1,9 +1,10 @@
-//! The effort noise that makes a fit's residuals most probable.
+//! The noise that makes a fit's residuals most probable.
 
 use nalgebra::{Matrix2, Vector2};
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::{Rollout, Start},
         whiten::{Filter, Gain, Local},
@@ -17,15 +18,50 @@ use crate::gap::{
 /// deviation differs from a parabola so little that its top is 4 % off at most.
 const FINEST: f64 = 1.5;
 
-/// The effort noise that makes the residuals most probable, by a search over two decades about `around`.
+/// Memories that an effort which lasts is looked for with, in sample intervals.
+/// derived: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
+const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
+/// Sweeps over the deviations, one after the other.
+const SWEEPS: usize = 2;
+/// Log likelihood that an effort which lasts must gain.
+/// derived: half the 99.9 % quantile of chi-square with two degrees of freedom, its size and its memory.
+const ENOUGH: f64 = 6.907_755;
+
+/// Residuals of all windows under a model, ready to be weighed under any noise.
+struct Residuals<'a, 'p, 'c> {
+    problem: &'p Problem<'c>,
+    whitening: &'a mut Whitening,
+    /// Start position, start velocity, residual of every sample, by window.
+    rollouts: Vec<Vec<[f64; 3]>>,
+}
+
+impl Residuals<'_, '_, '_> {
+    /// Restricted log likelihood of a noise, up to a constant.
+    fn log_likelihood(&mut self, noise: &EffortNoise) -> f64 {
+        self.whitening.set_noise(self.problem, noise);
+        let mut twice = self.whitening.log_variance;
+        let ridge = start_ridge(self.problem);
+        for (w, rows) in self.rollouts.iter().enumerate() {
+            let span = self.problem.windows[w];
+            let (cost, start, gradient) =
+                whiten_three(rows, &self.whitening.locals[span.log][span.start..], &self.whitening.gains[w]);
+            let start = start + ridge;
+            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
+            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+        }
+        -0.5 * twice
+    }
+}
+
+/// The noise that makes the residuals most probable, by a search about `around`.
 #[must_use]
 pub fn most_likely_noise(
     problem: &Problem,
     model: &JointModel,
     starts: &[Start],
     whitening: &mut Whitening,
-    around: f64,
-) -> f64 {
+    around: EffortNoise,
+) -> EffortNoise {
     let drives = problem.drives(model);
     let mut rollouts = Vec::with_capacity(starts.len());
     for (w, start) in starts.iter().enumerate() {
@@ -37,27 +73,53 @@ pub fn most_likely_noise(
         let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
         rollouts.push(compact);
     }
-    let mut score = |sigma: f64| {
-        whitening.set_noise(problem, sigma);
-        let mut twice = whitening.log_variance;
-        let ridge = start_ridge(problem);
-        for (w, rows) in rollouts.iter().enumerate() {
-            let span = problem.windows[w];
-            let (cost, start, gradient) =
-                whiten_three(rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
-            let start = start + ridge;
-            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
-            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+    let mut residuals = Residuals { problem, whitening, rollouts };
+    let white = residuals.white(EffortNoise { wander: 0.0, ..around });
+    residuals.with_wander(white, around)
+}
+
+impl Residuals<'_, '_, '_> {
+    /// The likeliest white noise beside a wander, and its log likelihood.
+    fn white(&mut self, from: EffortNoise) -> (f64, EffortNoise) {
+        let least = self.problem.min_sigma_u;
+        let (reached, white) =
+            top(from.white, least, |white| self.log_likelihood(&EffortNoise { white, ..from }));
+        (reached, EffortNoise { white, ..from })
+    }
+
+    /// With an effort that lasts, where that is likelier, of the memory that serves best.
+    fn with_wander(&mut self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
+        let (interval_s, least) = (self.problem.coverage.interval_s, self.problem.min_sigma_u);
+        let mut best = without;
+        let mut wander = if around.wander > 0.0 { around.wander } else { without.1.white };
+        for intervals in MEMORIES {
+            let mut now = EffortNoise { memory_s: intervals * interval_s, wander, ..best.1 };
+            let mut reached = f64::NEG_INFINITY;
+            for _ in 0..SWEEPS {
+                let of = |wander| self.log_likelihood(&EffortNoise { wander, ..now });
+                now.wander = top(now.wander, least, of).1;
+                (reached, now) = self.white(now);
+            }
+            wander = now.wander;
+            if reached > best.0 {
+                best = (reached, now);
+            } else if best.1.wander > 0.0 {
+                break;
+            }
         }
-        -0.5 * twice
-    };
+        if best.0 > without.0 + ENOUGH { best.1 } else { without.1 }
+    }
+}
+
+/// The largest value of a function of a standard deviation, and where it is; on a logarithmic scale.
+fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64) {
     let mut best = (score(around), around);
     // The grid moves while a side is better; then its ratio shrinks to the root.
     let mut factor = 4.0f64;
     loop {
         let (middle, center) = best;
         let sides = [center / factor, center * factor].map(|trial| {
-            let trial = trial.max(problem.min_sigma_u);
+            let trial = trial.max(least);
             (score(trial), trial)
         });
         for side in sides {
@@ -73,7 +135,7 @@ pub fn most_likely_noise(
             let (down, up) = (sides[0].0 - middle, sides[1].0 - middle);
             let shift =
                 if down + up < 0.0 { (0.5 * (down - up) / (down + up)).clamp(-0.5, 0.5) } else { 0.0 };
-            return (center * factor.powf(shift)).max(problem.min_sigma_u);
+            return (middle, (center * factor.powf(shift)).max(least));
         }
         factor = factor.sqrt();
     }

@@ -3,6 +3,7 @@
 pub mod acting;
 #[cfg(test)]
 mod derivative_tests;
+pub mod likely_noise;
 pub mod noise;
 pub mod problem;
 pub mod rollout;

@@ -12,7 +12,9 @@ use crate::gap::{
     },
     record::{
         drive::{Drive, Hold},
-        log::{JointLog, Span, position_noise, windows},
+        log::{JointLog, Span, windows},
+        motion::SmoothMotion,
+        reading_noise::ReadingNoise,
     },
 };
 
@@ -48,8 +50,10 @@ pub struct Problem<'c> {
     pub traces: Vec<Trace>,
     /// What the motion covers.
     pub coverage: Coverage,
-    /// Standard deviation of the positions.
-    pub sigma_y: f64,
+    /// EffortNoise of the positions.
+    pub noise: ReadingNoise,
+    /// Variance of every reading of each log.
+    pub readings: Vec<Vec<f64>>,
     /// Standard deviation of the lag's prior, seconds.
     pub lag_sigma_s: f64,
     /// Least standard deviation of the effort.
@@ -81,12 +85,26 @@ impl<'c> Problem<'c> {
         logs: Vec<JointLog>,
         hold: Hold,
     ) -> Self {
-        let sigma_y = position_noise(&logs).max(1e-9);
+        let noise = ReadingNoise::of(&logs);
+        Self::with_noise(catalogue, plant, turns, logs, hold, noise)
+    }
+
+    /// Prepares logs whose noise is known.
+    #[must_use]
+    fn with_noise(
+        catalogue: &'c Catalogue,
+        plant: &Plant,
+        turns: bool,
+        logs: Vec<JointLog>,
+        hold: Hold,
+        noise: ReadingNoise,
+    ) -> Self {
+        let readings: Vec<Vec<f64>> = logs.iter().map(|l| variances(l, &noise)).collect();
         let steps = logs.iter().map(Drive::steps).collect();
         let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0, 1)).collect();
-        let traces = smooth(&logs, &drives, plant, sigma_y);
+        let traces = smooth(&logs, &drives, plant, &readings);
         let windows = windows(&logs, window_length_s(plant));
-        let coverage = cover(plant, turns, &logs, &traces, sigma_y);
+        let coverage = cover(plant, turns, &logs, &traces, noise.at_rest);
         let interval = coverage.interval_s;
         let min_sigma_u = MIN_EFFORT_NOISE * coverage.effort_rms.max(plant.load.amplitude()).max(1e-12);
         Self {
@@ -98,7 +116,8 @@ impl<'c> Problem<'c> {
             windows,
             traces,
             coverage,
-            sigma_y,
+            noise,
+            readings,
             lag_sigma_s: LAG_SHARE * interval,
             min_sigma_u,
             steps,
@@ -109,11 +128,9 @@ impl<'c> Problem<'c> {
     /// Held-out logs with the noise of the logs that were fitted.
     #[must_use]
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
-        let mut problem = Self::new(fitted.catalogue, &fitted.plant, fitted.turns, logs, fitted.hold);
         // The noise is the sensor's: held-out runs are judged by that of the fit.
-        problem.sigma_y = fitted.sigma_y;
-        problem.finer = FINER;
-        problem
+        let Self { catalogue, plant, turns, hold, noise, .. } = fitted;
+        Self { finer: FINER, ..Self::with_noise(catalogue, plant, *turns, logs, *hold, *noise) }
     }
 
     /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
@@ -123,10 +140,7 @@ impl<'c> Problem<'c> {
         let of = |holds: &dyn Fn(usize) -> bool| {
             let logs =
                 self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
-            Self {
-                sigma_y: self.sigma_y,
-                ..Self::new(self.catalogue, &self.plant, self.turns, logs, self.hold)
-            }
+            Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise)
         };
         let count = if self.logs.len() > 1 { self.logs.len().min(FOLDS) } else { 0 };
         (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
@@ -168,11 +182,23 @@ impl<'c> Problem<'c> {
         self.logs.iter().zip(&self.steps).map(one).collect()
     }
 
+    /// Standard deviation of the readings in the windows, root mean square, rad or m.
+    #[must_use]
+    pub fn noise_floor(&self) -> f64 {
+        let of = |w: &Span| self.readings[w.log][w.start..w.start + w.len].iter().sum::<f64>();
+        (self.windows.iter().map(of).sum::<f64>() / self.samples().max(1) as f64).sqrt()
+    }
+
     /// Number of measurements in the windows.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.windows.iter().map(|w| w.len).sum()
     }
+}
+
+/// Variance of every reading of a log.
+fn variances(log: &JointLog, noise: &ReadingNoise) -> Vec<f64> {
+    SmoothMotion::of(&log.time_s, &log.position, noise, &[]).variances(noise)
 }
 
 fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_y: f64) -> Coverage {

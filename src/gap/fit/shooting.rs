@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use crate::gap::{
     fit::{
         acting::{MAX_COLUMNS, Row},
-        noise::most_likely_noise,
+        likely_noise::most_likely_noise,
+        noise::EffortNoise,
         problem::Problem,
         rollout::{MAX_FREE, Rollout, Start, width},
         starts::improve,
@@ -29,8 +30,8 @@ pub struct Fit {
     pub model: JointModel,
     /// Start state of each window.
     pub starts: Vec<Start>,
-    /// Standard deviation of the effort noise, N m or N.
-    pub sigma_u: f64,
+    /// What acts beyond the model.
+    pub noise: EffortNoise,
     /// Restricted log likelihood.
     pub log_likelihood: f64,
     /// Covariance of the free parameters; rows of frozen ones are zero.
@@ -260,11 +261,11 @@ pub fn fit(
     problem: &Problem,
     model: &JointModel,
     starts: Option<&[Start]>,
-    sigma_u: f64,
+    noise: EffortNoise,
     free: Free,
     pace: Pace,
 ) -> Fit {
-    let mut best = fit_settled(problem, model, starts, sigma_u, free, pace);
+    let mut best = fit_settled(problem, model, starts, noise, free, pace);
     // Without friction the settle time changes nothing.
     if !pace.settles || free != Free::All || !model.has_friction(problem.catalogue) {
         return best;
@@ -279,7 +280,7 @@ pub fn fit(
             // The next settle time changes little: the fit starts from this one's states and needs few
             // steps.
             let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
-            let trial = fit_settled(problem, &trial, Some(&best.starts), best.sigma_u, free, trial_pace);
+            let trial = fit_settled(problem, &trial, Some(&best.starts), best.noise, free, trial_pace);
             // Negated, so that a likelihood that is not a number ends the search.
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;
@@ -299,18 +300,18 @@ fn fit_settled(
     problem: &Problem,
     model: &JointModel,
     starts: Option<&[Start]>,
-    sigma_u: f64,
+    noise: EffortNoise,
     free: Free,
     pace: Pace,
 ) -> Fit {
     let mut model = model.clone();
     let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
-    let mut sigma_u = sigma_u.max(problem.min_sigma_u);
+    let mut noise = noise.at_least(problem.min_sigma_u);
     let mut frozen = vec![free == Free::Starts; model.free()];
     // Lag and delay add up to one shift of the effort; with both free, neither would be determined.
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
     let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
-    let mut whitening = Whitening::new(problem, &model, sigma_u);
+    let mut whitening = Whitening::new(problem, &model, &noise);
     let has_contact = model.terms.iter().any(|t| problem.catalogue[t.effect].place() == Place::Contact);
     let anneal = if free == Free::All && pace.searches && (has_play || (has_contact && pace.settles)) {
         ANNEALING
@@ -319,7 +320,7 @@ fn fit_settled(
     };
     // Annealing: little noise first, so that no window counts its misfit as noise.
     for share in anneal {
-        whitening = Whitening::new(problem, &model, (share * sigma_u).max(problem.min_sigma_u));
+        whitening = Whitening::new(problem, &model, &noise.scaled(*share).at_least(problem.min_sigma_u));
         improve(problem, &model, &mut starts, &whitening, true);
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now);
@@ -329,8 +330,8 @@ fn fit_settled(
         // A model that is not fitted yet leaves its misfit in the residuals, and the estimate would take
         // that for noise.
         if round > 0 || !anneal.is_empty() || pace.hears {
-            sigma_u = most_likely_noise(problem, &model, &starts, &mut whitening, sigma_u);
-            whitening = Whitening::new(problem, &model, sigma_u);
+            noise = most_likely_noise(problem, &model, &starts, &mut whitening, noise);
+            whitening = Whitening::new(problem, &model, &noise);
         }
         // Gauss-Newton cannot move a start across the play, so that with play every round searches all
         // windows.
@@ -342,7 +343,7 @@ fn fit_settled(
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let (covariance, witnesses) = covariance(&end.normal, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
-    Fit { model, starts, sigma_u, log_likelihood, covariance, witnesses, costs }
+    Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
 
 /// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.

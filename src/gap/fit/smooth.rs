@@ -70,9 +70,10 @@ impl Predict<'_> {
     }
 }
 
-/// Smooths logs with the effort noise of the grid that makes them most probable.
+/// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the variance
+/// of every position.
 #[must_use]
-pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise: f64) -> Vec<Trace> {
+pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
     let effort: Vec<Vec<f64>> = logs.iter().zip(drives).map(|(l, d)| sample_efforts(l, d)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
@@ -82,7 +83,7 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise
         let each = logs
             .iter()
             .enumerate()
-            .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, position_noise).1);
+            .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, &readings[i]).1);
         each.sum()
     };
     // From 0.3 % of the effort to six times it (section 14.3).
@@ -92,7 +93,7 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, position_noise
         .max_by(|a, b| a.0.total_cmp(&b.0));
     let noise = best.map_or(scale, |(_, n)| n);
     let predict = Predict { plant, noise };
-    logs.iter().enumerate().map(|(i, log)| backward(log, i, &effort[i], &predict, position_noise)).collect()
+    logs.iter().enumerate().map(|(i, log)| backward(log, i, &effort[i], &predict, &readings[i])).collect()
 }
 
 /// Mean effort between samples.
@@ -112,14 +113,14 @@ fn forward(
     index: usize,
     effort: &[f64],
     predict: &Predict,
-    sigma: f64,
+    readings: &[f64],
 ) -> (Vec<(Span, Vec<Passed>)>, f64) {
     let mut all = Vec::new();
     let mut likelihood = 0.0;
     for span in log.segments(index) {
         let first = log.position[span.start];
         // Nothing is known of the motion within a gap: each segment begins anew.
-        let mut belief = Belief { q: first, v: 0.0, qq: sigma * sigma * 1e4, qv: 0.0, vv: 1e4 };
+        let mut belief = Belief { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
         let mut transition = [1.0, 0.0, 0.0, 1.0];
         let mut passed = Vec::with_capacity(span.len);
         for k in span.start..span.start + span.len {
@@ -132,7 +133,7 @@ fn forward(
                 );
             }
             let predicted = belief;
-            let s = predicted.qq + sigma * sigma;
+            let s = predicted.qq + readings[k];
             let innovation = log.position[k] - predicted.q;
             // The first innovations show the wide prior only.
             if k > span.start + 2 {
@@ -153,7 +154,7 @@ fn forward(
     (all, likelihood)
 }
 
-fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sigma: f64) -> Trace {
+fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, readings: &[f64]) -> Trace {
     let n = log.time_s.len();
     let mut trace = Trace {
         position: log.position.clone(),
@@ -162,7 +163,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, sig
         acceleration: vec![0.0; n],
         direction: vec![0.0; n],
     };
-    for (span, passed) in forward(log, index, effort, predict, sigma).0 {
+    for (span, passed) in forward(log, index, effort, predict, readings).0 {
         let mut later: Option<(f64, f64)> = None;
         for k in (0..span.len).rev() {
             let (_, updated, _) = passed[k];

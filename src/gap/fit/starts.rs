@@ -242,6 +242,7 @@ fn at_play(start: Start, play: f64, half_gap: f64) -> Start {
 mod tests {
     use super::*;
     use crate::gap::{
+        fit::noise::EffortNoise,
         model::{
             effects::catalogue,
             plant::{Load, Plant},
@@ -297,7 +298,7 @@ mod tests {
                 .map(|(k, q)| q + 1e-4 * f64::from((k * 37 % 11) as u32) - 5e-4)
                 .collect();
             let problem = Problem::new(&effects, &plant, true, vec![log], Hold::Zero);
-            let whitening = Whitening::new(&problem, &model, problem.min_sigma_u);
+            let whitening = Whitening::new(&problem, &model, &EffortNoise::white(problem.min_sigma_u));
             let far: Vec<Start> = problem
                 .starts(&model)
                 .iter()

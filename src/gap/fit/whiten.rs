@@ -1,10 +1,11 @@
-//! White residuals: a Kalman filter for the linearized joint, driven by white effort noise, turns positions
-//! into independent innovations of variance one. It is linear, so residuals and sensitivities pass through
+//! White residuals: a Kalman filter for the linearized joint, driven by effort noise that is partly white and
+//! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and sensitivities pass through
 //! the same filter. See docs/method.md (14.10).
 
 use crate::gap::{
     fit::{
         acting::{Acting, Row},
+        noise::EffortNoise,
         rollout::inverse_inertia,
         smooth::Trace,
     },
@@ -22,6 +23,8 @@ pub struct Local {
     pub a: [f64; 4],
     /// Effect of a held effort.
     pub g: [f64; 2],
+    /// Time to the next sample, seconds.
+    pub interval_s: f64,
 }
 
 /// Linearizes a model along the smoothed motion of a log.
@@ -72,8 +75,11 @@ pub fn linearize(
         // A joint that sticks forgets its velocity; noise of the effort moves it by the creep alone.
         if slow && held.abs() < sum.friction {
             let g = settling.creep * dt * inverse;
-            locals
-                .push(Local { a: [1.0, 0.5 * dt * settling.keep, 0.0, settling.keep], g: [0.5 * dt * g, g] });
+            locals.push(Local {
+                a: [1.0, 0.5 * dt * settling.keep, 0.0, settling.keep],
+                g: [0.5 * dt * g, g],
+                interval_s: dt,
+            });
             continue;
         }
         // The clamps keep the transition of a stiff or driving effect, and with it the variances, from
@@ -85,6 +91,7 @@ pub fn linearize(
         locals.push(Local {
             a: [1.0 - 0.5 * spring, dt * mean, -per * mean, kept - 0.5 * spring],
             g: [0.5 * dt * dt * inverse, dt * inverse * mean],
+            interval_s: dt,
         });
     }
     locals
@@ -99,33 +106,92 @@ pub struct Gain {
     pub kq: f64,
     /// Gain of the velocity.
     pub kv: f64,
+    /// Gain of the wander.
+    pub kd: f64,
+    /// Share of the wander that is left at the next sample.
+    pub kept: f64,
+}
+
+/// Covariance of (position, velocity, wander), the upper triangle.
+#[derive(Clone, Copy, Default)]
+struct Belief {
+    qq: f64,
+    qv: f64,
+    qd: f64,
+    vv: f64,
+    vd: f64,
+    dd: f64,
+}
+
+impl Belief {
+    /// After a measurement with these gains.
+    fn updated(&self, gain: &Gain) -> Self {
+        let Self { qq, qv, qd, vv, vd, dd } = *self;
+        Self {
+            qq: qq * (1.0 - gain.kq),
+            qv: qv * (1.0 - gain.kq),
+            qd: qd * (1.0 - gain.kq),
+            vv: vv - gain.kv * qv,
+            vd: vd - gain.kv * qd,
+            dd: dd - gain.kd * qd,
+        }
+    }
+
+    /// At the next sample; the wander acts as an effort does.
+    fn next(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
+        let (a, g) = (&local.a, &local.g);
+        let moved = |q: f64, v: f64, d: f64| {
+            [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
+        };
+        // The transition times the covariance by columns, then times the transition by rows.
+        let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
+        let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);
+        let [qd, vd, dd] = moved(self.qd, self.vd, self.dd);
+        let ([qq, qv, qd], [_, vv, vd], [_, _, dd]) =
+            (moved(qq, qv, qd), moved(vq, vv, vd), moved(dq, dv, dd));
+        let (white, wander) = (noise.white * noise.white, noise.wander * noise.wander);
+        Self {
+            qq: qq + white * g[0] * g[0],
+            qv: qv + white * g[0] * g[1],
+            qd,
+            vv: vv + white * g[1] * g[1],
+            vd,
+            dd: dd + wander * (1.0 - kept * kept),
+        }
+    }
 }
 
 /// Gains of a window whose start state is known (it is a column of its own), and the sum of the log
-/// variances.
-pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut Vec<Gain>) -> f64 {
+/// variances; `readings` holds the variance of every reading of the log.
+pub fn gains(
+    locals: &[Local],
+    span: Span,
+    readings: &[f64],
+    noise: &EffortNoise,
+    out: &mut Vec<Gain>,
+) -> f64 {
     out.clear();
-    let (r, w) = (sigma_y * sigma_y, sigma_u * sigma_u);
-    let (mut qq, mut qv, mut vv) = (0.0, 0.0, 0.0);
+    let mut belief = Belief { dd: noise.wander * noise.wander, ..Belief::default() };
     // Logarithms of products: variances of positions are far from the bounds of a double.
     let (mut log_variance, mut product) = (0.0, 1.0f64);
-    for local in &locals[span.start..span.start + span.len] {
+    let (mut interval_s, mut kept) = (0.0, noise.kept(0.0));
+    let samples = span.start..span.start + span.len;
+    for (local, reading) in locals[samples.clone()].iter().zip(&readings[samples]) {
+        // Most intervals are alike, and exponentials are dear.
+        if local.interval_s != interval_s {
+            (interval_s, kept) = (local.interval_s, noise.kept(local.interval_s));
+        }
         // (14.10)
-        let s = qq + r;
+        let s = belief.qq + reading;
         product *= s;
         if !(1e-200..1e200).contains(&product) {
             log_variance += product.ln();
             product = 1.0;
         }
-        let (kq, kv) = (qq / s, qv / s);
-        out.push(Gain { scale: 1.0 / s.sqrt(), kq, kv });
-        let (uqq, uqv, uvv) = (qq * (1.0 - kq), qv * (1.0 - kq), vv - kv * qv);
-        let (a, g) = (&local.a, &local.g);
-        let (m00, m01) = (a[0] * uqq + a[1] * uqv, a[0] * uqv + a[1] * uvv);
-        let (m10, m11) = (a[2] * uqq + a[3] * uqv, a[2] * uqv + a[3] * uvv);
-        qq = m00 * a[0] + m01 * a[1] + w * g[0] * g[0];
-        qv = m00 * a[2] + m01 * a[3] + w * g[0] * g[1];
-        vv = m10 * a[2] + m11 * a[3] + w * g[1] * g[1];
+        let (kq, kv, kd) = (belief.qq / s, belief.qv / s, belief.qd / s);
+        let gain = Gain { scale: 1.0 / s.sqrt(), kq, kv, kd, kept };
+        belief = belief.updated(&gain).next(local, noise, kept);
+        out.push(gain);
     }
     log_variance + product.ln()
 }
@@ -134,12 +200,13 @@ pub fn gains(locals: &[Local], span: Span, sigma_y: f64, sigma_u: f64, out: &mut
 pub struct Filter<const W: usize> {
     q: [f64; W],
     v: [f64; W],
+    d: [f64; W],
 }
 
 impl<const W: usize> Default for Filter<W> {
     /// At the start of a window.
     fn default() -> Self {
-        Self { q: [0.0; W], v: [0.0; W] }
+        Self { q: [0.0; W], v: [0.0; W], d: [0.0; W] }
     }
 }
 
@@ -147,13 +214,15 @@ impl<const W: usize> Filter<W> {
     /// Whitens the first `W` columns of the next row.
     #[inline]
     pub fn pass(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
-        let a = &local.a;
-        for ((x, q), v) in row[..W].iter_mut().zip(&mut self.q).zip(&mut self.v) {
-            let innovation = *x - *q;
-            let (uq, uv) = (*q + gain.kq * innovation, *v + gain.kv * innovation);
-            *x = innovation * gain.scale;
-            *q = a[0] * uq + a[1] * uv;
-            *v = a[2] * uq + a[3] * uv;
+        let (a, g) = (&local.a, &local.g);
+        for i in 0..W {
+            let innovation = row[i] - self.q[i];
+            let (q, v) = (self.q[i] + gain.kq * innovation, self.v[i] + gain.kv * innovation);
+            let d = self.d[i] + gain.kd * innovation;
+            row[i] = innovation * gain.scale;
+            self.q[i] = a[0] * q + a[1] * v + g[0] * d;
+            self.v[i] = a[2] * q + a[3] * v + g[1] * d;
+            self.d[i] = gain.kept * d;
         }
     }
 }
@@ -168,14 +237,17 @@ pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]
 
 /// Whitened response of the position to efforts (one a sample) and to a direct change of the measurement.
 pub fn respond(effort: &[f64], direct: Option<&[f64]>, locals: &[Local], gains: &[Gain], out: &mut [f64]) {
-    let (mut q, mut v) = (0.0, 0.0);
-    for k in 0..gains.len() {
-        // Difference between the true and the predicted state.
+    // Differences between the true and the predicted states; the wander is predicted, and not there.
+    let (mut q, mut v, mut d) = (0.0, 0.0, 0.0);
+    for (k, gain) in gains.iter().enumerate() {
         let innovation = q + direct.map_or(0.0, |d| d[k]);
-        out[k] = innovation * gains[k].scale;
-        let (uq, uv) = (q - gains[k].kq * innovation, v - gains[k].kv * innovation);
+        out[k] = innovation * gain.scale;
+        let (uq, uv) = (q - gain.kq * innovation, v - gain.kv * innovation);
+        let ud = d - gain.kd * innovation;
         let (a, g) = (&locals[k].a, &locals[k].g);
-        q = a[0] * uq + a[1] * uv + g[0] * effort[k];
-        v = a[2] * uq + a[3] * uv + g[1] * effort[k];
+        let acting = effort[k] + ud;
+        q = a[0] * uq + a[1] * uv + g[0] * acting;
+        v = a[2] * uq + a[3] * uv + g[1] * acting;
+        d = gain.kept * ud;
     }
 }

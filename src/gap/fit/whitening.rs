@@ -4,6 +4,7 @@ use nalgebra::Matrix2;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::{Rollout, Start, roll},
         whiten::{Gain, Local, gains, linearize},
@@ -18,7 +19,7 @@ pub fn residual_column(free: usize) -> usize {
     2 + free
 }
 
-/// Noise of a fit: local linearizations, gains of each window, the sum of log variances.
+/// EffortNoise of a fit: local linearizations, gains of each window, the sum of log variances.
 pub struct Whitening {
     /// Of each log.
     pub locals: Vec<Vec<Local>>,
@@ -31,22 +32,22 @@ pub struct Whitening {
 impl Whitening {
     /// The filter of a model and a noise level.
     #[must_use]
-    pub fn new(problem: &Problem, model: &JointModel, sigma_u: f64) -> Self {
+    pub fn new(problem: &Problem, model: &JointModel, noise: &EffortNoise) -> Self {
         let each = problem.logs.iter().enumerate();
         let locals =
             each.map(|(i, l)| linearize(model, problem.catalogue, l, i, &problem.traces[i])).collect();
         let mut whitening =
             Self { locals, gains: vec![Vec::new(); problem.windows.len()], log_variance: 0.0 };
-        whitening.set_noise(problem, sigma_u);
+        whitening.set_noise(problem, noise);
         whitening
     }
 
     /// Another noise level.
-    pub fn set_noise(&mut self, problem: &Problem, sigma_u: f64) {
+    pub fn set_noise(&mut self, problem: &Problem, noise: &EffortNoise) {
         // The linearizations do not depend on the noise: another level needs new gains only.
         self.log_variance = 0.0;
         for (w, out) in problem.windows.iter().zip(&mut self.gains) {
-            self.log_variance += gains(&self.locals[w.log], *w, problem.sigma_y, sigma_u, out);
+            self.log_variance += gains(&self.locals[w.log], *w, &problem.readings[w.log], noise, out);
         }
     }
 }
@@ -73,7 +74,7 @@ pub fn predict(
 #[must_use]
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
-    let (q, v) = ((range + problem.sigma_y).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
+    let (q, v) = ((range + problem.noise.at_rest).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
     // Deviations of ten times the range and the top speed: any moving window outweighs them.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }

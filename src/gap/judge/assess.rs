@@ -4,13 +4,14 @@ use rand_core::Rng;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::Start,
         shooting::{Free, Pace, fit},
     },
     judge::{
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
-        report::{JointReport, ReplayWindow},
+        report::{JointReport, REPORTED_NOISES, ReplayWindow},
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
@@ -67,6 +68,13 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
     let mut proof = prove(&held_out, &twin, &updated);
+    // What lasts and moves the joint by more than its noise is something, and no effect says what.
+    if diagnosis.verdict == Verdict::None
+        && diagnosis.noise.wander > 0.0
+        && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
+    {
+        diagnosis.verdict = Verdict::Unknown;
+    }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     if !updated.terms.is_empty() && !is_proven(&proof.0) {
         diagnosis.withdraw();
@@ -129,11 +137,11 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
         return None;
     }
     let folds = problem.folds();
-    let sigma_u = FIRST_NOISE * problem.coverage.effort_rms;
+    let noise = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms);
     let predicted = |model: &JointModel| {
         let one = |[fitted, other]: &[Problem; 2]| {
             // Parameters come from the other runs; a run's own samples give its start states alone.
-            let known = fit(fitted, model, None, sigma_u, Free::All, Pace::thorough(2)).model;
+            let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
             windowed_rmse(other, &known).powi(2)
         };
         folds.iter().map(one).sum::<f64>().sqrt()
@@ -185,7 +193,20 @@ fn is_proven(gap: &Gap) -> bool {
         after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
     };
     // An effect that acts in few windows shows in all of them alone.
-    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
+    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after)) || betters(&windows, floor)
+}
+
+/// Whether a name is borne out though something else remains beside it: it explains more of the squared
+/// residuals than it leaves, and betters more windows than chance would.
+fn betters(windows: &[&WindowGap], floor: f64) -> bool {
+    let sum = |of: fn(&WindowGap) -> f64| {
+        windows.iter().map(|w| (of(w).powi(2) - floor * floor).max(0.0)).sum::<f64>()
+    };
+    let better = windows.iter().filter(|w| w.after < w.before).count() as f64;
+    let n = windows.len() as f64;
+    // The sign test, by the normal quantile of 99 %.
+    let surely = better > 0.5 * n + 0.5 * 2.326_348 * n.sqrt();
+    surely && sum(|w| w.after) < 0.5 * sum(|w| w.before)
 }
 
 /// The windows with their start states as the sensor sees them.

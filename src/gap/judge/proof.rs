@@ -2,6 +2,7 @@
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::{Rollout, Start, roll},
         shooting::{Free, Pace, fit},
@@ -32,7 +33,7 @@ pub struct Gap {
     pub before: f64,
     /// Windows of the updated twin.
     pub after: f64,
-    /// Noise of the measured positions.
+    /// EffortNoise of the measured positions.
     pub noise_floor: f64,
     /// Each run.
     pub runs: Vec<RunGap>,
@@ -73,8 +74,9 @@ pub struct ResidualSeries {
 pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
     // The lag belongs to the stamps of the runs that were fitted.
     let model = JointModel { lag_s: 0.0, ..model.clone() };
+    let least = EffortNoise::white(problem.min_sigma_u);
     // With next to no effort noise, whitened residuals are the residuals up to a factor.
-    let starts = fit(problem, &model, None, problem.min_sigma_u, Free::Starts, Pace::thorough(1)).starts;
+    let starts = fit(problem, &model, None, least, Free::Starts, Pace::thorough(1)).starts;
     (model, starts)
 }
 
@@ -125,7 +127,7 @@ pub fn prove(
         one.iter().zip(&other).map(|((_, b), (_, a))| WindowGap { before: rms(b), after: rms(a) }).collect();
     let all = |of: &[(Span, Vec<f64>)]| rms(&of.iter().flat_map(|(_, r)| r.clone()).collect::<Vec<_>>());
     (
-        Gap { before: all(&one), after: all(&other), noise_floor: held_out.sigma_y, runs, windows },
+        Gap { before: all(&one), after: all(&other), noise_floor: held_out.noise_floor(), runs, windows },
         series,
         after_starts,
     )

@@ -236,7 +236,7 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
 const REPORTED_SHARE: f64 = 0.05;
 /// The same as a multiple of the noise.
 /// derived: three standard deviations.
-const REPORTED_NOISES: f64 = 3.0;
+pub const REPORTED_NOISES: f64 = 3.0;
 
 fn remainder(joint: &JointReport) -> Option<RemainderJson> {
     let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;

@@ -120,7 +120,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     /// Prepares the score test at a fit.
     #[must_use]
     pub fn new(problem: &'p Problem<'c>, fit: &Fit) -> Self {
-        let whitening = Whitening::new(problem, &fit.model, fit.sigma_u);
+        let whitening = Whitening::new(problem, &fit.model, &fit.noise);
         let drives = problem.drives(&fit.model);
         let free = fit.model.free().min(MAX_FIT_FREE);
         let mut windows = Vec::with_capacity(problem.windows.len());

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::Start,
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
@@ -179,7 +180,7 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
 #[must_use]
 pub fn baseline(problem: &Problem) -> Candidate {
     // A start value, which the fit replaces.
-    let guess = 0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0);
+    let guess = EffortNoise::white(0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0));
     candidate(
         problem,
         fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, Pace::thorough(3)),
@@ -288,9 +289,9 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
         let begun =
-            fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.sigma_u, Free::All, Pace::NEXT);
-        let (starts, sigma_u) = (Some(begun.starts.as_slice()), begun.sigma_u);
-        candidate(problem, fit(problem, &begun.model, starts, sigma_u, Free::All, Pace::thorough(3)))
+            fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.noise, Free::All, Pace::NEXT);
+        let (starts, noise) = (Some(begun.starts.as_slice()), begun.noise);
+        candidate(problem, fit(problem, &begun.model, starts, noise, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
 }
@@ -319,12 +320,12 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
             Start { position, velocity: s.velocity * seen.scale / sees.scale, play: s.play }
         };
         let starts: Vec<Start> = parent.fit.starts.iter().map(start).collect();
-        candidate(problem, fit(problem, m, Some(&starts), parent.fit.sigma_u, Free::All, Pace::FIRST))
+        candidate(problem, fit(problem, m, Some(&starts), parent.fit.noise, Free::All, Pace::FIRST))
     };
     let next = |c: &Candidate| {
         let on = candidate(
             problem,
-            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::NEXT),
+            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, Pace::NEXT),
         );
         if on.score > c.score { on } else { c.clone() }
     };
@@ -332,7 +333,7 @@ fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candida
     let mut fits: Vec<Candidate> = best_of_each_set(begun.par_iter().map(next).collect());
     let further = |c: &Candidate| {
         let again =
-            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.sigma_u, Free::All, Pace::thorough(2));
+            fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, Pace::thorough(2));
         let again = candidate(problem, again);
         if again.score > c.score { again } else { c.clone() }
     };

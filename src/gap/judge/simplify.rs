@@ -45,7 +45,7 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
 fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
     candidate(
         problem,
-        fit(problem, model, Some(&from.fit.starts), from.fit.sigma_u, Free::All, Pace::thorough(2)),
+        fit(problem, model, Some(&from.fit.starts), from.fit.noise, Free::All, Pace::thorough(2)),
     )
 }
 
@@ -74,7 +74,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let mut model = chosen.fit.model.clone();
             model.terms[i] = Term { effect, p };
             let begun =
-                fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.sigma_u, Free::All, Pace::NEXT);
+                fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.noise, Free::All, Pace::NEXT);
             let begun = candidate(problem, begun);
             let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {

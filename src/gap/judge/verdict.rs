@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},
     },
@@ -19,7 +20,7 @@ use crate::gap::{
     },
     model::{
         effect::{Coverage, Place},
-        joint_model::{JointModel, SETTLE_S},
+        joint_model::{JointModel, SETTLE_S, Term},
     },
     record::off_axis::MAX_LEFT,
 };
@@ -98,6 +99,8 @@ pub struct Diagnosis {
     pub left: f64,
     /// What the recording lacks.
     pub lacks: Vec<String>,
+    /// Effort beyond the model.
+    pub noise: EffortNoise,
     /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
     pub nearest: Option<Nearest>,
 }
@@ -161,6 +164,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
             model: twin,
             left: 0.0,
             lacks,
+            noise: EffortNoise::default(),
             nearest: None,
         };
     }
@@ -175,7 +179,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
     let base = &found.by_size[0][0];
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise =
-        fit(problem, &twin, Some(&base.fit.starts), chosen.fit.sigma_u, Free::Starts, Pace::thorough(1));
+        fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
     let saved = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
     // A joint that sticks is explained by what can no longer move it, not by smaller residuals.
     let to_explain = saved.max(2.0 * (chosen.fit.log_likelihood - base.fit.log_likelihood));
@@ -198,6 +202,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
         model: twin,
         left: 0.0,
         lacks,
+        noise: chosen.fit.noise,
         nearest: None,
     };
     if chosen.fit.model.terms.is_empty() {
@@ -218,7 +223,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
     diagnosis.model = model;
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
-        && (diagnosis.left > MAX_LEFT || is_noisy(problem, base, chosen) || !is_credible(problem, chosen))
+        && (diagnosis.left > MAX_LEFT
+            || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
+            || !is_credible(problem, chosen))
     {
         diagnosis.withdraw();
     }
@@ -228,10 +235,25 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
 /// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no
 /// noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
-    let left = chosen.fit.sigma_u / base.fit.sigma_u.max(1e-300);
-    let loud = chosen.fit.sigma_u > MAX_LEFT * problem.coverage.effort_rms;
+    let left = chosen.fit.noise.size() / base.fit.noise.size().max(1e-300);
+    let loud = chosen.fit.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     // Of its variance; where it is a large share of the effort itself, of its size.
     left * left > MAX_LEFT || (loud && left > MAX_LEFT)
+}
+
+/// Whether the effects have shapes of their own where something remains beside them: several shapes over the
+/// position mend one that none of them has, a shape at the end of its range is another one, and a push in one
+/// run is what remains.
+fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
+    let terms = &chosen.fit.model.terms;
+    let at_end = |t: &Term| {
+        let effect = &problem.catalogue[t.effect];
+        let shapes = effect.parameters().iter().enumerate().filter(|(_, p)| p.neutral.is_none());
+        shapes.map(|(i, _)| (effect.bounds(i, &problem.coverage), t.p[i])).any(|((a, b), x)| x <= a || x >= b)
+    };
+    let of = |t: &Term| &problem.catalogue[t.effect];
+    terms.iter().filter(|t| of(t).is_of_position()).count() < 2
+        && !terms.iter().any(|t| of(t).is_of_one_run() || at_end(t))
 }
 
 /// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
@@ -286,7 +308,7 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
     let at = |settle_s: f64, from: &Fit, steps: usize| {
         let model = JointModel { settle_s, ..from.model.clone() };
-        fit(problem, &model, Some(&from.starts), from.sigma_u, Free::All, Pace { steps, ..pace })
+        fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace { steps, ..pace })
     };
     let fine = at(coarse.model.settle_s, coarse, pace.steps);
     let mut fits = vec![fine.clone()];

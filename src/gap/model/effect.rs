@@ -262,6 +262,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_of_velocity(&self) -> bool {
         false
     }
+    /// Whether its effort depends on the position alone, by a shape of its own.
+    fn is_of_position(&self) -> bool {
+        false
+    }
     /// Friction that it loses from rest to speed, for one that falls with speed.
     fn fall(&self, _p: &[f64]) -> f64 {
         0.0

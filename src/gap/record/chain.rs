@@ -12,8 +12,9 @@ use crate::gap::{
     record::{
         carried::Carried,
         drive::Hold,
-        log::{JointLog, position_noise},
+        log::JointLog,
         motion::SmoothMotion,
+        reading_noise::ReadingNoise,
         recording::{Recording, RecordingError},
     },
     twin_tree::{Motion, TwinTree},
@@ -102,8 +103,8 @@ pub fn motions(
     let Some(logs) = logs.filter(|l| l.iter().all(|x| x.time_s == l[0].time_s)) else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
     let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
-        let sigma = position_noise(std::slice::from_ref(log)).max(1e-9);
-        (*j, SmoothMotion::of(&log.time_s, &log.position, sigma, expected))
+        let noise = ReadingNoise::of(std::slice::from_ref(log));
+        (*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected))
     };
     Ok(joints.iter().zip(&logs).zip(&expected).map(smoothed).collect())
 }

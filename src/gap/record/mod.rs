@@ -9,5 +9,6 @@ pub mod inputs;
 pub mod log;
 pub mod motion;
 pub mod off_axis;
+pub mod reading_noise;
 pub mod recording;
 pub mod tracks;

@@ -3,6 +3,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::gap::record::reading_noise::ReadingNoise;
+
 /// Motion at and between the stamps of the positions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SmoothMotion {
@@ -12,27 +14,53 @@ pub struct SmoothMotion {
     pub state: Vec<Vector3<f64>>,
     /// Expected acceleration from each stamp to the next; empty for none.
     pub expected: Vec<f64>,
+    /// Level of the jerk, of those that are tried.
+    level: i32,
 }
 
 /// Levels of the jerk that are tried, each times the next lower one.
 const LEVELS: i32 = 18;
 /// derived: half a decade; the likelihood is flat about its top.
 const RATIO: f64 = 3.0;
+/// Levels below that of a motion at which another noise is tried.
+/// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades here.
+const LOWER: i32 = 6;
+
+/// Jerk of a level, rad/s^2 or m/s^2 per root second.
+fn jerk(position: &[f64], variances: &[f64], level: i32) -> f64 {
+    let low = position.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let least = variances.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
+    // A joint that stood still has a scale of its own noise.
+    1e-4 * (high - low).max(10.0 * least).max(1e-12) * RATIO.powi(level)
+}
 
 impl SmoothMotion {
-    /// Smooths positions, rad or m, whose noise has the standard deviation `sigma`; `expected` holds an
-    /// acceleration from each stamp to the next, or nothing.
+    /// Smooths positions, rad or m; `expected` holds an acceleration from each stamp to the next, or nothing.
     #[must_use]
-    pub fn of(time_s: &[f64], position: &[f64], sigma: f64, expected: &[f64]) -> Self {
-        let low = position.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        // A joint that stood still has a scale of its own noise.
-        let range = (high - low).max(10.0 * sigma).max(1e-12);
-        let level = |i: i32| 1e-4 * range * RATIO.powi(i);
-        let best = (0..LEVELS)
-            .map(|i| (filter(time_s, position, sigma, level(i), expected).1, i))
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let (passed, _) = filter(time_s, position, sigma, level(best.map_or(0, |b| b.1)), expected);
+    pub fn of(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
+        let at_rest = vec![noise.variance(0.0); position.len()];
+        let every = 0..LEVELS;
+        let motion = Self::smoothed(time_s, position, &at_rest, expected, every.clone());
+        // The speeds that stamps err by are those of the motion that is looked for: once is enough.
+        if noise.jitter_s > 0.0 {
+            return Self::smoothed(time_s, position, &motion.variances(noise), expected, every);
+        }
+        motion
+    }
+
+    /// The likeliest motion of some levels.
+    fn smoothed(
+        time_s: &[f64],
+        position: &[f64],
+        variances: &[f64],
+        expected: &[f64],
+        levels: std::ops::Range<i32>,
+    ) -> Self {
+        let of = |level| filter(time_s, position, variances, jerk(position, variances, level), expected);
+        let best = levels.map(|i| (of(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let level = best.map_or(0, |b| b.1);
+        let (passed, _) = of(level);
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
         // Backward pass of Rauch, Tung and Striebel.
         for k in (0..state.len().saturating_sub(1)).rev() {
@@ -41,7 +69,26 @@ impl SmoothMotion {
             let gain = here.updated.1 * next.transition.transpose() * inverse;
             state[k] = here.updated.0 + gain * (state[k + 1] - next.predicted.0);
         }
-        Self { time_s: time_s.to_vec(), state, expected: expected.to_vec() }
+        Self { time_s: time_s.to_vec(), state, expected: expected.to_vec(), level }
+    }
+
+    /// Variances of readings of the motion.
+    #[must_use]
+    pub fn variances(&self, noise: &ReadingNoise) -> Vec<f64> {
+        self.state.iter().map(|s| noise.variance(s[1])).collect()
+    }
+
+    /// Log likelihood of the positions that the motion was smoothed from, under another noise; of the levels
+    /// from well below that of the motion.
+    #[must_use]
+    pub fn likelihood(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
+        let variances = self.variances(noise);
+        let of = |level| {
+            let jerk = jerk(position, &variances, level);
+            filter(&self.time_s, position, &variances, jerk, &self.expected).1
+        };
+        // EffortNoise that was taken for motion asked for more jerk.
+        (self.level - LOWER..=self.level + 1).map(of).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// Position, velocity and acceleration at a time; before and after the recording it stands where that
@@ -70,8 +117,14 @@ struct Passed {
 }
 
 /// Filters; gives every sample's beliefs and the log likelihood.
-fn filter(time_s: &[f64], position: &[f64], sigma: f64, jerk: f64, expected: &[f64]) -> (Vec<Passed>, f64) {
-    let variance = sigma * sigma;
+fn filter(
+    time_s: &[f64],
+    position: &[f64],
+    variances: &[f64],
+    jerk: f64,
+    expected: &[f64],
+) -> (Vec<Passed>, f64) {
+    let variance = variances.first().copied().unwrap_or(0.0);
     let wide = Matrix3::from_diagonal(&Vector3::new(100.0 * variance, 1e4, 1e6));
     let mut belief = (Vector3::new(position.first().copied().unwrap_or(0.0), 0.0, 0.0), wide);
     let mut transition = Matrix3::identity();
@@ -92,7 +145,7 @@ fn filter(time_s: &[f64], position: &[f64], sigma: f64, jerk: f64, expected: &[f
             );
         }
         let predicted = belief;
-        let s = predicted.1[(0, 0)] + variance;
+        let s = predicted.1[(0, 0)] + variances[k];
         let innovation = y - predicted.0[0];
         // The first innovations show the wide start only.
         if k > 5 {
@@ -115,7 +168,7 @@ mod tests {
         let noise = |k: usize| 1e-4 * (((k * 7919) % 1009) as f64 / 1009.0 - 0.5) * 12f64.sqrt();
         let position: Vec<f64> =
             time_s.iter().enumerate().map(|(k, t)| 0.5 * (4.0 * t).sin() + noise(k)).collect();
-        let motion = SmoothMotion::of(&time_s, &position, 1e-4, &[]);
+        let motion = SmoothMotion::of(&time_s, &position, &ReadingNoise::at_rest(1e-4), &[]);
         let mut worst = Vector3::<f64>::zeros();
         for (k, t) in time_s.iter().enumerate().skip(50).take(900) {
             let truth = Vector3::new(0.5 * (4.0 * t).sin(), 2.0 * (4.0 * t).cos(), -8.0 * (4.0 * t).sin());

@@ -67,7 +67,7 @@ impl Suspect {
 pub struct OffAxis {
     /// What the joint cannot make.
     pub measured: Across,
-    /// Noise of that.
+    /// EffortNoise of that.
     pub noise: Across,
     /// What is left of it with another axis and another tracked frame.
     pub left: Across,

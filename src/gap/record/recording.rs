@@ -1,8 +1,9 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
 use crate::gap::record::{
-    log::{JointLog, position_noise},
+    log::JointLog,
     motion::SmoothMotion,
+    reading_noise::ReadingNoise,
     tracks::{PoseTrack, WrenchTrack},
 };
 
@@ -115,8 +116,8 @@ impl Recording {
             return Err(RecordingError::NoPosition { run, joint });
         }
         let logs = [log];
-        let sigma = position_noise(&logs).max(1e-9);
-        Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, sigma, &[]))
+        let noise = ReadingNoise::of(&logs);
+        Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, &noise, &[]))
     }
 
     /// What was recorded of a joint.

@@ -28,6 +28,10 @@ impl Effect for AxisTilt {
         &SPEC
     }
 
+    fn is_of_position(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let (s, c) = sin_cos(at.q);
         out.value = p[0] * s + p[1] * c;

@@ -28,6 +28,10 @@ impl Effect for Cogging {
         &SPEC
     }
 
+    fn is_of_position(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let (s, c) = sin_cos(p[2] * at.q);
         let slope = p[0] * c - p[1] * s;

@@ -29,6 +29,10 @@ impl Effect for Detent {
         &SPEC
     }
 
+    fn is_of_position(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.q - p[1]) / p[2];
         if x.abs() > REACH {

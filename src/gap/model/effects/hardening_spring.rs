@@ -29,6 +29,10 @@ impl Effect for HardeningSpring {
         &SPEC
     }
 
+    fn is_of_position(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = at.q - p[2];
         out.value = -p[0] * x - p[1] * x * x * x;

@@ -26,6 +26,10 @@ impl Effect for SpringReturn {
         &SPEC
     }
 
+    fn is_of_position(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         // Offset and stiffness enter linearly, so that screening needs no grid of rest positions.
         out.value = p[1] - p[0] * at.q;

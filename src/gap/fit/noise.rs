@@ -1,0 +1,46 @@
+//! What moves a joint beyond its model: noise of the recorded effort, and an effort without a name that lasts.
+//! See docs/method.md 14.6.
+
+/// Standard deviations of the effort that no effect explains.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EffortNoise {
+    /// New at every sample, N m or N.
+    pub white: f64,
+    /// Of what lasts, N m or N: what a machine does beyond any catalogue (ripple, flexibility, heat, cables)
+    /// makes neighboring residuals say the same thing again. A first-order Gauss-Markov process.
+    pub wander: f64,
+    /// Time in which the wander falls to 1/e, seconds.
+    pub memory_s: f64,
+}
+
+impl EffortNoise {
+    /// White noise alone.
+    #[must_use]
+    pub fn white(white: f64) -> Self {
+        Self { white, ..Self::default() }
+    }
+
+    /// A multiple of it.
+    #[must_use]
+    pub fn scaled(self, by: f64) -> Self {
+        Self { white: self.white * by, wander: self.wander * by, ..self }
+    }
+
+    /// With a white part of at least `least`.
+    #[must_use]
+    pub fn at_least(self, least: f64) -> Self {
+        Self { white: self.white.max(least), ..self }
+    }
+
+    /// Standard deviation of the effort at one time.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        self.white.hypot(self.wander)
+    }
+
+    /// Share of the wander that is left after `interval_s`.
+    #[must_use]
+    pub fn kept(&self, interval_s: f64) -> f64 {
+        if self.wander > 0.0 { (-interval_s / self.memory_s).exp() } else { 0.0 }
+    }
+}
