@@ -89,7 +89,7 @@ def one(job):
     truth = json.loads((folder / "truth" / f"{name}.json").read_text())
     record = dict(kind=kind, name=name, effects=list(effects), object=obj, noise=noise, seed=seed, cpu_s=cpu, wall_s=time.monotonic() - started)
     record |= dict(joints=len(generate.OBJECTS[obj]), fitted_s=(runs - max(1, runs // 3)) * duration, truth=truth["hidden"])
-    if done.returncode != 0:
+    if done.returncode != 0 and not (out / "report.json").exists():
         record |= dict(result="failed", verdict="failed", error=done.stderr[-500:])
     else:
         report = json.loads((out / "report.json").read_text())

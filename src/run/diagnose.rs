@@ -262,6 +262,7 @@ pub(super) fn find(
     exports.extend(notes);
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
+    warnings.extend(less(&joints, &exports));
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -281,6 +282,22 @@ pub(super) fn find(
         summary: report::summary(&joints),
         warnings,
     })
+}
+
+/// What to know of files that hold less than was found.
+fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
+    let mut notes = Vec::new();
+    for joint in joints {
+        for held in &joint.in_format {
+            // Without a file, or with a joint that the file could not take, the notes of the effects say why.
+            let is_written = |e: &&ExportNote| {
+                e.joint == joint.joint && e.format == held.format.name() && !e.file.is_empty()
+            };
+            let (Some(export), Some(gap)) = (exports.iter().find(is_written), &joint.gap) else { continue };
+            notes.extend(held.note(&export.file, &joint.joint, gap.after, joint.turns));
+        }
+    }
+    notes
 }
 
 /// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what
