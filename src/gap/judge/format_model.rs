@@ -288,9 +288,7 @@ impl<'c> Maker<'_, 'c> {
                         || other.spec().contains.contains(&name)
                         || effect.spec().contains.contains(&other.name())
                 };
-                if model.terms.iter().chain(&self.updated.terms).any(doubles)
-                    || !self.can_hold(format, effect)
-                {
+                if model.terms.iter().any(doubles) || !self.can_hold(format, effect) {
                     continue;
                 }
                 if let Some(p) = self.shape(index)
