@@ -14,6 +14,8 @@ use crate::{
     gap::{
         judge::{
             assess::{Runs, assess},
+            format_model::FormatModel,
+            format_note::format_note,
             report::{self, ExportNote, JointReport, Report},
             verdict::Verdict,
         },
@@ -288,14 +290,14 @@ pub(super) fn find(
 fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
     let mut notes = Vec::new();
     for joint in joints {
-        for held in &joint.in_format {
-            // Without a file, or with a joint that the file could not take, the notes of the effects say why.
-            let is_written = |e: &&ExportNote| {
-                e.joint == joint.joint && e.format == held.format.name() && !e.file.is_empty()
-            };
-            let (Some(export), Some(gap)) = (exports.iter().find(is_written), &joint.gap) else { continue };
-            notes.extend(held.note(&export.file, &joint.joint, gap.after, joint.turns));
-        }
+        // Without a file, or with a joint that the file could not take, the notes of the effects say why.
+        let file = |held: &FormatModel| {
+            let is_it = |e: &&ExportNote| e.joint == joint.joint && e.format == held.format.name();
+            exports.iter().filter(is_it).find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
+        };
+        let written: Vec<_> = joint.in_format.iter().filter_map(|h| Some((h, file(h)?))).collect();
+        let is_sole = written.iter().all(|(held, _)| held.keeps_twin());
+        notes.extend(written.iter().filter_map(|(held, file)| format_note(held, file, joint, is_sole)));
     }
     notes
 }

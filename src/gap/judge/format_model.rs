@@ -22,7 +22,6 @@ use crate::gap::{
     },
     record::log::rms,
 };
-use crate::note::{Note, NoteCode};
 
 /// A joint as the file of a format holds it.
 #[derive(Clone, Debug)]
@@ -92,27 +91,10 @@ impl FormatModel {
         self.effects.iter().all(|e| e.fate == Fate::Native)
     }
 
-    /// What to know of a file that holds less than was found; `None` where it holds all.
+    /// Whether the file keeps the twin's values.
     #[must_use]
-    pub fn note(&self, file: &str, joint: &str, found_rmse: f64, turns: bool) -> Option<Note> {
-        if self.is_whole() {
-            return None;
-        }
-        let (unit, twin, own) = (if turns { "rad" } else { "m" }, self.twin_rmse, self.rmse);
-        let is_kept = self.effects.iter().any(|e| e.fate == Fate::Kept);
-        Some(if is_kept {
-            let text = format!(
-                "{file} keeps the twin's values at joint '{joint}': nothing that the format holds predicts \
-                 the held-out runs better ({twin:.2e} {unit}, {found_rmse:.2e} {unit} with what was found)"
-            );
-            Note::new(NoteCode::FormatKeepsTwin, text)
-        } else {
-            let text = format!(
-                "{file} holds less than was found at joint '{joint}': it leaves {own:.2e} {unit} of the \
-                 held-out runs, the twin {twin:.2e} {unit}, what was found {found_rmse:.2e} {unit}"
-            );
-            Note::new(NoteCode::FormatHoldsLess, text)
-        })
+    pub fn keeps_twin(&self) -> bool {
+        self.model.terms.is_empty()
     }
 }
 
@@ -301,6 +283,33 @@ impl<'c> Maker<'_, 'c> {
         model
     }
 
+    /// The model, and such with what an effect contains in place of it, where a format holds less of it.
+    fn simpler(&self, format: Format, start: &JointModel) -> Vec<JointModel> {
+        let mut models = vec![start.clone()];
+        for (i, term) in start.terms.iter().enumerate() {
+            let effect = &self.catalogue()[term.effect];
+            if effect.in_format(format, &term.p, &self.problem.plant) == Expression::Native
+                && self.updated.terms.contains(term)
+            {
+                continue;
+            }
+            for name in effect.spec().contains {
+                let Some(index) = self.catalogue().iter().position(|e| e.name() == *name) else { continue };
+                if !self.can_hold(format, self.catalogue()[index].as_ref())
+                    || start.terms.iter().any(|t| t.effect == index)
+                {
+                    continue;
+                }
+                if let Some(p) = self.shape(index) {
+                    let mut model = start.clone();
+                    model.terms[i] = Term { effect: index, p };
+                    models.push(model);
+                }
+            }
+        }
+        models
+    }
+
     /// Whether a format holds an effect of some strength.
     fn can_hold(&self, format: Format, effect: &dyn Effect) -> bool {
         let shapes = effect.shapes(&self.problem.coverage);
@@ -352,7 +361,9 @@ impl<'c> Maker<'_, 'c> {
                 is_translated: true,
             },
         ];
-        let path = path(self.problem, start, &self.pushes());
+        let starts = self.simpler(format, start);
+        let path: Vec<JointModel> =
+            starts.iter().flat_map(|s| path(self.problem, s, &self.pushes())).collect();
         trials.extend(
             path.into_par_iter()
                 .map(|model| {

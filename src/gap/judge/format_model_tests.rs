@@ -5,6 +5,7 @@ use rand_core::SeedableRng;
 use super::{
     assess::{Runs, assess},
     format_model::{Fate, FormatModel, format_models},
+    format_note::format_note,
     proof::{Gap, windowed_rmse},
     report::JointReport,
     simulated::simulated,
@@ -121,9 +122,9 @@ fn a_format_in_which_nothing_helps_keeps_the_twin() {
     let gap = Gap { before: 1e-9, ..report.gap.clone().unwrap() };
     let model = &report.diagnosis.model;
     for held in format_models(&fitted, &held_out, &report.diagnosis, model, &gap) {
-        assert!(held.model.terms.is_empty() && held.rmse == gap.before, "{held:?}");
+        assert!(held.keeps_twin() && held.rmse == gap.before, "{held:?}");
         assert!(held.effects.iter().all(|e| e.fate == Fate::Kept && e.by.is_empty()), "{held:?}");
-        let note = held.note("twin.xml", "door", gap.after, true).unwrap();
+        let note = format_note(&held, "twin.xml", &report, false).unwrap();
         assert_eq!(note.code.word(), "format_keeps_twin");
     }
 }
@@ -141,7 +142,11 @@ fn of_a_class_the_member_that_a_format_holds_is_written() {
     assert!(mjcf.rmse < 1.1 * gap.after, "{mjcf:?} {gap:?}");
     let urdf = of(&report, Format::Urdf);
     assert_eq!(case.fate(urdf, "encoder_scale"), Fate::NotExpressible, "{urdf:?}");
-    assert!(urdf.model.terms.is_empty() && urdf.rmse == gap.before, "{urdf:?}");
+    assert!(urdf.keeps_twin() && urdf.rmse == gap.before, "{urdf:?}");
+    // Another file holds it, or none does.
+    let codes =
+        [false, true].map(|is_sole| format_note(urdf, "twin.urdf", &report, is_sole).unwrap().code.word());
+    assert_eq!(codes, ["format_holds_less", "format_keeps_twin"]);
 }
 
 #[test]
@@ -149,7 +154,7 @@ fn a_format_that_holds_all_gets_what_was_found() {
     let case = Case::new(0.6, &[("viscous_friction", &[0.03])], &["viscous_friction"]);
     let report = case.diagnosed();
     for held in &report.in_format {
-        assert!(held.is_whole() && held.note("twin.urdf", "door", 0.0, true).is_none(), "{held:?}");
+        assert!(held.is_whole() && format_note(held, "twin.urdf", &report, false).is_none(), "{held:?}");
         assert_eq!(held.model.terms, report.diagnosis.model.terms);
         assert_eq!(Some(held.rmse), report.gap.as_ref().map(|g| g.after));
     }

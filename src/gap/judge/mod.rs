@@ -4,6 +4,7 @@ pub mod assess;
 pub mod format_model;
 #[cfg(test)]
 mod format_model_tests;
+pub mod format_note;
 pub mod locate;
 pub mod name_weight;
 #[cfg(test)]
