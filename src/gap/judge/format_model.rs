@@ -377,7 +377,9 @@ impl<'c> Maker<'_, 'c> {
         let best = trials.iter().min_by(|a, b| a.mean().total_cmp(&b.mean()));
         let tied = trials.iter().filter(|t| best.is_some_and(|b| t.ties(b)));
         // What was found has intervals: of two that predict as well it stays as it is.
-        let order = |t: &Trial| (t.model.free(), !t.is_translated);
+        let is_found =
+            |t: &Trial| t.is_translated && t.model.terms.iter().all(|term| self.updated.terms.contains(term));
+        let order = |t: &Trial| (t.model.free(), !is_found(t));
         let simplest = tied.min_by(|a, b| order(a).cmp(&order(b)).then(a.mean().total_cmp(&b.mean())));
         let mut chosen = simplest.unwrap_or(&trials[0]).clone();
         if !chosen.is_translated && !chosen.model.terms.is_empty() {
