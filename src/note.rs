@@ -138,6 +138,9 @@ codes! {
     // Diagnoses.
     JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
     TwinUncertain = "twin_uncertain", "The twin is a reconstruction with errors of its own.";
+    FormatHoldsLess = "format_holds_less", "The file of a format holds less than was found at a joint.";
+    FormatKeepsTwin = "format_keeps_twin", "The file of a format keeps the twin's values at a joint: nothing \
+        that it holds predicts better, or no file has a place for what was found.";
     FewPatches = "few_patches", "The frames show too little of the object.";
     JointStands = "joint_stands", "A joint stands at one place in all recordings.";
     EffectTooSmall = "effect_too_small", "An effect moves less than the twin errs.";

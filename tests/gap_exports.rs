@@ -39,7 +39,8 @@ const USD: &str = "#usda 1.0\n\
     float physxJointAxis:angular:viscousFrictionCoefficient = 0.00698\n            \
     float newton:damping = 0.00698\n        }\n    }\n}\n";
 
-fn diagnose(folder: &TempDir) -> serde_json::Value {
+/// Diagnoses the door by recordings whose positions are off by a factor.
+fn diagnose(folder: &TempDir, scale: f64, options: &[&str]) -> (serde_json::Value, String) {
     let twin = twin(folder, INERTIAL);
     let write = |run: usize| {
         let path = folder.join(&format!("run_{run}.mcap"));
@@ -48,8 +49,8 @@ fn diagnose(folder: &TempDir) -> serde_json::Value {
             let nanos = START + (s.time_s * 1e9).round() as i64;
             let header = Header { stamp: Time::from_nanos(nanos), frame_id: String::new() };
             let name = vec!["door_joint".to_owned()];
-            let state =
-                JointState { header, name, position: s.position, velocity: Vec::new(), effort: s.effort };
+            let position = s.position.iter().map(|q| scale * q).collect();
+            let state = JointState { header, name, position, velocity: Vec::new(), effort: s.effort };
             bag.message("/joint_states", "sensor_msgs/msg/JointState", nanos, &state);
         }
         bag.finish();
@@ -61,10 +62,11 @@ fn diagnose(folder: &TempDir) -> serde_json::Value {
         .arg("diagnose")
         .arg(twin)
         .args(runs)
+        .args(options)
         .arg("--out")
         .arg(&out));
     assert_eq!(ended.code, 0, "{}", ended.stderr);
-    serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap()
+    (serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap(), ended.stderr)
 }
 
 fn status(report: &serde_json::Value, format: &str) -> String {
@@ -89,7 +91,8 @@ fn sdf_and_usd_beside_the_twin_get_its_effects() {
     let folder = TempDir::new("gap-exports");
     std::fs::write(folder.join("model.sdf"), SDF).unwrap();
     std::fs::write(folder.join("twin.usda"), USD).unwrap();
-    let report = diagnose(&folder);
+    let (report, stderr) = diagnose(&folder, 1.0, &[]);
+    assert!(!stderr.contains("holds less"), "{stderr}");
     let damping = DAMPING + report["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((damping - DAMPING - HIDDEN).abs() < 0.05, "{report:#}");
     assert_eq!([status(&report, "sdf"), status(&report, "usd")], ["native", "native"]);
@@ -97,6 +100,9 @@ fn sdf_and_usd_beside_the_twin_get_its_effects() {
         report["exports"].as_array().unwrap().iter().find(|e| e["format"] == format).unwrap()["rmse"].as_f64()
     };
     assert_eq!(rmse("sdf"), report["gap"]["after"].as_f64());
+    for export in report["exports"].as_array().unwrap() {
+        assert_eq!((&export["before"], &export["by"]), (&report["gap"]["before"], &serde_json::json!([])));
+    }
     let text = std::fs::read_to_string(folder.join("out").join("model.sdf")).unwrap();
     let document = roxmltree::Document::parse(&text).unwrap();
     let told = document.descendants().find(|n| n.has_tag_name("damping")).unwrap().text().unwrap();
@@ -114,9 +120,38 @@ fn sdf_and_usd_beside_the_twin_get_its_effects() {
 #[test]
 fn without_them_the_report_says_so() {
     let folder = TempDir::new("gap-no-exports");
-    let report = diagnose(&folder);
+    let (report, _) = diagnose(&folder, 1.0, &[]);
     assert_eq!(status(&report, "urdf"), "native");
     assert!(status(&report, "sdf").contains("no model.sdf"), "{report:#}");
     assert!(status(&report, "usd").contains("not written"), "{report:#}");
     assert!(!folder.join("out").join("model.sdf").exists());
+}
+
+#[test]
+fn of_a_class_the_member_that_a_format_holds_is_written() {
+    let folder = TempDir::new("gap-class");
+    let effects = "viscous_friction,encoder_scale";
+    let (report, stderr) = diagnose(&folder, 1.2, &["--effects", effects]);
+    let export = |format: &str| {
+        let exports = report["exports"].as_array().unwrap();
+        let is_it = |e: &&serde_json::Value| e["format"] == format && e["effect"] == "encoder_scale";
+        exports.iter().find(is_it).unwrap().clone()
+    };
+    let mjcf = export("mjcf");
+    assert_eq!(mjcf["status"], "replaced", "{report:#}");
+    assert_eq!(mjcf["by"][0]["effect"], "torque_gain", "{report:#}");
+    let gain = mjcf["by"][0]["parameters"][0]["value"].as_f64().unwrap();
+    assert!((gain - 1.2).abs() < 0.02, "{report:#}");
+    let [left, after, before] =
+        [&mjcf["rmse"], &report["gap"]["after"], &mjcf["before"]].map(|x| x.as_f64().unwrap());
+    assert!(left < 1.1 * after && after < 0.5 * before, "{report:#}");
+    // The file has the number of the report.
+    let text = std::fs::read_to_string(folder.join("out").join("twin.xml")).unwrap();
+    assert!(text.contains(&format!("gear=\"{gain}\"")), "{text}");
+    // URDF has no gain; the damping is better than nothing, and what was found is an element.
+    assert_eq!(export("urdf")["status"], "not expressible", "{report:#}");
+    assert!(export("urdf")["rmse"].as_f64().unwrap() < before, "{report:#}");
+    assert!(stderr.contains("twin.urdf holds less than was found at joint 'door_joint'"), "{stderr}");
+    let text = std::fs::read_to_string(folder.join("out").join("twin.urdf")).unwrap();
+    assert!(text.contains("<gap:effect name=\"encoder_scale\" status=\"not expressible\">"), "{text}");
 }

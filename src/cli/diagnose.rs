@@ -11,6 +11,7 @@ use crate::{
         judge::verdict::Verdict,
         record::{drive::Hold, tracks::Streams},
     },
+    note::{Note, NoteCode},
     run::{self, DiagnoseRequest, Monitor},
 };
 
@@ -46,6 +47,24 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         outcome.summary,
         outcome.folder.join("report.html").display()
     ))?;
-    // Too little was recorded to say anything: done, but degraded.
-    Ok(if outcome.verdict == Verdict::Insufficient { Exit::Degraded } else { Exit::Done })
+    Ok(ended(outcome.verdict, &outcome.warnings))
+}
+
+/// Degraded where too little was recorded to say anything, or a file could not be made better than the twin.
+fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
+    let keeps_twin = warnings.iter().any(|w| w.code == NoteCode::FormatKeepsTwin);
+    if verdict == Verdict::Insufficient || keeps_twin { Exit::Degraded } else { Exit::Done }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exit_code_says_that_a_file_keeps_the_twin() {
+        let with = |code| ended(Verdict::Named, &[Note::new(code, "")]);
+        assert_eq!(with(NoteCode::FormatKeepsTwin), Exit::Degraded);
+        assert_eq!(with(NoteCode::FormatHoldsLess), Exit::Done);
+        assert_eq!(ended(Verdict::Insufficient, &[]), Exit::Degraded);
+    }
 }

@@ -14,6 +14,8 @@ use crate::{
     gap::{
         judge::{
             assess::{Runs, assess},
+            format_model::FormatModel,
+            format_note::format_note,
             report::{self, ExportNote, JointReport, Report},
             verdict::Verdict,
         },
@@ -262,6 +264,7 @@ pub(super) fn find(
     exports.extend(notes);
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
+    warnings.extend(less(&joints, &exports));
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -281,6 +284,22 @@ pub(super) fn find(
         summary: report::summary(&joints),
         warnings,
     })
+}
+
+/// What to know of files that hold less than was found.
+fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
+    let mut notes = Vec::new();
+    for joint in joints {
+        // Without a file, or with a joint that the file could not take, the notes of the effects say why.
+        let file = |held: &FormatModel| {
+            let is_it = |e: &&ExportNote| e.joint == joint.joint && e.format == held.format.name();
+            exports.iter().filter(is_it).find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
+        };
+        let written: Vec<_> = joint.in_format.iter().filter_map(|h| Some((h, file(h)?))).collect();
+        let is_sole = written.iter().all(|(held, _)| held.keeps_twin());
+        notes.extend(written.iter().filter_map(|(held, file)| format_note(held, file, joint, is_sole)));
+    }
+    notes
 }
 
 /// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what

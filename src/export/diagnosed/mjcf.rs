@@ -4,15 +4,15 @@ use std::fmt::Write as _;
 
 use crate::{
     export::diagnosed::{
-        numbers::{exported, note},
-        tilt::{asks_for_turn, tilted},
+        numbers::{UNTURNED, held, joint_numbers, missing, notes},
+        tilt::tilted,
     },
     gap::{
         judge::report::{ExportNote, JointReport},
         model::{
             effects::end_stop::MAX_IMPEDANCE,
-            format::{Expression, Format, JointNumbers, Spring},
-            joint_model::{CREEP, Catalogue},
+            format::{Format, JointNumbers, Spring},
+            joint_model::{CREEP, Catalogue, JointModel},
         },
         twin_tree::{Motion, TwinJoint, TwinTree},
     },
@@ -151,24 +151,28 @@ impl Writer<'_> {
             parent_from_joint: joint.parent_from_joint,
         };
         let Some(report) = self.joints.iter().find(|j| j.joint == joint.name) else { return a };
-        let model = &report.diagnosis.model;
+        let twin = JointModel::of(&report.diagnosis.model.plant);
+        let mut model = held(Format::Mjcf, report).map_or(&twin, |h| &h.model);
+        let mut notes = notes(Format::Mjcf, self.file, report, self.catalogue);
+        if let Some(numbers) = joint_numbers(Format::Mjcf, joint, report, self.catalogue) {
+            let turned = match numbers.tilt {
+                None => Some(a.parent_from_joint),
+                Some([sine, cosine]) => {
+                    let index = self.tree.joints.iter().position(|j| j.name == joint.name);
+                    index.and_then(|i| tilted(self.tree, i, sine, cosine))
+                }
+            };
+            if let Some(pose) = turned {
+                (a.numbers, a.parent_from_joint) = (numbers, pose);
+            } else {
+                // Without the turn the rest was not proven.
+                model = &twin;
+                notes = missing(Format::Mjcf, report, self.catalogue, UNTURNED);
+            }
+        }
+        self.notes.extend(notes);
         if model.has_friction(self.catalogue) {
             a.more = solver_of_friction(model.settle_s);
-        }
-        for mut effect in exported(Format::Mjcf, report, self.catalogue) {
-            if effect.expression != Expression::NotExpressible {
-                effect.effect.write(effect.p, &mut a.numbers);
-            }
-            if asks_for_turn(effect.effect, effect.p) {
-                let index = self.tree.joints.iter().position(|j| j.name == joint.name);
-                let [sine, cosine] = a.numbers.tilt.unwrap_or_default();
-                match index.and_then(|i| tilted(self.tree, i, sine, cosine)) {
-                    Some(pose) => a.parent_from_joint = pose,
-                    // At no turn does gravity load the joint so.
-                    None => effect.expression = Expression::NotExpressible,
-                }
-            }
-            self.notes.push(note(Format::Mjcf, self.file, report, &effect));
         }
         a.more.push_str(&joint_attributes(&a.numbers, model.plant.inertia));
         a

@@ -2,46 +2,26 @@
 
 use crate::gap::{
     judge::{
-        report::{ExportNote, JointReport},
-        verdict::Finding,
+        format_model::{FormatModel, HeldEffect},
+        report::{ExportNote, Held, HeldParameter, JointReport},
     },
     model::{
-        effect::Effect,
-        format::{Expression, Format, JointNumbers},
-        joint_model::Catalogue,
+        format::{Format, JointNumbers},
+        joint_model::{Catalogue, Term},
     },
     twin_tree::TwinJoint,
 };
 
-/// A named effect as a format has it.
-pub struct Exported<'a> {
-    /// What was found.
-    pub finding: &'a Finding,
-    /// The effect.
-    pub effect: &'a dyn Effect,
-    /// Its parameters.
-    pub p: &'a [f64],
-    /// What the format holds of it.
-    pub expression: Expression,
+/// Why the links of a joint stay as they are, and with them the twin's values.
+pub(super) const UNTURNED: &str = "the links of this joint cannot be turned as was found";
+
+/// A joint as a format holds it; `None` where nothing was named.
+#[must_use]
+pub fn held(format: Format, joint: &JointReport) -> Option<&FormatModel> {
+    joint.in_format.iter().find(|m| m.format == format)
 }
 
-/// The effects of a joint that leave the recording with the twin.
-pub fn exported<'a>(
-    format: Format,
-    joint: &'a JointReport,
-    catalogue: &'a Catalogue,
-) -> impl Iterator<Item = Exported<'a>> {
-    let model = &joint.diagnosis.model;
-    joint.diagnosis.findings.iter().filter_map(move |finding| {
-        let effect = catalogue[finding.index].as_ref();
-        // What happened in one run is no property of the joint.
-        let term = model.terms.iter().find(|t| t.effect == finding.index && !effect.is_of_one_run())?;
-        let expression = effect.in_format(format, &term.p, &model.plant);
-        Some(Exported { finding, effect, p: &term.p, expression })
-    })
-}
-
-/// The numbers of a joint in a format; `None` where no effect was named.
+/// The numbers of a joint in a format; `None` where it keeps those of the twin.
 #[must_use]
 pub fn joint_numbers(
     format: Format,
@@ -49,37 +29,52 @@ pub fn joint_numbers(
     joint: &JointReport,
     catalogue: &Catalogue,
 ) -> Option<JointNumbers> {
+    let terms = &held(format, joint).filter(|h| !h.model.terms.is_empty())?.model.terms;
     let mut numbers = JointNumbers::of(spec.damping, spec.friction);
-    let mut effects = exported(format, joint, catalogue).peekable();
-    effects.peek()?;
-    for e in effects.filter(|e| e.expression != Expression::NotExpressible) {
-        e.effect.write(e.p, &mut numbers);
-    }
+    terms.iter().for_each(|t| catalogue[t.effect].write(&t.p, &mut numbers));
     Some(numbers)
 }
 
 /// What became of every effect of a joint in a file.
 #[must_use]
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
-    exported(format, joint, catalogue).map(|e| note(format, file, joint, &e)).collect()
+    let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));
+    effects.map(|(m, e)| note(m, e, file, joint, catalogue)).collect()
 }
 
-/// The same where there is no file, and why.
+/// The same where there is no file, or it keeps the joint as it was, and why.
 #[must_use]
 pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: &str) -> Vec<ExportNote> {
-    let not_written = |note| ExportNote { status: format!("not written: {why}"), ..note };
+    let not_written = |note| ExportNote { status: format!("not written: {why}"), by: Vec::new(), ..note };
     notes(format, "", joint, catalogue).into_iter().map(not_written).collect()
 }
 
-/// What became of an effect in a file; the RMSE is that of the joint's whole model in the format.
-#[must_use]
-pub fn note(format: Format, file: &str, joint: &JointReport, effect: &Exported) -> ExportNote {
+/// What became of an effect in a file; the residuals are those of the joint with all that the file holds.
+fn note(
+    held: &FormatModel,
+    effect: &HeldEffect,
+    file: &str,
+    joint: &JointReport,
+    catalogue: &Catalogue,
+) -> ExportNote {
+    let by = |term: &Term| {
+        let effect = &catalogue[term.effect];
+        let parameter = |r: crate::gap::model::effect::Reported| HeldParameter {
+            name: r.name.into(),
+            value: r.value,
+            unit: r.dimension.unit(joint.turns).into(),
+        };
+        let parameters = effect.reported(&term.p).into_iter().map(parameter).collect();
+        Held { effect: effect.name().into(), parameters }
+    };
     ExportNote {
-        format: format.name().into(),
+        format: held.format.name().into(),
         file: file.into(),
         joint: joint.joint.clone(),
-        effect: effect.finding.effect.clone(),
-        status: effect.expression.name().into(),
-        rmse: joint.in_format.iter().find(|(f, _)| *f == format.name()).map(|(_, rmse)| *rmse),
+        effect: catalogue[effect.effect].name().into(),
+        status: effect.fate.name().into(),
+        by: effect.by.iter().map(by).collect(),
+        rmse: Some(held.rmse),
+        before: Some(held.twin_rmse),
     }
 }

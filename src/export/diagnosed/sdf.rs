@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 use crate::{
     export::diagnosed::{
         edits::{Edit, before_end, edited},
-        numbers::{joint_numbers, missing, notes},
-        tilt::{Tilt, note_unturned, tilt},
+        numbers::{UNTURNED, joint_numbers, missing, notes},
+        tilt::{Tilt, tilt},
     },
     gap::{
         judge::report::{ExportNote, JointReport},
@@ -39,19 +39,30 @@ pub fn sdf(
     let mut all = Vec::new();
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
-        let Some(held) = joint_numbers(Format::Sdf, spec, joint, catalogue) else { continue };
+        let Some(held) = joint_numbers(Format::Sdf, spec, joint, catalogue) else {
+            all.extend(notes(Format::Sdf, file, joint, catalogue));
+            continue;
+        };
+        let none = |why| missing(Format::Sdf, joint, catalogue, why);
         // A change moves the ranges behind it: every joint is looked up in the text as it now is.
-        match with_joint(&text, &joint.joint, &held)? {
-            Some(changed) => {
-                text = changed;
-                let mut notes = notes(Format::Sdf, file, joint, catalogue);
-                match tilt(tree, &joint.joint, &held).map(|t| with_tilt(&text, &t)).transpose()?.flatten() {
-                    Some(changed) => text = changed,
-                    None => note_unturned(&mut notes, joint, catalogue),
-                }
-                all.extend(notes);
+        let Some(changed) = with_joint(&text, &joint.joint, &held)? else {
+            all.extend(none("it has no such joint with an axis"));
+            continue;
+        };
+        let turned = match held.tilt {
+            None => Some(changed),
+            Some(_) => match tilt(tree, &joint.joint, &held) {
+                Some(tilt) => with_tilt(&changed, &tilt)?,
+                None => None,
+            },
+        };
+        match turned {
+            Some(turned) => {
+                text = turned;
+                all.extend(notes(Format::Sdf, file, joint, catalogue));
             }
-            None => all.extend(missing(Format::Sdf, joint, catalogue, "it has no such joint with an axis")),
+            // Without the turn the rest was not proven.
+            None => all.extend(none(UNTURNED)),
         }
     }
     Ok((text, all))

@@ -67,7 +67,9 @@ pub fn urdf(
             joint: subject.to_owned(),
             effect: f.finding.effect.clone(),
             status: f.in_urdf.into(),
+            by: Vec::new(),
             rmse: (f.in_urdf == "native").then_some(diagnosis.gap.after),
+            before: (f.in_urdf == "native").then_some(diagnosis.gap.before),
         });
     }
     let document = parse_xml(&updated)?;

@@ -3,8 +3,7 @@
 
 use crate::{
     gap::{
-        judge::report::{ExportNote, JointReport},
-        model::{effect::Effect, format::JointNumbers, joint_model::Catalogue, plant::Plant},
+        model::{format::JointNumbers, plant::Plant},
         twin_tree::TwinTree,
     },
     geometry::Pose,
@@ -45,29 +44,6 @@ impl Tilt {
     pub fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
         model_from_parent * self.turned_from_given * model_from_parent.inverse() * model_from_link
     }
-}
-
-/// Notes in a file that its links could not be turned, for the effects that ask for it.
-pub fn note_unturned(notes: &mut [ExportNote], joint: &JointReport, catalogue: &Catalogue) {
-    let mut unturned = |effect: &str| {
-        for note in notes.iter_mut().filter(|n| n.effect == effect) {
-            (note.status, note.rmse) =
-                ("not written: the file does not place the links of this joint as expected".into(), None);
-        }
-    };
-    for term in &joint.diagnosis.model.terms {
-        if asks_for_turn(catalogue[term.effect].as_ref(), &term.p) {
-            unturned(catalogue[term.effect].name());
-        }
-    }
-}
-
-/// Whether an effect is written as a turn of the joint.
-#[must_use]
-pub fn asks_for_turn(effect: &dyn Effect, p: &[f64]) -> bool {
-    let mut numbers = JointNumbers::of(0.0, 0.0);
-    effect.write(p, &mut numbers);
-    numbers.tilt.is_some()
 }
 
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`

@@ -5,17 +5,15 @@ use roxmltree::{Document, Node};
 use crate::{
     export::diagnosed::{
         edits::{Edit, before_end, edited},
-        numbers::{exported, joint_numbers, note},
+        numbers::{held, joint_numbers, notes},
     },
     gap::{
         judge::{
+            format_model::Fate,
             report::{ExportNote, JointReport},
             verdict::{Finding, ParameterEstimate},
         },
-        model::{
-            format::{Expression, Format},
-            joint_model::Catalogue,
-        },
+        model::{format::Format, joint_model::Catalogue},
         twin_tree::TwinTree,
     },
     limits::{XmlError, parse_xml},
@@ -37,21 +35,23 @@ pub fn urdf(
     file: &str,
 ) -> Result<(String, Vec<ExportNote>), XmlError> {
     let document = parse_xml(text)?;
-    let (mut edits, mut notes) = (Vec::new(), Vec::new());
+    let (mut edits, mut remarks) = (Vec::new(), Vec::new());
     // A twin that was diagnosed before holds such elements.
     let mut foreign = text.contains("<gap:");
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
         let old = (spec.damping, spec.friction);
-        let held = joint_numbers(Format::Urdf, spec, joint, catalogue);
-        let dynamics = held.map_or(old, |n| (n.damping, n.friction));
+        let numbers = joint_numbers(Format::Urdf, spec, joint, catalogue);
+        let dynamics = numbers.map_or(old, |n| (n.damping, n.friction));
         let mut elements = String::new();
-        for effect in exported(Format::Urdf, joint, catalogue) {
-            if effect.expression != Expression::Native {
-                elements.push_str(&element(effect.finding, ""));
+        for effect in held(Format::Urdf, joint).into_iter().flat_map(|h| &h.effects) {
+            let found = joint.diagnosis.findings.iter().find(|f| f.index == effect.effect);
+            if let Some(finding) = found.filter(|_| effect.fate != Fate::Native) {
+                // A reader of these elements must know what the numbers of the joint hold already.
+                elements.push_str(&element(finding, &format!(" status=\"{}\"", effect.fate.name())));
             }
-            notes.push(note(Format::Urdf, file, joint, &effect));
         }
+        remarks.extend(notes(Format::Urdf, file, joint, catalogue));
         foreign |= !elements.is_empty();
         // Where no effect changed a number the element stays as it was written.
         let changed = (dynamics != old).then_some(dynamics);
@@ -62,7 +62,7 @@ pub fn urdf(
         );
     }
     edits.extend(namespace_edit(text, &document).filter(|_| foreign));
-    Ok((edited(text, edits), notes))
+    Ok((edited(text, edits), remarks))
 }
 
 /// An effect as an element that other readers skip, with further `attributes`.

@@ -6,8 +6,8 @@
 use crate::{
     export::diagnosed::{
         edits::edited,
-        numbers::{joint_numbers, missing, notes},
-        tilt::{Tilt, note_unturned, tilt},
+        numbers::{UNTURNED, joint_numbers, missing, notes},
+        tilt::{Tilt, tilt},
     },
     gap::{
         judge::report::{ExportNote, JointReport},
@@ -33,18 +33,26 @@ pub fn usd(
     let mut all = Vec::new();
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
-        let Some(held) = joint_numbers(Format::Usd, spec, joint, catalogue) else { continue };
-        match with_joint(&text, &joint.joint, spec.motion == Motion::Turn, &held) {
-            Some(changed) => {
-                text = changed;
-                let mut notes = notes(Format::Usd, file, joint, catalogue);
-                match tilt(tree, &joint.joint, &held).and_then(|t| with_tilt(&text, &joint.joint, &t)) {
-                    Some(changed) => text = changed,
-                    None => note_unturned(&mut notes, joint, catalogue),
-                }
-                all.extend(notes);
+        let Some(held) = joint_numbers(Format::Usd, spec, joint, catalogue) else {
+            all.extend(notes(Format::Usd, file, joint, catalogue));
+            continue;
+        };
+        let none = |why| missing(Format::Usd, joint, catalogue, why);
+        let Some(changed) = with_joint(&text, &joint.joint, spec.motion == Motion::Turn, &held) else {
+            all.extend(none("it has no such joint"));
+            continue;
+        };
+        let turned = match held.tilt {
+            None => Some(changed),
+            Some(_) => tilt(tree, &joint.joint, &held).and_then(|t| with_tilt(&changed, &joint.joint, &t)),
+        };
+        match turned {
+            Some(turned) => {
+                text = turned;
+                all.extend(notes(Format::Usd, file, joint, catalogue));
             }
-            None => all.extend(missing(Format::Usd, joint, catalogue, "it has no such joint")),
+            // Without the turn the rest was not proven.
+            None => all.extend(none(UNTURNED)),
         }
     }
     (text, all)

@@ -126,7 +126,13 @@ fn log() -> JointLog {
 }
 
 fn plant() -> Plant {
-    Plant { inertia: 2.0, damping: 0.3, friction: 0.1, load: Load { constant: 0.0, sine: 0.4, cosine: 1.0 } }
+    Plant {
+        inertia: 2.0,
+        damping: 0.3,
+        friction: 0.1,
+        load: Load { constant: 0.0, sine: 0.4, cosine: 1.0 },
+        most_load: 2.0,
+    }
 }
 
 fn last(model: &JointModel, start: Start) -> (f64, [f64; 16]) {
@@ -195,7 +201,7 @@ fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
     let effects = catalogue(0);
     let mut log = log();
     log.effort = vec![0.5; 200];
-    let held = Plant { inertia: 2.0, damping: 0.0, friction: 2.0, load: Load::default() };
+    let held = Plant { inertia: 2.0, damping: 0.0, friction: 2.0, load: Load::default(), most_load: 0.0 };
     let settle_s = 0.01;
     let model = JointModel { settle_s, ..JointModel::of(&held) };
     let velocity = |finer: usize, at: usize| {

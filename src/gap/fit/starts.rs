@@ -264,8 +264,13 @@ mod tests {
     fn windows_with_contacts_and_play_find_their_start_states() {
         let effects = catalogue(0);
         let of = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
-        let plant =
-            Plant { inertia: 0.1, damping: 0.05, friction: 0.0, load: Load { sine: 4.0, ..Load::default() } };
+        let plant = Plant {
+            inertia: 0.1,
+            damping: 0.05,
+            friction: 0.0,
+            load: Load { sine: 4.0, ..Load::default() },
+            most_load: 4.0,
+        };
         let stop = JointModel::of(&plant).with(of("end_stop"), &[220.0, 7.0, 0.2, 0.9]);
         let play = JointModel::of(&plant).with(of("backlash"), &[0.02]);
         for model in [stop, play] {

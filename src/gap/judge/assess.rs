@@ -10,13 +10,12 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
+        format_model::format_models,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         report::{JointReport, REPORTED_NOISES, ReplayWindow},
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
-        expressed::expressed,
-        format::Format,
         joint_model::{Catalogue, JointModel},
         plant::Plant,
     },
@@ -95,38 +94,11 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         }
     }
     if !updated.terms.is_empty() {
-        report.in_format = in_formats(effects, &held_out, &twin, &updated, &proof.0);
+        report.in_format = format_models(&problem, &held_out, &diagnosis, &updated, &proof.0);
     }
     report.replay = replay(name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
-}
-
-/// Residual of the model as each format holds it; formats that hold the same share it.
-fn in_formats(
-    effects: &Catalogue,
-    held_out: &Problem,
-    twin: &JointModel,
-    updated: &JointModel,
-    gap: &Gap,
-) -> Vec<(&'static str, f64)> {
-    let unchanged = JointModel { settle_s: updated.settle_s, ..twin.clone() };
-    let mut known: Vec<(JointModel, f64)> = vec![(updated.clone(), gap.after)];
-    // The twin was proven with exact stick: its residual stands for no other settle time.
-    if updated.settle_s == 0.0 || !unchanged.has_friction(effects) {
-        known.push((unchanged, gap.before));
-    }
-    let mut one = |format: Format| {
-        let held = JointModel { lag_s: updated.lag_s, ..expressed(format, updated, effects) };
-        let same = known
-            .iter()
-            .find(|(m, _)| m.terms == held.terms && m.settle_s == held.settle_s)
-            .map(|(_, rmse)| *rmse);
-        let rmse = same.unwrap_or_else(|| windowed_rmse(held_out, &held));
-        known.push((held, rmse));
-        (format.name(), rmse)
-    };
-    Format::ALL.map(&mut one).to_vec()
 }
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better

@@ -1,6 +1,10 @@
 //! Which effects are named: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
+pub mod format_model;
+#[cfg(test)]
+mod format_model_tests;
+pub mod format_note;
 pub mod locate;
 pub mod name_weight;
 #[cfg(test)]
@@ -12,4 +16,6 @@ pub mod report;
 pub mod screen;
 pub mod search;
 pub mod simplify;
+#[cfg(test)]
+mod simulated;
 pub mod verdict;

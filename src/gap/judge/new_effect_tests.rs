@@ -1,61 +1,30 @@
 //! The worked example of `docs/add_an_effect.md`: an effect that the catalogue does not have, found and named
 //! on a simulated log.
 
-use rand_core::{Rng, SeedableRng};
+use rand_core::SeedableRng;
 
 use super::{
     assess::{Runs, assess},
     one_way_damping::OneWayDamping,
     report::JointReport,
+    simulated::simulated,
     verdict::Verdict,
 };
 use crate::gap::{
-    fit::{
-        acting::Row,
-        rollout::{Start, roll_starts},
-    },
     model::{
         effects::catalogue,
-        joint_model::{Catalogue, JointModel},
+        joint_model::JointModel,
         plant::{Load, Plant},
     },
-    record::{
-        drive::{Drive, Hold},
-        log::{JointLog, Span},
-    },
+    record::{drive::Hold, log::JointLog},
 };
-
-const SAMPLES: usize = 800;
-const INTERVAL_S: f64 = 0.01;
-
-/// A run of the joint as the model moves it, with white noise on the positions.
-fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {
-    let time_s: Vec<f64> = (0..SAMPLES).map(|k| INTERVAL_S * k as f64).collect();
-    let phase = 1.3 * run as f64;
-    let effort = time_s.iter().map(|t| 0.5 * (3.1 * t + phase).sin() + 0.3 * (7.7 * t).cos()).collect();
-    let mut log = JointLog {
-        run: format!("run_{run}"),
-        position: vec![0.0; SAMPLES],
-        effort,
-        time_s,
-        ..JointLog::default()
-    };
-    let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 20);
-    let whole = Span { log: 0, start: 0, len: SAMPLES };
-    let mut position = Vec::new();
-    let keep = |q: f64, _: &Row| position.push(q);
-    roll_starts(truth, effects, &log, &drive, whole, Start::default(), keep);
-    let mut noise = || 1e-4 * (f64::from(rng.next_u32()) / f64::from(u32::MAX) - 0.5);
-    log.position = position.iter().map(|q| q + noise()).collect();
-    log
-}
 
 /// Diagnoses three simulated runs, of which the last is held out.
 fn diagnosed(truth: &[(&str, &[f64])]) -> JointReport {
     let mut effects = catalogue(0);
     effects.push(Box::new(OneWayDamping));
     let load = Load { sine: 0.6, ..Load::default() };
-    let plant = Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load };
+    let plant = Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load: 0.6 };
     let mut model = JointModel::of(&plant);
     for (name, p) in truth {
         model = model.with(effects.iter().position(|e| e.name() == *name).unwrap(), p);

@@ -2,7 +2,7 @@
 
 use crate::gap::model::{
     effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
-    format::{Expression, Format, JointNumbers, Nearest},
+    format::{Expression, Format, Nearest},
     plant::Plant,
 };
 
@@ -40,9 +40,5 @@ impl Effect for OneWayDamping {
     fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // Formats damp both ways alike: half of it errs least over a motion to and fro.
         Expression::Approximated(vec![Nearest::effect("viscous_friction", vec![0.5 * p[0]])])
-    }
-
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
-        joint.damping += 0.5 * p[0];
     }
 }

@@ -133,7 +133,9 @@ pub fn prove(
     )
 }
 
-fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+/// Residuals of each window from its start state.
+#[must_use]
+pub fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
     let drives = problem.drives(model);
     let mut rollout = Rollout::default();
     let windows = problem.windows.iter().enumerate();

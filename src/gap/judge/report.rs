@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::gap::{
     judge::{
+        format_model::FormatModel,
         proof::{Gap, ResidualSeries, left_of},
         verdict::{Diagnosis, Verdict},
     },
@@ -24,9 +25,8 @@ pub struct JointReport {
     pub gap: Option<Gap>,
     /// Residuals of the held-out runs.
     pub series: Vec<ResidualSeries>,
-    /// Root mean square residual on held-out runs of the model as a format (`urdf`, `mjcf`, `sdf`, `usd`)
-    /// holds it.
-    pub in_format: Vec<(&'static str, f64)>,
+    /// The joint in the file of each format, where effects were named.
+    pub in_format: Vec<FormatModel>,
     /// Windows of the held-out runs and the states that the updated twin starts them in.
     pub replay: Vec<ReplayWindow>,
     /// Before and after on held-out runs with the effects that come nearest, where none is named.
@@ -64,11 +64,35 @@ pub struct ExportNote {
     pub joint: String,
     /// Effect.
     pub effect: String,
-    /// `native`, `approximated`, `not expressible`, or `not written` with the reason.
+    /// `native`, `approximated`, `fitted again`, `replaced`, `left out`, `kept` (the twin's values),
+    /// `not expressible`, or `not written` with the reason.
     pub status: String,
-    /// Root mean square residual of the held-out runs with what the file holds of the joint's effects, rad or
-    /// m.
+    /// What the file has in its place, or of it with other parameters.
+    pub by: Vec<Held>,
+    /// Root mean square residual of the held-out runs with all that the file holds of the joint, rad or m.
     pub rmse: Option<f64>,
+    /// That of the twin.
+    pub before: Option<f64>,
+}
+
+/// An effect as a file has it.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct Held {
+    /// Effect.
+    pub effect: String,
+    /// Its parameters.
+    pub parameters: Vec<HeldParameter>,
+}
+
+/// A parameter as a file has it.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct HeldParameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
 }
 
 /// `report.json`.

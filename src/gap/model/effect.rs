@@ -254,6 +254,16 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn indistinguishable(&self, _coverage: &Coverage) -> Option<&'static str> {
         None
     }
+    /// Effects that come near it in a format that does not hold it, fitted anew; those that it contains are
+    /// tried anyway.
+    fn stand_ins(&self) -> &'static [&'static str] {
+        match self.place() {
+            // Every friction resists the motion, as these do.
+            Place::Friction => &["coulomb_friction", "viscous_friction"],
+            Place::Effort if self.is_of_velocity() => &["viscous_friction"],
+            _ => &[],
+        }
+    }
     /// Whether it happened in one run and is no property of the joint: it is never exported.
     fn is_of_one_run(&self) -> bool {
         false

@@ -46,16 +46,6 @@ impl Expression {
     pub fn native_if(can: bool) -> Self {
         if can { Self::Native } else { Self::NotExpressible }
     }
-
-    /// Name in reports.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Native => "native",
-            Self::Approximated(_) => "approximated",
-            Self::NotExpressible => "not expressible",
-        }
-    }
 }
 
 /// An effect in place of another.

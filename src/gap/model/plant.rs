@@ -19,6 +19,8 @@ pub struct Plant {
     pub friction: f64,
     /// Gravity load `constant + sine * sin(q) + cosine * cos(q)`, N m or N.
     pub load: Load,
+    /// Amplitude of the load where the axis lies flat: the most that gravity makes at any tilt.
+    pub most_load: f64,
 }
 
 /// A load that a position puts on a joint.
@@ -96,28 +98,43 @@ impl Plant {
         if !sane(spec.damping) || !sane(spec.friction) {
             return Err(PlantError::BadDynamics(name()));
         }
-        let mut position = vec![0.0; tree.joints.len()];
+        let position = vec![0.0; tree.joints.len()];
         let inertia = tree.mass_matrix(&position)[(joint, joint)];
         // Negated, so that an inertia that is not a number is refused as well.
         if !(inertia > 1e-12) {
             return Err(PlantError::NoMass(name()));
         }
-        let mut load_at = |q: f64| {
-            position[joint] = q;
-            tree.gravity_effort(&position)[joint]
-        };
-        let load = match spec.motion {
-            Motion::Turn => {
-                let quarter = std::f64::consts::FRAC_PI_2;
-                // Three positions fix a constant, a sine and a cosine (14.3).
-                let (a, b, c) = (load_at(0.0), load_at(quarter), load_at(2.0 * quarter));
-                let constant = 0.5 * (a + c);
-                Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
-            }
-            // Gravity along a straight axis is the same everywhere.
-            Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
-        };
-        Ok(Self { inertia, damping: spec.damping, friction: spec.friction, load })
+        let load = load(tree, joint);
+        // Along three axes the squares of a turning load add up to twice that of a flat axis.
+        let mut along = tree.clone();
+        let squares = (0..3).map(|axis| {
+            along.gravity = nalgebra::Vector3::zeros();
+            along.gravity[axis] = tree.gravity.norm();
+            let load = self::load(&along, joint);
+            load.sine.powi(2) + load.cosine.powi(2)
+        });
+        let most_load = (0.5 * squares.sum::<f64>()).sqrt();
+        Ok(Self { inertia, damping: spec.damping, friction: spec.friction, load, most_load })
+    }
+}
+
+/// Gravity load of a joint, the others at 0.
+fn load(tree: &TwinTree, joint: usize) -> Load {
+    let mut position = vec![0.0; tree.joints.len()];
+    let mut load_at = |q: f64| {
+        position[joint] = q;
+        tree.gravity_effort(&position)[joint]
+    };
+    match tree.joints[joint].motion {
+        Motion::Turn => {
+            let quarter = std::f64::consts::FRAC_PI_2;
+            // Three positions fix a constant, a sine and a cosine (14.3).
+            let (a, b, c) = (load_at(0.0), load_at(quarter), load_at(2.0 * quarter));
+            let constant = 0.5 * (a + c);
+            Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
+        }
+        // Gravity along a straight axis is the same everywhere.
+        Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
     }
 }
 

@@ -1,7 +1,7 @@
 //! Coulomb friction with another bound each way.
 
 use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::gap::model::format::{Expression, Format, Nearest};
 use crate::gap::model::plant::Plant;
 
 /// See the module.
@@ -45,10 +45,5 @@ impl Effect for AsymmetricFriction {
             Format::Sdf | Format::Usd => Expression::Approximated(vec![mean]),
             Format::Urdf => Expression::NotExpressible,
         }
-    }
-
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
-        joint.friction += 0.5 * (p[0] + p[1]);
-        joint.bias += 0.5 * (p[1] - p[0]);
     }
 }

@@ -1,7 +1,7 @@
 //! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
 //! cos(q)`.
 
-use crate::gap::model::format::{Expression, Format, JointNumbers};
+use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
 use crate::gap::model::plant::Plant;
 use crate::gap::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
@@ -22,6 +22,10 @@ const SPEC: Spec = Spec {
     contains: &[],
     experiment: "turn through 90 degrees or more, at rest in several positions",
 };
+
+/// Share of the load of a flat axis that a turn is still found for.
+/// derived: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
+const FLAT: f64 = 1.0 - 1e-6;
 
 impl Effect for AxisTilt {
     fn spec(&self) -> &'static Spec {
@@ -45,9 +49,21 @@ impl Effect for AxisTilt {
         if coverage.turns && !coverage.in_chain { vec![vec![0.0, 0.0]] } else { Vec::new() }
     }
 
-    fn in_format(&self, format: Format, _p: &[f64], _plant: &Plant) -> Expression {
-        // A URDF would have to move every frame below the joint.
-        Expression::native_if(format != Format::Urdf)
+    fn in_format(&self, format: Format, p: &[f64], plant: &Plant) -> Expression {
+        let wanted = [plant.load.sine - p[0], plant.load.cosine - p[1]];
+        let amplitude = wanted[0].hypot(wanted[1]);
+        match format {
+            // A URDF would have to move every frame below the joint.
+            Format::Urdf => Expression::NotExpressible,
+            _ if amplitude <= plant.most_load => Expression::Native,
+            // No turn of a joint gives it more load than a flat axis has.
+            _ => {
+                let share = FLAT * plant.most_load / amplitude;
+                let nearest =
+                    vec![plant.load.sine - share * wanted[0], plant.load.cosine - share * wanted[1]];
+                Expression::Approximated(vec![Nearest::own(nearest)])
+            }
+        }
     }
 
     fn write(&self, p: &[f64], joint: &mut JointNumbers) {

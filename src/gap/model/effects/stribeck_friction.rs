@@ -24,6 +24,10 @@ const SPEC: Spec = Spec {
     experiment: "pull slowly until it breaks loose, several times, then slide at two speeds",
 };
 
+/// Stribeck velocity of a breakaway that is gone at once, rad/s or m/s.
+/// derived: below the resolution of any rollout.
+const AT_ONCE: f64 = 1e-9;
+
 impl Effect for StribeckFriction {
     fn spec(&self) -> &'static Spec {
         &SPEC
@@ -52,9 +56,10 @@ impl Effect for StribeckFriction {
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // PhysX has the breakaway too, without the speed at which it falls.
         match format {
             Format::Urdf => Expression::NotExpressible,
+            // PhysX has the breakaway too, which is gone as soon as the joint slides.
+            Format::Usd => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], AT_ONCE])]),
             _ => Expression::Approximated(vec![Nearest::effect("coulomb_friction", vec![p[0]])]),
         }
     }

@@ -1,0 +1,34 @@
+//! What to know of a file that holds less of a joint than was found.
+
+use crate::{
+    gap::judge::{
+        format_model::{Fate, FormatModel},
+        report::JointReport,
+    },
+    note::{Note, NoteCode},
+};
+
+/// What to know of a file that holds less than was found; `None` where it holds all. `is_sole` where no
+/// file of the joint holds anything of it.
+#[must_use]
+pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole: bool) -> Option<Note> {
+    let gap = joint.gap.as_ref().filter(|_| !held.is_whole())?;
+    let (name, unit) = (&joint.joint, if joint.turns { "rad" } else { "m" });
+    let (twin, own, found) = (held.twin_rmse, held.rmse, gap.after);
+    if !held.keeps_twin() {
+        let text = format!(
+            "{file} holds less than was found at joint '{name}': it leaves {own:.2e} {unit} of the \
+             held-out runs, the twin {twin:.2e} {unit}, what was found {found:.2e} {unit}"
+        );
+        return Some(Note::new(NoteCode::FormatHoldsLess, text));
+    }
+    let is_kept = held.effects.iter().any(|e| e.fate == Fate::Kept);
+    let why = if is_kept { "nothing that it holds predicts better" } else { "it has no place for any" };
+    let text = format!(
+        "{file} keeps the twin's values at joint '{name}' in place of the effects found, since {why}: \
+         it leaves {twin:.2e} {unit} of the held-out runs, what was found {found:.2e} {unit}"
+    );
+    // Another file may hold what this one has no place for.
+    let is_loss = is_kept || is_sole;
+    Some(Note::new(if is_loss { NoteCode::FormatKeepsTwin } else { NoteCode::FormatHoldsLess }, text))
+}

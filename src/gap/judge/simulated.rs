@@ -1,0 +1,42 @@
+//! Runs of a simulated joint, for tests.
+
+use rand_core::Rng;
+
+use crate::gap::{
+    fit::{
+        acting::Row,
+        rollout::{Start, roll_starts},
+    },
+    model::joint_model::{Catalogue, JointModel},
+    record::{
+        drive::{Drive, Hold},
+        log::{JointLog, Span},
+    },
+};
+
+/// Samples of a run.
+const SAMPLES: usize = 800;
+/// Between two, seconds.
+const INTERVAL_S: f64 = 0.01;
+
+/// A run of the joint as the model moves it, with white noise on the positions.
+pub fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {
+    let time_s: Vec<f64> = (0..SAMPLES).map(|k| INTERVAL_S * k as f64).collect();
+    let phase = 1.3 * run as f64;
+    let effort = time_s.iter().map(|t| 0.5 * (3.1 * t + phase).sin() + 0.3 * (7.7 * t).cos()).collect();
+    let mut log = JointLog {
+        run: format!("run_{run}"),
+        position: vec![0.0; SAMPLES],
+        effort,
+        time_s,
+        ..JointLog::default()
+    };
+    let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 20);
+    let whole = Span { log: 0, start: 0, len: SAMPLES };
+    let mut position = Vec::new();
+    let keep = |q: f64, _: &Row| position.push(q);
+    roll_starts(truth, effects, &log, &drive, whole, Start::default(), keep);
+    let mut noise = || 1e-4 * (f64::from(rng.next_u32()) / f64::from(u32::MAX) - 0.5);
+    log.position = position.iter().map(|q| q + noise()).collect();
+    log
+}
