@@ -90,7 +90,6 @@ impl<'c> Problem<'c> {
     }
 
     /// Prepares logs whose noise is known.
-    #[must_use]
     fn with_noise(
         catalogue: &'c Catalogue,
         plant: &Plant,
@@ -125,12 +124,16 @@ impl<'c> Problem<'c> {
         }
     }
 
-    /// Held-out logs with the noise of the logs that were fitted.
+    /// Other logs of the same joint; their noise is that of the sensor, as these logs show it.
+    #[must_use]
+    pub fn of_logs(&self, logs: Vec<JointLog>) -> Self {
+        Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise)
+    }
+
+    /// Held-out logs, with small steps.
     #[must_use]
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
-        // The noise is the sensor's: held-out runs are judged by that of the fit.
-        let Self { catalogue, plant, turns, hold, noise, .. } = fitted;
-        Self { finer: FINER, ..Self::with_noise(catalogue, plant, *turns, logs, *hold, *noise) }
+        Self { finer: FINER, ..fitted.of_logs(logs) }
     }
 
     /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
@@ -140,7 +143,7 @@ impl<'c> Problem<'c> {
         let of = |holds: &dyn Fn(usize) -> bool| {
             let logs =
                 self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
-            Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise)
+            self.of_logs(logs)
         };
         let count = if self.logs.len() > 1 { self.logs.len().min(FOLDS) } else { 0 };
         (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()

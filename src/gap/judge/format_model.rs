@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         rollout::Start,
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
@@ -395,7 +396,7 @@ impl<'c> Maker<'_, 'c> {
 /// parameters wanted are those that predict best.
 fn least_squares(problem: &Problem, model: &JointModel, starts: Option<&[Start]>, pace: Pace) -> Fit {
     // With next to no effort noise, whitened residuals are the residuals up to a factor.
-    fit(problem, model, starts, problem.min_sigma_u, Free::All, pace)
+    fit(problem, model, starts, EffortNoise::white(problem.min_sigma_u), Free::All, pace)
 }
 
 /// Models from all effects down to one; each lacks the effect without which the fit loses least.
@@ -448,16 +449,7 @@ fn parts<'c>(problem: &Problem<'c>) -> Vec<[Problem<'c>; 2]> {
     let folds = problem.folds();
     let [log] = problem.logs.as_slice() else { return folds };
     let n = log.time_s.len();
-    let half = |from: usize, to: usize| Problem {
-        sigma_y: problem.sigma_y,
-        ..Problem::new(
-            problem.catalogue,
-            &problem.plant,
-            problem.turns,
-            vec![log.part(from, to)],
-            problem.hold,
-        )
-    };
+    let half = |from: usize, to: usize| problem.of_logs(vec![log.part(from, to)]);
     let [first, second] = [half(0, n / 2), half(n / 2, n)];
     vec![[first.clone(), second.clone()], [second, first]]
 }

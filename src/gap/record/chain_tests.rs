@@ -68,6 +68,7 @@ fn a_joint_carried_by_its_chain_obeys_the_whole_tree() {
         time_s: vec![0.0],
         state: vec![Vector3::new(POSITION[j], VELOCITY[j], ACCELERATION[j])],
         expected: Vec::new(),
+        level: 0,
     };
     for j in 0..3 {
         let others: Vec<_> = tree.chain(j).into_iter().map(|o| (o, at(o))).collect();

@@ -15,7 +15,7 @@ pub struct SmoothMotion {
     /// Expected acceleration from each stamp to the next; empty for none.
     pub expected: Vec<f64>,
     /// Level of the jerk, of those that are tried.
-    level: i32,
+    pub level: i32,
 }
 
 /// Levels of the jerk that are tried, each times the next lower one.
