@@ -1,5 +1,5 @@
-//! What moves a joint beyond its model: noise of the recorded effort, and an effort without a name that lasts.
-//! See docs/method.md 14.6.
+//! What moves a joint beyond its model: noise of the recorded effort, and an effort without a name that
+//! lasts. See docs/method.md 14.6.
 
 /// Standard deviations of the effort that no effect explains.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

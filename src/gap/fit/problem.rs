@@ -50,7 +50,7 @@ pub struct Problem<'c> {
     pub traces: Vec<Trace>,
     /// What the motion covers.
     pub coverage: Coverage,
-    /// EffortNoise of the positions.
+    /// Noise of the positions.
     pub noise: ReadingNoise,
     /// Variance of every reading of each log.
     pub readings: Vec<Vec<f64>>,

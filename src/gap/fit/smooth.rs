@@ -70,8 +70,8 @@ impl Predict<'_> {
     }
 }
 
-/// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the variance
-/// of every position.
+/// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the
+/// variance of every position.
 #[must_use]
 pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
     let effort: Vec<Vec<f64>> = logs.iter().zip(drives).map(|(l, d)| sample_efforts(l, d)).collect();

@@ -19,7 +19,7 @@ pub fn residual_column(free: usize) -> usize {
     2 + free
 }
 
-/// EffortNoise of a fit: local linearizations, gains of each window, the sum of log variances.
+/// Noise of a fit: local linearizations, gains of each window, the sum of log variances.
 pub struct Whitening {
     /// Of each log.
     pub locals: Vec<Vec<Local>>,

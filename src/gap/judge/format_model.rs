@@ -140,20 +140,25 @@ struct Trial {
     is_translated: bool,
 }
 
+/// Share of the mean squares that is little.
+/// derived: the level of the intervals.
+const LITTLE: f64 = 0.05;
+
 impl Trial {
     fn mean(&self) -> f64 {
         let mean = self.squares.iter().sum::<f64>() / self.squares.len().max(1) as f64;
         if mean.is_finite() { mean } else { f64::INFINITY }
     }
 
-    /// Whether it predicts worse than another by less than a standard error of the difference: the rule of
-    /// one standard error (Breiman et al. 1984), over pairs of windows.
+    /// Whether it predicts worse than another by less than a standard error of the difference (the rule of
+    /// one standard error, Breiman et al. 1984, over pairs of windows), and by little: where few windows make
+    /// most of the squares, a standard error is wide.
     fn ties(&self, best: &Self) -> bool {
         let n = self.squares.len().max(2) as f64;
         let differences = || self.squares.iter().zip(&best.squares).map(|(a, b)| a - b);
         let mean = differences().sum::<f64>() / n;
         let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        mean <= (variance / n).sqrt()
+        mean <= (variance / n).sqrt().min(LITTLE * best.mean())
     }
 }
 

@@ -12,6 +12,8 @@ mod new_effect_tests;
 #[cfg(test)]
 mod one_way_damping;
 pub mod proof;
+#[cfg(test)]
+mod remainder_tests;
 pub mod report;
 pub mod screen;
 pub mod search;

@@ -33,7 +33,7 @@ pub struct Gap {
     pub before: f64,
     /// Windows of the updated twin.
     pub after: f64,
-    /// EffortNoise of the measured positions.
+    /// Noise of the measured positions.
     pub noise_floor: f64,
     /// Each run.
     pub runs: Vec<RunGap>,

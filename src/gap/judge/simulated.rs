@@ -21,6 +21,17 @@ const INTERVAL_S: f64 = 0.01;
 
 /// A run of the joint as the model moves it, with white noise on the positions.
 pub fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {
+    beside(effects, truth, run, rng, |_| 0.0)
+}
+
+/// A run in which an effort acts that is not recorded.
+pub fn beside(
+    effects: &Catalogue,
+    truth: &JointModel,
+    run: usize,
+    rng: &mut impl Rng,
+    unrecorded: impl Fn(f64) -> f64,
+) -> JointLog {
     let time_s: Vec<f64> = (0..SAMPLES).map(|k| INTERVAL_S * k as f64).collect();
     let phase = 1.3 * run as f64;
     let effort = time_s.iter().map(|t| 0.5 * (3.1 * t + phase).sin() + 0.3 * (7.7 * t).cos()).collect();
@@ -31,7 +42,8 @@ pub fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut 
         time_s,
         ..JointLog::default()
     };
-    let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 20);
+    let acting = log.effort.iter().zip(&log.time_s).map(|(u, t)| u + unrecorded(*t)).collect();
+    let drive = Drive::with_steps(&JointLog { effort: acting, ..log.clone() }, Hold::Zero, 0.0, 20);
     let whole = Span { log: 0, start: 0, len: SAMPLES };
     let mut position = Vec::new();
     let keep = |q: f64, _: &Row| position.push(q);

@@ -23,7 +23,7 @@ const LEVELS: i32 = 18;
 /// derived: half a decade; the likelihood is flat about its top.
 const RATIO: f64 = 3.0;
 /// Levels below that of a motion at which another noise is tried.
-/// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades here.
+/// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades.
 const LOWER: i32 = 6;
 
 /// Jerk of a level, rad/s^2 or m/s^2 per root second.

@@ -67,7 +67,7 @@ impl Suspect {
 pub struct OffAxis {
     /// What the joint cannot make.
     pub measured: Across,
-    /// EffortNoise of that.
+    /// Noise of that.
     pub noise: Across,
     /// What is left of it with another axis and another tracked frame.
     pub left: Across,

@@ -1,4 +1,4 @@
-//! EffortNoise of recorded positions: that of a joint at rest, and that of stamps that jitter.
+//! Noise of recorded positions: that of a joint at rest, and that of stamps that jitter.
 
 use crate::gap::record::{
     log::{JointLog, position_noise},
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     fn log(jitter_s: f64) -> JointLog {
-        // Quantiles of a normal distribution in an order without a pattern.
+        // Uniform with a deviation of one, in an order without a pattern. The joint rests most of the time.
         let normal = |k: usize, a: usize| {
             let x = ((k * a % 1009) as f64 + 0.5) / 1009.0;
             (2.0 * x - 1.0) * 12f64.sqrt() / 2.0
@@ -76,7 +76,7 @@ mod tests {
         let position = time_s
             .iter()
             .enumerate()
-            .map(|(k, t)| (5.0 * (t + jitter_s * normal(k, 613))).sin() + 1e-4 * normal(k, 719))
+            .map(|(k, t)| (3.0 * (t + jitter_s * normal(k, 613))).sin().powi(9) + 1e-4 * normal(k, 719))
             .collect();
         JointLog { time_s, position, ..JointLog::default() }
     }
