@@ -12,6 +12,7 @@ use crate::gap::{
     },
     record::{
         drive::{Drive, Hold},
+        jitter::reading_noise,
         log::{JointLog, Span, windows},
         motion::SmoothMotion,
         reading_noise::ReadingNoise,
@@ -85,7 +86,7 @@ impl<'c> Problem<'c> {
         logs: Vec<JointLog>,
         hold: Hold,
     ) -> Self {
-        let noise = ReadingNoise::of(&logs);
+        let noise = reading_noise(&logs);
         Self::with_noise(catalogue, plant, turns, logs, hold, noise)
     }
 

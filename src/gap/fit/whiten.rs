@@ -1,6 +1,6 @@
-//! White residuals: a Kalman filter for the linearized joint, driven by effort noise that is partly white
-//! and partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and sensitivities pass through
-//! the same filter. See docs/method.md (14.10).
+//! White residuals: a Kalman filter for the linearized joint, driven by effort noise that is partly white and
+//! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and
+//! sensitivities pass through the same filter. See docs/method.md (14.10).
 
 use crate::gap::{
     fit::{

@@ -12,9 +12,9 @@ use crate::gap::{
     record::{
         carried::Carried,
         drive::Hold,
+        jitter::reading_noise,
         log::JointLog,
         motion::SmoothMotion,
-        reading_noise::ReadingNoise,
         recording::{Recording, RecordingError},
     },
     twin_tree::{Motion, TwinTree},
@@ -103,7 +103,7 @@ pub fn motions(
     let Some(logs) = logs.filter(|l| l.iter().all(|x| x.time_s == l[0].time_s)) else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
     let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
-        let noise = ReadingNoise::of(std::slice::from_ref(log));
+        let noise = reading_noise(std::slice::from_ref(log));
         (*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected))
     };
     Ok(joints.iter().zip(&logs).zip(&expected).map(smoothed).collect())

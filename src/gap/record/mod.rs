@@ -6,6 +6,7 @@ pub mod chain;
 mod chain_tests;
 pub mod drive;
 pub mod inputs;
+pub mod jitter;
 pub mod log;
 pub mod motion;
 pub mod off_axis;

@@ -1,10 +1,5 @@
 //! Noise of recorded positions: that of a joint at rest, and that of stamps that jitter.
 
-use crate::gap::record::{
-    log::{JointLog, position_noise},
-    motion::SmoothMotion,
-};
-
 /// Standard deviations of a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingNoise {
@@ -25,66 +20,9 @@ impl ReadingNoise {
         Self { at_rest: at_rest.max(LEAST), jitter_s: 0.0 }
     }
 
-    /// Of logs of one joint: (14.1), and the jitter under which a smooth motion is likeliest, (14.5).
-    #[must_use]
-    pub fn of(logs: &[JointLog]) -> Self {
-        let noise = Self::at_rest(position_noise(logs));
-        let motions: Vec<SmoothMotion> =
-            logs.iter().map(|l| SmoothMotion::of(&l.time_s, &l.position, &noise, &[])).collect();
-        let speeds = motions.iter().flat_map(|m| m.state.iter().map(|s| s[1].abs()));
-        let top = speeds.fold(0.0, f64::max);
-        if !(top > 0.0) {
-            return noise;
-        }
-        let likelihood = |jitter_s: f64| -> f64 {
-            let with = Self { jitter_s, ..noise };
-            motions.iter().zip(logs).map(|(m, l)| m.likelihood(&l.position, &with)).sum()
-        };
-        // From where it adds little at the top speed to far beyond the noise at rest.
-        let grid = (0..JITTERS).map(|i| noise.at_rest / top * f64::from(i).exp2());
-        let best = grid.map(|j| (likelihood(j), j)).max_by(|a, b| a.0.total_cmp(&b.0));
-        match best {
-            Some((reached, jitter_s)) if reached > likelihood(0.0) + ENOUGH => Self { jitter_s, ..noise },
-            _ => noise,
-        }
-    }
-
     /// Variance of a reading at a speed.
     #[must_use]
     pub fn variance(&self, speed: f64) -> f64 {
         self.at_rest * self.at_rest + (self.jitter_s * speed).powi(2)
-    }
-}
-
-/// Jitters that are tried, each twice the one before.
-const JITTERS: i32 = 8;
-/// Log likelihood that a jitter must gain.
-/// derived: half the 99.9 % quantile of chi-square with one degree of freedom.
-const ENOUGH: f64 = 5.414;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn log(jitter_s: f64) -> JointLog {
-        // Uniform with a deviation of one, in an order without a pattern. The joint rests most of the time.
-        let normal = |k: usize, a: usize| {
-            let x = ((k * a % 1009) as f64 + 0.5) / 1009.0;
-            (2.0 * x - 1.0) * 12f64.sqrt() / 2.0
-        };
-        let time_s: Vec<f64> = (0..2000).map(|k| 0.002 * k as f64).collect();
-        let position = time_s
-            .iter()
-            .enumerate()
-            .map(|(k, t)| (3.0 * (t + jitter_s * normal(k, 613))).sin().powi(9) + 1e-4 * normal(k, 719))
-            .collect();
-        JointLog { time_s, position, ..JointLog::default() }
-    }
-
-    #[test]
-    fn stamps_that_jitter_are_noise_that_grows_with_speed() {
-        assert_eq!(ReadingNoise::of(&[log(0.0)]).jitter_s, 0.0);
-        let found = ReadingNoise::of(&[log(2e-4)]).jitter_s;
-        assert!((1.3e-4..3e-4).contains(&found), "{found}");
     }
 }

@@ -1,9 +1,9 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
 use crate::gap::record::{
+    jitter::reading_noise,
     log::JointLog,
     motion::SmoothMotion,
-    reading_noise::ReadingNoise,
     tracks::{PoseTrack, WrenchTrack},
 };
 
@@ -116,7 +116,7 @@ impl Recording {
             return Err(RecordingError::NoPosition { run, joint });
         }
         let logs = [log];
-        let noise = ReadingNoise::of(&logs);
+        let noise = reading_noise(&logs);
         Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, &noise, &[]))
     }
 
