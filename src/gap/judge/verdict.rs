@@ -242,18 +242,30 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
 }
 
 /// Whether the effects have shapes of their own where something remains beside them: several shapes over the
-/// position mend one that none of them has, a shape at the end of its range is another one, and a push in one
-/// run is what remains.
+/// position mend one that none of them has, one that may as well lie at the end of its range is another one,
+/// and a push in one run is what remains.
 fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     let terms = &chosen.fit.model.terms;
-    let at_end = |t: &Term| {
-        let effect = &problem.catalogue[t.effect];
-        let shapes = effect.parameters().iter().enumerate().filter(|(_, p)| p.neutral.is_none());
-        shapes.map(|(i, _)| (effect.bounds(i, &problem.coverage), t.p[i])).any(|((a, b), x)| x <= a || x >= b)
-    };
     let of = |t: &Term| &problem.catalogue[t.effect];
-    terms.iter().filter(|t| of(t).is_of_position()).count() < 2
-        && !terms.iter().any(|t| of(t).is_of_one_run() || at_end(t))
+    if terms.iter().filter(|t| of(t).is_of_position()).count() > 1
+        || terms.iter().any(|t| of(t).is_of_one_run())
+    {
+        return false;
+    }
+    // Parameter 0 is the lag.
+    let mut at = 1;
+    for term in terms {
+        for (i, (x, parameter)) in term.p.iter().zip(of(term).parameters()).enumerate() {
+            let (low, high) = of(term).bounds(i, &problem.coverage);
+            let half = HALF_WIDTH * chosen.fit.covariance[(at + i, at + i)].max(0.0).sqrt();
+            let is_at_end = x - half <= low || x + half >= high;
+            if of(term).is_of_position() && parameter.neutral.is_none() && is_at_end {
+                return false;
+            }
+        }
+        at += term.p.len();
+    }
+    true
 }
 
 /// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
