@@ -27,32 +27,6 @@ const SWEEPS: usize = 2;
 /// derived: half the 99.9 % quantile of chi-square with two degrees of freedom, its size and its memory.
 const ENOUGH: f64 = 6.907_755;
 
-/// Residuals of all windows under a model, ready to be weighed under any noise.
-struct Residuals<'a, 'p, 'c> {
-    problem: &'p Problem<'c>,
-    whitening: &'a mut Whitening,
-    /// Start position, start velocity, residual of every sample, by window.
-    rollouts: Vec<Vec<[f64; 3]>>,
-}
-
-impl Residuals<'_, '_, '_> {
-    /// Restricted log likelihood of a noise, up to a constant.
-    fn log_likelihood(&mut self, noise: &EffortNoise) -> f64 {
-        self.whitening.set_noise(self.problem, noise);
-        let mut twice = self.whitening.log_variance;
-        let ridge = start_ridge(self.problem);
-        for (w, rows) in self.rollouts.iter().enumerate() {
-            let span = self.problem.windows[w];
-            let (cost, start, gradient) =
-                whiten_three(rows, &self.whitening.locals[span.log][span.start..], &self.whitening.gains[w]);
-            let start = start + ridge;
-            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
-            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
-        }
-        -0.5 * twice
-    }
-}
-
 /// The noise that makes the residuals most probable, by a search about `around`.
 #[must_use]
 pub fn most_likely_noise(
@@ -78,7 +52,31 @@ pub fn most_likely_noise(
     residuals.with_wander(white, around)
 }
 
+/// Residuals of all windows under a model, ready to be weighed under any noise.
+struct Residuals<'a, 'p, 'c> {
+    problem: &'p Problem<'c>,
+    whitening: &'a mut Whitening,
+    /// Start position, start velocity, residual of every sample, by window.
+    rollouts: Vec<Vec<[f64; 3]>>,
+}
+
 impl Residuals<'_, '_, '_> {
+    /// Restricted log likelihood of a noise, up to a constant.
+    fn log_likelihood(&mut self, noise: &EffortNoise) -> f64 {
+        self.whitening.set_noise(self.problem, noise);
+        let mut twice = self.whitening.log_variance;
+        let ridge = start_ridge(self.problem);
+        for (w, rows) in self.rollouts.iter().enumerate() {
+            let span = self.problem.windows[w];
+            let (cost, start, gradient) =
+                whiten_three(rows, &self.whitening.locals[span.log][span.start..], &self.whitening.gains[w]);
+            let start = start + ridge;
+            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
+            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+        }
+        -0.5 * twice
+    }
+
     /// The likeliest white noise beside a wander, and its log likelihood.
     fn white(&mut self, from: EffortNoise) -> (f64, EffortNoise) {
         let least = self.problem.min_sigma_u;

@@ -202,6 +202,10 @@ impl<'c> Problem<'c> {
 
 /// Variance of every reading of a log.
 fn variances(log: &JointLog, noise: &ReadingNoise) -> Vec<f64> {
+    // Without jitter the speeds do not matter, and a smooth motion is dear.
+    if noise.jitter_s == 0.0 {
+        return vec![noise.variance(0.0); log.position.len()];
+    }
     SmoothMotion::of(&log.time_s, &log.position, noise, &[]).variances(noise)
 }
 

@@ -42,6 +42,14 @@ pub struct Fit {
     pub costs: Vec<f64>,
 }
 
+impl Fit {
+    /// Standard deviation of a free parameter.
+    #[must_use]
+    pub fn deviation(&self, parameter: usize) -> f64 {
+        self.covariance[(parameter, parameter)].max(0.0).sqrt()
+    }
+}
+
 /// Normal equations of one window.
 #[derive(Clone)]
 struct Block {

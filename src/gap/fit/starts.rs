@@ -15,11 +15,8 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::{drive::Drive, log::Span},
 };
+use crate::statistics::NORMAL_99;
 
-/// Standard deviations by which the sum of a window's squared whitened residuals must exceed its expectation
-/// for the window to be searched further.
-/// derived: the normal quantile at 99 %; of windows that fit, one of a hundred is searched in vain.
-const MISFIT_SIGMAS: f64 = 2.326_348;
 /// States of a searched window that are polished.
 const POLISHED: usize = 4;
 /// Steps of a polish.
@@ -181,12 +178,12 @@ pub fn improve(
     }
 }
 
-/// The sum of so many squared normal numbers that chance exceeds by [`MISFIT_SIGMAS`] only: the quantile of
-/// chi-square (Wilson and Hilferty 1931).
+/// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
+/// chi-square (Wilson and Hilferty 1931). Of windows that fit, one of a hundred is searched in vain.
 fn misfit(count: usize) -> f64 {
     let n = count as f64;
     let variance = 2.0 / (9.0 * n);
-    n * (1.0 - variance + MISFIT_SIGMAS * variance.sqrt()).powi(3)
+    n * (1.0 - variance + NORMAL_99 * variance.sqrt()).powi(3)
 }
 
 /// The best start state of a window that fits badly.

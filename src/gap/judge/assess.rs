@@ -25,6 +25,7 @@ use crate::gap::{
         off_axis::MAX_LEFT,
     },
 };
+use crate::statistics::NORMAL_99;
 
 /// Logs of one joint, split.
 #[derive(Clone, Debug)]
@@ -176,8 +177,8 @@ fn betters(windows: &[&WindowGap], floor: f64) -> bool {
     };
     let better = windows.iter().filter(|w| w.after < w.before).count() as f64;
     let n = windows.len() as f64;
-    // The sign test, by the normal quantile of 99 %.
-    let surely = better > 0.5 * n + 0.5 * 2.326_348 * n.sqrt();
+    // The sign test, at 99 %.
+    let surely = better > 0.5 * n + 0.5 * NORMAL_99 * n.sqrt();
     surely && sum(|w| w.after) < 0.5 * sum(|w| w.before)
 }
 

@@ -8,7 +8,7 @@ use super::{
     format_note::format_note,
     proof::{Gap, windowed_rmse},
     report::JointReport,
-    simulated::simulated,
+    simulated::{pendulum, simulated, split, with},
     verdict::Verdict,
 };
 use crate::gap::{
@@ -17,56 +17,40 @@ use crate::gap::{
         effects::catalogue,
         expressed::expressed,
         format::Format,
-        joint_model::{Catalogue, JointModel, Term},
-        plant::{Load, Plant},
+        joint_model::{Catalogue, Term},
+        plant::Plant,
     },
-    record::{drive::Hold, log::JointLog},
+    record::drive::Hold,
 };
 
 struct Case {
     effects: Box<Catalogue>,
     plant: Plant,
-    fitted: Vec<JointLog>,
-    held_out: Vec<JointLog>,
-    given: Vec<usize>,
+    runs: Runs,
 }
 
 impl Case {
     /// Three runs of a pendulum, of which the last is held out; `given` are the effects that are fitted.
     fn new(load: f64, truth: &[(&str, &[f64])], given: &[&str]) -> Self {
         let effects = catalogue(0).into_boxed_slice();
-        let plant = Plant {
-            inertia: 0.05,
-            damping: 0.02,
-            friction: 0.0,
-            load: Load { sine: load, ..Load::default() },
-            most_load: load,
-        };
-        let index = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
-        let model = truth.iter().fold(JointModel::of(&plant), |m, (name, p)| m.with(index(name), p));
+        let plant = pendulum(load);
+        let model = with(&effects, &plant, truth);
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
-        let mut fitted: Vec<JointLog> =
-            (0..3).map(|run| simulated(&effects, &model, run, &mut rng)).collect();
-        let held_out = fitted.split_off(2);
-        let given = given.iter().map(|name| index(name)).collect();
-        Self { effects, plant, fitted, held_out, given }
+        let mut runs = split((0..3).map(|run| simulated(&effects, &model, run, &mut rng)).collect());
+        let index = |name: &&str| effects.iter().position(|e| e.name() == *name).unwrap();
+        runs.effects = given.iter().map(index).collect();
+        Self { effects, plant, runs }
     }
 
     fn diagnosed(&self) -> JointReport {
-        let runs = Runs {
-            fitted: self.fitted.clone(),
-            held_out: self.held_out.clone(),
-            turns: true,
-            hold: Hold::Zero,
-            effects: self.given.clone(),
-        };
-        assess(&self.effects, &self.plant, "door", runs, &mut rand_pcg::Pcg64Mcg::seed_from_u64(2))
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(2);
+        assess(&self.effects, &self.plant, "door", self.runs.clone(), &mut rng)
     }
 
     /// The fitted runs and the held-out ones.
     fn problems(&self) -> [Problem<'_>; 2] {
-        let fitted = Problem::new(&self.effects, &self.plant, true, self.fitted.clone(), Hold::Zero);
-        let held_out = Problem::held_out(&fitted, self.held_out.clone());
+        let fitted = Problem::new(&self.effects, &self.plant, true, self.runs.fitted.clone(), Hold::Zero);
+        let held_out = Problem::held_out(&fitted, self.runs.held_out.clone());
         [fitted, held_out]
     }
 

@@ -4,35 +4,22 @@
 use rand_core::SeedableRng;
 
 use super::{
-    assess::{Runs, assess},
+    assess::assess,
     one_way_damping::OneWayDamping,
     report::JointReport,
-    simulated::simulated,
+    simulated::{pendulum, simulated, split, with},
     verdict::Verdict,
 };
-use crate::gap::{
-    model::{
-        effects::catalogue,
-        joint_model::JointModel,
-        plant::{Load, Plant},
-    },
-    record::{drive::Hold, log::JointLog},
-};
+use crate::gap::model::effects::catalogue;
 
 /// Diagnoses three simulated runs, of which the last is held out.
 fn diagnosed(truth: &[(&str, &[f64])]) -> JointReport {
     let mut effects = catalogue(0);
     effects.push(Box::new(OneWayDamping));
-    let load = Load { sine: 0.6, ..Load::default() };
-    let plant = Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load: 0.6 };
-    let mut model = JointModel::of(&plant);
-    for (name, p) in truth {
-        model = model.with(effects.iter().position(|e| e.name() == *name).unwrap(), p);
-    }
+    let plant = pendulum(0.6);
+    let model = with(&effects, &plant, truth);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
-    let mut logs: Vec<JointLog> = (0..3).map(|run| simulated(&effects, &model, run, &mut rng)).collect();
-    let held_out = logs.split_off(2);
-    let runs = Runs { fitted: logs, held_out, turns: true, hold: Hold::Zero, effects: Vec::new() };
+    let runs = split((0..3).map(|run| simulated(&effects, &model, run, &mut rng)).collect());
     assess(&effects, &plant, "door", runs, &mut rng)
 }
 

@@ -3,31 +3,19 @@
 use rand_core::SeedableRng;
 
 use super::{
-    assess::{Runs, assess},
+    assess::assess,
     report::JointReport,
-    simulated::beside,
+    simulated::{beside, pendulum, split, with},
     verdict::Verdict,
 };
-use crate::gap::{
-    model::{
-        effects::catalogue,
-        joint_model::JointModel,
-        plant::{Load, Plant},
-    },
-    record::{drive::Hold, log::JointLog},
-};
+use crate::gap::model::effects::catalogue;
 
 /// Diagnoses three runs of a joint with a friction, beside an effort of four sines that is not recorded, of
 /// about `size` N m; the last run is held out.
 fn diagnosed(friction: f64, size: f64) -> JointReport {
     let effects = catalogue(0);
-    let load = Load { sine: 0.6, ..Load::default() };
-    let plant = Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load: 0.6 };
-    let of = effects.iter().position(|e| e.name() == "coulomb_friction").unwrap();
-    let mut truth = JointModel::of(&plant);
-    if friction > 0.0 {
-        truth = truth.with(of, &[friction]);
-    }
+    let plant = pendulum(0.6);
+    let truth = with(&effects, &plant, &[("coulomb_friction", &[friction])]);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
     let unrecorded = |run: usize| {
         move |t: f64| {
@@ -35,10 +23,7 @@ fn diagnosed(friction: f64, size: f64) -> JointReport {
             waves.iter().map(|(w, p)| 0.7 * size * (w * t + p + 2.1 * run as f64).sin()).sum::<f64>()
         }
     };
-    let run = |run: usize| beside(&effects, &truth, run, &mut rng, unrecorded(run));
-    let mut logs: Vec<JointLog> = (0..3).map(run).collect();
-    let held_out = logs.split_off(2);
-    let runs = Runs { fitted: logs, held_out, turns: true, hold: Hold::Zero, effects: Vec::new() };
+    let runs = split((0..3).map(|run| beside(&effects, &truth, run, &mut rng, unrecorded(run))).collect());
     assess(&effects, &plant, "joint", runs, &mut rng)
 }
 

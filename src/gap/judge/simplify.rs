@@ -53,9 +53,7 @@ fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidat
 /// strengths which may as well be zero. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
-    // Parameter 0 is the lag.
-    let mut at = 1;
-    for (i, term) in chosen.fit.model.terms.iter().enumerate() {
+    for (i, (at, term)) in chosen.fit.model.placed().enumerate() {
         let general = &problem.catalogue[term.effect];
         for name in general.spec().contains {
             let Some(effect) = problem.catalogue.iter().position(|e| e.name() == *name) else { continue };
@@ -81,7 +79,6 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
                 simpler.push(fitted);
             }
         }
-        at += term.p.len();
     }
     simpler.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
 }
@@ -90,20 +87,15 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
 /// neutral value.
 fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize) -> bool {
     let term = &chosen.fit.model.terms[i];
-    let deviation = chosen.fit.covariance[(at + k, at + k)].max(0.0).sqrt();
+    let deviation = chosen.fit.deviation(at + k);
     let neutral = problem.catalogue[term.effect].parameters()[k].neutral;
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH * deviation)
 }
 
 /// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
-    let mut at = 1;
-    for (i, term) in chosen.fit.model.terms.iter().enumerate() {
-        let sure = (0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k));
-        if !sure && i >= first {
-            return Some(i);
-        }
-        at += term.p.len();
-    }
-    None
+    let is_doubtful = |(i, (at, term)): &(usize, (usize, &Term))| {
+        *i >= first && !(0..term.p.len()).any(|k| is_sure(problem, chosen, *i, *at, k))
+    };
+    chosen.fit.model.placed().enumerate().find(is_doubtful).map(|(i, _)| i)
 }

@@ -2,12 +2,16 @@
 
 use rand_core::Rng;
 
+use super::assess::Runs;
 use crate::gap::{
     fit::{
         acting::Row,
         rollout::{Start, roll_starts},
     },
-    model::joint_model::{Catalogue, JointModel},
+    model::{
+        joint_model::{Catalogue, JointModel},
+        plant::{Load, Plant},
+    },
     record::{
         drive::{Drive, Hold},
         log::{JointLog, Span},
@@ -18,6 +22,25 @@ use crate::gap::{
 const SAMPLES: usize = 800;
 /// Between two, seconds.
 const INTERVAL_S: f64 = 0.01;
+
+/// The twin's joint: a pendulum under a load of so many N m.
+pub fn pendulum(load: f64) -> Plant {
+    let most_load = load;
+    let load = Load { sine: load, ..Load::default() };
+    Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load }
+}
+
+/// A pendulum with effects.
+pub fn with(effects: &Catalogue, plant: &Plant, truth: &[(&str, &[f64])]) -> JointModel {
+    let index = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
+    truth.iter().fold(JointModel::of(plant), |m, (name, p)| m.with(index(name), p))
+}
+
+/// Runs of which the last is held out.
+pub fn split(mut logs: Vec<JointLog>) -> Runs {
+    let held_out = logs.split_off(logs.len() - 1);
+    Runs { fitted: logs, held_out, turns: true, hold: Hold::Zero, effects: Vec::new() }
+}
 
 /// A run of the joint as the model moves it, with white noise on the positions.
 pub fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {

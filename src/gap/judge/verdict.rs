@@ -252,20 +252,13 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     {
         return false;
     }
-    // Parameter 0 is the lag.
-    let mut at = 1;
-    for term in terms {
-        for (i, (x, parameter)) in term.p.iter().zip(of(term).parameters()).enumerate() {
-            let (low, high) = of(term).bounds(i, &problem.coverage);
-            let half = HALF_WIDTH * chosen.fit.covariance[(at + i, at + i)].max(0.0).sqrt();
-            let is_at_end = x - half <= low || x + half >= high;
-            if of(term).is_of_position() && parameter.neutral.is_none() && is_at_end {
-                return false;
-            }
-        }
-        at += term.p.len();
-    }
-    true
+    let is_at_end = |(at, term): (usize, &Term), i: usize| {
+        let (low, high) = of(term).bounds(i, &problem.coverage);
+        let half = HALF_WIDTH * chosen.fit.deviation(at + i);
+        of(term).parameters()[i].neutral.is_none() && (term.p[i] - half <= low || term.p[i] + half >= high)
+    };
+    let mut positions = chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position());
+    !positions.any(|(at, t)| (0..t.p.len()).any(|i| is_at_end((at, t), i)))
 }
 
 /// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
@@ -397,10 +390,8 @@ fn findings(
 ) -> Vec<Finding> {
     let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
     own.sort_unstable();
-    // Parameter 0 is the lag.
-    let mut at = 1;
     let mut findings = Vec::new();
-    for term in &model.terms {
+    for (at, term) in model.placed() {
         let effect = &problem.catalogue[term.effect];
         let n = term.p.len();
         let (covariance, witnesses) =
@@ -442,7 +433,6 @@ fn findings(
             alternatives,
             experiment: effect.spec().experiment.to_owned(),
         });
-        at += n;
     }
     findings
 }

@@ -113,18 +113,20 @@ impl JointModel {
         model
     }
 
+    /// The terms, each with the index of its first parameter among the free ones.
+    pub fn placed(&self) -> impl Iterator<Item = (usize, &Term)> {
+        // Parameter 0 is the lag.
+        self.terms.iter().scan(1, |next, term| {
+            let at = *next;
+            *next += term.p.len();
+            Some((at, term))
+        })
+    }
+
     /// The first parameter of the term with a place, and its index among the free parameters.
     #[must_use]
     pub fn scalar(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
-        // Parameter 0 is the lag.
-        let mut at = 1;
-        for term in &self.terms {
-            if catalogue[term.effect].place() == place {
-                return Some((term.p[0], at));
-            }
-            at += term.p.len();
-        }
-        None
+        self.placed().find(|(_, t)| catalogue[t.effect].place() == place).map(|(at, t)| (t.p[0], at))
     }
 
     /// Time by which the effort acts late: the nuisance and, where it is in the model, the delay.

@@ -40,25 +40,18 @@ impl SmoothMotion {
     #[must_use]
     pub fn of(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
         let at_rest = vec![noise.variance(0.0); position.len()];
-        let every = 0..LEVELS;
-        let motion = Self::smoothed(time_s, position, &at_rest, expected, every.clone());
+        let motion = Self::smoothed(time_s, position, &at_rest, expected);
         // The speeds that stamps err by are those of the motion that is looked for: once is enough.
         if noise.jitter_s > 0.0 {
-            return Self::smoothed(time_s, position, &motion.variances(noise), expected, every);
+            return Self::smoothed(time_s, position, &motion.variances(noise), expected);
         }
         motion
     }
 
-    /// The likeliest motion of some levels.
-    fn smoothed(
-        time_s: &[f64],
-        position: &[f64],
-        variances: &[f64],
-        expected: &[f64],
-        levels: std::ops::Range<i32>,
-    ) -> Self {
+    /// The likeliest motion.
+    fn smoothed(time_s: &[f64], position: &[f64], variances: &[f64], expected: &[f64]) -> Self {
         let of = |level| filter(time_s, position, variances, jerk(position, variances, level), expected);
-        let best = levels.map(|i| (of(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let best = (0..LEVELS).map(|i| (of(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
         let level = best.map_or(0, |b| b.1);
         let (passed, _) = of(level);
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
@@ -87,7 +80,7 @@ impl SmoothMotion {
             let jerk = jerk(position, &variances, level);
             filter(&self.time_s, position, &variances, jerk, &self.expected).1
         };
-        // EffortNoise that was taken for motion asked for more jerk.
+        // Noise that was taken for motion asked for more jerk.
         (self.level - LOWER..=self.level + 1).map(of).fold(f64::NEG_INFINITY, f64::max)
     }
 
