@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use crate::gap::{
     fit::{
         noise::EffortNoise,
-        problem::Problem,
+        problem::{Problem, Weighing},
         rollout::{Rollout, Start},
         whiten::{Filter, Gain, Local},
         whitening::{Whitening, predict, residual_column, start_ridge},
@@ -47,9 +47,31 @@ pub fn most_likely_noise(
         let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
         rollouts.push(compact);
     }
+    if let Weighing::Predictions { .. } = problem.weighing {
+        return EffortNoise {
+            deflection: deflection(problem, &rollouts),
+            ..EffortNoise::white(problem.min_sigma_u)
+        };
+    }
     let mut residuals = Residuals { problem, whitening, rollouts };
     let white = residuals.white(EffortNoise { wander: 0.0, ..around });
     residuals.with_wander(white, around)
+}
+
+/// Deflection that makes the residuals of whole windows most probable: of their squares beyond the start states,
+/// the share of each independent number.
+fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
+    let ridge = start_ridge(problem);
+    let square = |rows: &Vec<[f64; 3]>| {
+        let mut sums = Products::default();
+        rows.iter().for_each(|row| sums.add(row));
+        let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
+        sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
+    };
+    let squares: f64 = rollouts.iter().map(square).sum();
+    // Two of the independent numbers of a window go to its start state.
+    let free = problem.independent() - 2.0 * rollouts.len() as f64;
+    (squares / free.max(1.0)).sqrt().max(problem.noise_floor())
 }
 
 /// Residuals of all windows under a model, ready to be weighed under any noise.
@@ -142,14 +164,37 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
 /// Whitens (start position, start velocity, residual) and gives their products.
 fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
     let mut filter = Filter::<3>::default();
-    let mut sums = [0.0; 6];
+    let mut sums = Products::default();
     for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
         let mut white = *row;
         filter.pass(&mut white, local, gain);
-        let [x, y, e] = white;
-        for (sum, term) in sums.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
+        sums.add(&white);
+    }
+    (sums.cost(), sums.start(), sums.gradient())
+}
+
+/// Sums of products of (start position, start velocity, residual).
+#[derive(Default)]
+struct Products([f64; 6]);
+
+impl Products {
+    #[inline]
+    fn add(&mut self, row: &[f64; 3]) {
+        let [x, y, e] = *row;
+        for (sum, term) in self.0.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
             *sum += term;
         }
     }
-    (sums[5], Matrix2::new(sums[0], sums[1], sums[1], sums[2]), Vector2::new(sums[3], sums[4]))
+
+    fn cost(&self) -> f64 {
+        self.0[5]
+    }
+
+    fn start(&self) -> Matrix2<f64> {
+        Matrix2::new(self.0[0], self.0[1], self.0[1], self.0[2])
+    }
+
+    fn gradient(&self) -> Vector2<f64> {
+        Vector2::new(self.0[3], self.0[4])
+    }
 }

@@ -11,6 +11,9 @@ pub struct EffortNoise {
     pub wander: f64,
     /// Time in which the wander falls to 1/e, seconds.
     pub memory_s: f64,
+    /// Of where the joint is beside where its model has it, rad or m, where whole windows are predicted
+    /// ([`Weighing::Predictions`](crate::gap::fit::problem::Weighing)); else 0.
+    pub deflection: f64,
 }
 
 impl EffortNoise {
@@ -23,13 +26,20 @@ impl EffortNoise {
     /// A multiple of it.
     #[must_use]
     pub fn scaled(self, by: f64) -> Self {
-        Self { white: self.white * by, wander: self.wander * by, ..self }
+        Self { white: self.white * by, wander: self.wander * by, deflection: self.deflection * by, ..self }
     }
 
     /// With a white part of at least `least`.
     #[must_use]
     pub fn at_least(self, least: f64) -> Self {
         Self { white: self.white.max(least), ..self }
+    }
+
+    /// What of another noise this one leaves, as a share of its size.
+    #[must_use]
+    pub fn share_of(&self, other: &Self) -> f64 {
+        let size = |n: &Self| if other.deflection > 0.0 { n.deflection } else { n.size() };
+        size(self) / size(other).max(1e-300)
     }
 
     /// Standard deviation of the effort at one time.

@@ -2,6 +2,7 @@
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         rollout::Start,
         smooth::{Trace, smooth},
     },
@@ -31,6 +32,51 @@ const FOLDS: usize = 6;
 
 /// Steps of the last fit and of the proof for each step of the search.
 const FINER: usize = 4;
+
+/// What residuals are weighed by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Weighing {
+    /// By the noise of effort and readings: what each sample adds to those before it.
+    Innovations,
+    /// By the size of the residuals of whole windows, for a machine that has more in it than any model: a
+    /// sample says little beside its neighbors, and `independent` of them count.
+    Predictions {
+        /// Share of the samples.
+        independent: f64,
+    },
+}
+
+impl Weighing {
+    /// Share of the samples that count.
+    #[must_use]
+    pub fn share(self) -> f64 {
+        match self {
+            Self::Innovations => 1.0,
+            Self::Predictions { independent } => independent,
+        }
+    }
+
+    /// What a fit takes a given noise for before it has residuals.
+    #[must_use]
+    pub fn begin(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
+        match self {
+            Self::Innovations => noise.at_least(problem.min_sigma_u),
+            Self::Predictions { .. } if noise.deflection > 0.0 => noise,
+            Self::Predictions { .. } => EffortNoise {
+                deflection: problem.coverage.travel.max(problem.noise_floor()),
+                ..EffortNoise::white(problem.min_sigma_u)
+            },
+        }
+    }
+}
+
+/// Samples of a window that is predicted as a whole.
+/// derived: what a window's motion has in it above a 32nd of its length is not what is asked.
+const SAMPLES_OF_PREDICTION: f64 = 64.0;
+/// Independent numbers in the positions of a window that a model predicts: its start state, and two more.
+/// derived: an effort that is missing acts through two integrals; of what is left beyond position and velocity
+/// the first two curves hold most.
+const FREEDOM_OF_WINDOW: f64 = 4.0;
 
 /// Logs of one joint, prepared.
 #[derive(Clone)]
@@ -63,6 +109,8 @@ pub struct Problem<'c> {
     pub steps: Vec<usize>,
     /// Steps of a rollout for each one of the search.
     pub finer: usize,
+    /// What residuals are weighed by.
+    pub weighing: Weighing,
 }
 
 /// Window length for a joint: two and a half time constants of its damping, and three of the load where that
@@ -122,13 +170,27 @@ impl<'c> Problem<'c> {
             min_sigma_u,
             steps,
             finer: 1,
+            weighing: Weighing::Innovations,
         }
     }
 
     /// Other logs of the same joint; their noise is that of the sensor, as these logs show it.
     #[must_use]
     pub fn of_logs(&self, logs: Vec<JointLog>) -> Self {
-        Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise)
+        let same = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise);
+        Self { weighing: self.weighing, ..same }
+    }
+
+    /// The same logs for the prediction of whole windows: no finer than those need.
+    #[must_use]
+    pub fn predicting(&self) -> Self {
+        let length_s = window_length_s(&self.plant);
+        let logs = self.logs.iter().map(|l| l.coarser(length_s / SAMPLES_OF_PREDICTION)).collect();
+        // Means of the effort act from sample to sample.
+        let coarse = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise);
+        let windows = coarse.windows.len() as f64;
+        let independent = FREEDOM_OF_WINDOW * windows / coarse.samples().max(1) as f64;
+        Self { weighing: Weighing::Predictions { independent: independent.min(1.0) }, ..coarse }
     }
 
     /// Held-out logs, with small steps.
@@ -191,6 +253,12 @@ impl<'c> Problem<'c> {
     pub fn noise_floor(&self) -> f64 {
         let of = |w: &Span| self.readings[w.log][w.start..w.start + w.len].iter().sum::<f64>();
         (self.windows.iter().map(of).sum::<f64>() / self.samples().max(1) as f64).sqrt()
+    }
+
+    /// Number of measurements in the windows that say something new.
+    #[must_use]
+    pub fn independent(&self) -> f64 {
+        (self.weighing.share() * self.samples() as f64).max(2.0)
     }
 
     /// Number of measurements in the windows.

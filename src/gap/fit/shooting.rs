@@ -314,7 +314,7 @@ fn fit_settled(
 ) -> Fit {
     let mut model = model.clone();
     let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
-    let mut noise = noise.at_least(problem.min_sigma_u);
+    let mut noise = problem.weighing.begin(noise, problem);
     let mut frozen = vec![free == Free::Starts; model.free()];
     // Lag and delay add up to one shift of the effort; with both free, neither would be determined.
     frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();

@@ -172,6 +172,7 @@ pub fn gains(
 ) -> f64 {
     out.clear();
     let mut belief = Belief { dd: noise.wander * noise.wander, ..Belief::default() };
+    let deflection = noise.deflection * noise.deflection;
     // Logarithms of products: variances of positions are far from the bounds of a double.
     let (mut log_variance, mut product) = (0.0, 1.0f64);
     let (mut interval_s, mut kept) = (0.0, noise.kept(0.0));
@@ -182,7 +183,7 @@ pub fn gains(
             (interval_s, kept) = (local.interval_s, noise.kept(local.interval_s));
         }
         // (14.10)
-        let s = belief.qq + reading;
+        let s = belief.qq + reading + deflection;
         product *= s;
         if !(1e-200..1e200).contains(&product) {
             log_variance += product.ln();
@@ -263,7 +264,7 @@ mod tests {
     /// that effort.
     fn whitened(noise: &EffortNoise) -> Vec<f64> {
         let (h, count) = (0.01, 20_000);
-        let truth = EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1 };
+        let truth = EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1, deflection: 0.0 };
         let (a, g) = ([1.0, h, 0.0, 1.0], [0.5 * h * h, h]);
         let locals = vec![Local { a, g, interval_s: h }; count];
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
@@ -290,7 +291,8 @@ mod tests {
             let square = r.iter().map(|x| x * x).sum::<f64>() / r.len() as f64;
             (square, r.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / r.len() as f64 / square)
         };
-        let (variance, next) = moments(&whitened(&EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1 }));
+        let (variance, next) =
+            moments(&whitened(&EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1, deflection: 0.0 }));
         // Standard deviations of both over so many samples: 0.01 and 0.007.
         assert!((variance - 1.0).abs() < 0.04 && next.abs() < 0.03, "{variance} {next}");
         let (_, next) = moments(&whitened(&EffortNoise::white(1.0)));

@@ -49,6 +49,7 @@ impl Whitening {
         for (w, out) in problem.windows.iter().zip(&mut self.gains) {
             self.log_variance += gains(&self.locals[w.log], *w, &problem.readings[w.log], noise, out);
         }
+        self.log_variance *= problem.weighing.share();
     }
 }
 

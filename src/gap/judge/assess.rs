@@ -11,8 +11,11 @@ use crate::gap::{
     },
     judge::{
         format_model::format_models,
-        proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
+        proof::{Gap, WindowGap, left_of, prove, residuals, started, windowed_rmse},
+        regression::regressed_sets,
         report::{JointReport, REPORTED_NOISES, ReplayWindow},
+        screen::Screen,
+        search::baseline,
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
@@ -21,7 +24,7 @@ use crate::gap::{
     },
     record::{
         drive::Hold,
-        log::{JointLog, Span},
+        log::{JointLog, Span, rms},
         off_axis::MAX_LEFT,
     },
 };
@@ -47,7 +50,10 @@ pub struct Runs {
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
     let turns = runs.turns;
     let problem = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
-    let mut diagnosis = diagnose(&problem, &runs.effects, rng);
+    let mut diagnosis = diagnose(&problem, &runs.effects, &[], rng);
+    if let Some(predicting) = by_prediction(&problem, &diagnosis, &runs.effects, rng) {
+        diagnosis = predicting;
+    }
     let mut report = JointReport {
         joint: name.to_owned(),
         turns,
@@ -85,7 +91,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         let whole = prove(&held_out, &twin, &nearest.model).0;
         let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
-        let fewer = fewer.map(|f| diagnose(&problem, &f, rng)).filter(|d| !d.findings.is_empty());
+        let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
         match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
@@ -100,6 +106,60 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     report.replay = replay(name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
+}
+
+/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise and it betters
+/// them clearly: beside a floor that no catalogue holds, what each sample adds to those before it says little of
+/// what moves the joint.
+fn by_prediction(
+    problem: &Problem,
+    found: &Diagnosis,
+    effects: &[usize],
+    rng: &mut impl Rng,
+) -> Option<Diagnosis> {
+    let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
+    if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
+        return None;
+    }
+    let predicting = problem.predicting();
+    let squares = |model: &JointModel| {
+        let (model, starts) = started(&predicting, model);
+        residuals(&predicting, &model, &starts).iter().map(|(_, r)| rms(r)).collect::<Vec<_>>()
+    };
+    let before = squares(&found.model);
+    let floor = problem.noise_floor();
+    if rms(&before) < REPORTED_NOISES * floor {
+        return None;
+    }
+    let all: Vec<usize> = (0..problem.catalogue.len()).collect();
+    let base = baseline(&predicting);
+    let mut seeds = regressed_sets(&predicting, &Screen::new(&predicting, &base.fit), &all, 4);
+    seeds.push(found.nearest.as_ref().map_or(&found.model, |n| &n.model).clone());
+    let other = diagnose(&predicting, effects, &seeds, rng);
+    let after = squares(&other.model);
+    let windows: Vec<WindowGap> =
+        before.iter().zip(&after).map(|(b, a)| WindowGap { before: *b, after: *a }).collect();
+    if std::env::var("DBG").is_ok() {
+        eprintln!(
+            "by prediction: {:?} {:?}: {:.3e} -> {:.3e}",
+            other.verdict,
+            other
+                .findings
+                .iter()
+                .chain(other.nearest.iter().flat_map(|n| &n.findings))
+                .map(|f| format!(
+                    "{} {:?}",
+                    f.effect,
+                    f.parameters.iter().map(|p| (p.value, p.interval)).collect::<Vec<_>>()
+                ))
+                .collect::<Vec<_>>(),
+            rms(&before),
+            rms(&after)
+        );
+    }
+    let clearly = betters(&windows.iter().collect::<Vec<_>>(), floor);
+    let rule = std::env::var("RULE").unwrap_or_default();
+    (clearly || (rule == "any" && rms(&after) < rms(&before))).then_some(other)
 }
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better

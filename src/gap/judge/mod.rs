@@ -11,7 +11,9 @@ pub mod name_weight;
 mod new_effect_tests;
 #[cfg(test)]
 mod one_way_damping;
+pub mod orthogonal;
 pub mod proof;
+pub mod regression;
 #[cfg(test)]
 mod remainder_tests;
 pub mod report;

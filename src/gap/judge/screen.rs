@@ -6,12 +6,13 @@ use nalgebra::{DMatrix, DVector};
 use crate::gap::{
     fit::{
         acting::{Acting, MAX_COLUMNS, Row},
-        problem::Problem,
+        problem::{Problem, Weighing},
         rollout::Rollout,
         shooting::{Fit, MAX_FIT_FREE},
         whiten::{respond, whiten},
         whitening::{Whitening, predict},
     },
+    judge::orthogonal::orthogonal,
     model::{
         effect::{At, Effect, Extent, Place, Response, run_time_s},
         joint_model::{Catalogue, JointModel},
@@ -55,6 +56,8 @@ pub struct Middle {
     pub effort: Vec<f64>,
     /// Acceleration of the model.
     pub acceleration: Vec<f64>,
+    /// Acceleration of the smoothed motion.
+    pub measured: Vec<f64>,
     /// Share of a friction's bound that acts against the motion, with its sign: 1 on the way up, about 0 at
     /// rest.
     pub grip: Vec<f64>,
@@ -73,12 +76,14 @@ pub struct Columns {
 }
 
 impl Columns {
-    fn new(count: usize) -> Self {
+    /// So many columns.
+    #[must_use]
+    pub fn new(count: usize) -> Self {
         Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
     }
 
     /// Zero over a window of so many samples.
-    fn clear(&mut self, len: usize) {
+    pub fn clear(&mut self, len: usize) {
         for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
             // Only what was written is cleared: most local shapes reach few windows.
             if *active || effort.len() != len {
@@ -273,7 +278,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     #[must_use]
     pub fn hits(&self, index: usize, keep: usize) -> Vec<Hit> {
         let effect = self.problem.catalogue[index].as_ref();
-        let states: Vec<Vec<At>> = (0..self.problem.logs.len()).map(|log| self.states(log)).collect();
+        let states = self.all_states();
         let shapes = effect.shapes(&self.problem.coverage);
         let mut hits: Vec<Hit> =
             shapes.into_iter().filter_map(|shape| self.hit(index, effect, &shape, &states)).collect();
@@ -282,7 +287,13 @@ impl<'p, 'c> Screen<'p, 'c> {
         hits
     }
 
-    /// The middle states of a log as effects see them.
+    /// The middle states of every log as effects see them.
+    #[must_use]
+    pub fn all_states(&self) -> Vec<Vec<At<'_>>> {
+        (0..self.problem.logs.len()).map(|log| self.states(log)).collect()
+    }
+
+    /// The middle states of a log.
     fn states(&self, index: usize) -> Vec<At<'_>> {
         let (log, m) = (&self.problem.logs[index], &self.middle[index]);
         let at = |k: usize| At {
@@ -299,22 +310,38 @@ impl<'p, 'c> Screen<'p, 'c> {
     }
 
     fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
+        let score = self.score(amplitudes(effect), self.filler(effect, shape, states))?;
+        let mut p = shape.to_vec();
+        // Delay and play are tested at their full size, which is the start already.
+        if !matches!(effect.place(), Place::Delay | Place::Play) {
+            for (i, a) in score.amplitude.iter().enumerate() {
+                let (low, high) = effect.bounds(i, &self.problem.coverage);
+                p[i] = (shape[i] + a).clamp(low, high);
+            }
+        }
+        Some(Hit { effect: index, p, gain: score.gain })
+    }
+
+    /// What fills the columns of the amplitudes of an effect; `states` are those of every log.
+    pub fn filler<'s>(
+        &'s self,
+        effect: &'s dyn Effect,
+        shape: &'s [f64],
+        states: &'s [Vec<At>],
+    ) -> Box<dyn FnMut(usize, Span, &mut Columns) + 's> {
         let problem = self.problem;
         let place = effect.place();
-        let tested = effect.parameters().iter().filter(|p| p.neutral.is_some()).count();
-        let score = match place {
-            Place::Effort | Place::Contact | Place::Friction => {
-                self.score(tested, |window, span, columns| {
-                    let states = &states[span.log][span.start..span.start + span.len - 1];
-                    if effect.reaches(shape, &self.extents[window]) {
-                        self.fill_responses(effect, shape, span, states, columns);
-                    }
-                })
-            }
+        match place {
+            Place::Effort | Place::Contact | Place::Friction => Box::new(move |window, span, columns| {
+                let states = &states[span.log][span.start..span.start + span.len - 1];
+                if effect.reaches(shape, &self.extents[window]) {
+                    self.fill_responses(effect, shape, span, states, columns);
+                }
+            }),
             Place::Delay => {
                 // The effort is not linear in the delay: each delay of the grid is a column of its own.
                 let late = problem.drives_late(shape[0]);
-                self.score(tested, |_, span, columns| {
+                Box::new(move |_, span, columns| {
                     let d = &late[span.log];
                     columns.active[0] = true;
                     for i in 0..span.len - 1 {
@@ -326,7 +353,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                 })
             }
             // The predicted motion, not the measured one: what is measured has gone through the play already.
-            Place::Play => self.score(tested, |window, span, columns| {
+            Place::Play => Box::new(move |window, span, columns| {
                 let (half_gap, predicted) = (shape[0], &self.predicted[window]);
                 let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
                 let follow = |q: &f64| {
@@ -336,24 +363,13 @@ impl<'p, 'c> Screen<'p, 'c> {
                 columns.active[0] = true;
                 columns.direct = vec![predicted.iter().map(follow).collect()];
             }),
-            Place::Inertia | Place::Gain | Place::Bias | Place::Scale => {
-                self.score(tested, |_, span, columns| {
-                    columns.active[0] = true;
-                    for i in 0..span.len - 1 {
-                        columns.effort[0][i] = self.scalar_effort(place, span.log, span.start + i);
-                    }
-                })
-            }
-        }?;
-        let mut p = shape.to_vec();
-        // Delay and play are tested at their full size, which is the start already.
-        if !matches!(place, Place::Delay | Place::Play) {
-            for (i, a) in score.amplitude.iter().enumerate() {
-                let (low, high) = effect.bounds(i, &problem.coverage);
-                p[i] = (shape[i] + a).clamp(low, high);
-            }
+            Place::Inertia | Place::Gain | Place::Bias | Place::Scale => Box::new(move |_, span, columns| {
+                columns.active[0] = true;
+                for i in 0..span.len - 1 {
+                    columns.effort[0][i] = self.scalar_effort(place, span.log, span.start + i);
+                }
+            }),
         }
-        Some(Hit { effect: index, p, gain: score.gain })
     }
 
     /// The efforts of all amplitudes of an effect over a window.
@@ -386,6 +402,8 @@ impl<'p, 'c> Screen<'p, 'c> {
         let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
         // First-order changes of (14.3), a recorded position y being s q + o.
         match place {
+            // What a machine does, where the model is far from it.
+            Place::Inertia if self.problem.weighing != Weighing::Innovations => -m.measured[k],
             Place::Inertia => -m.acceleration[k],
             Place::Gain => m.effort[k],
             Place::Bias => load().1,
@@ -396,6 +414,12 @@ impl<'p, 'c> Screen<'p, 'c> {
             _ => 0.0,
         }
     }
+}
+
+/// Number of parameters of an effect that are amplitudes; they come first.
+#[must_use]
+pub fn amplitudes(effect: &dyn Effect) -> usize {
+    effect.parameters().iter().filter(|p| p.neutral.is_some()).count()
 }
 
 /// Positions and times that a window runs through.
@@ -457,40 +481,11 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             m.others.push(now);
             m.effort.push(trace.effort[k]);
             m.acceleration.push((free - friction) / (problem.plant.inertia_at(log.carried.get(k)).0 + added));
+            m.measured.push(
+                (trace.velocity[next] - trace.velocity[k]) / (log.time_s[next] - log.time_s[k]).max(1e-12),
+            );
         }
         m
     };
     problem.traces.iter().enumerate().map(one).collect()
-}
-
-/// Residual, two orthonormal start columns, and parameter columns without what the start columns span.
-fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
-    let mut out: Vec<Row> = rows
-        .iter()
-        .map(|r| {
-            let mut o = [0.0; MAX_COLUMNS];
-            (o[0], o[1], o[2]) = (r[2 + free], r[0], r[1]);
-            o[3..3 + free].copy_from_slice(&r[2..2 + free]);
-            o
-        })
-        .collect();
-    // Gram and Schmidt: the second start column without the first, all others without both.
-    for basis in [1, 2] {
-        let norm = out.iter().map(|r| r[basis] * r[basis]).sum::<f64>().sqrt();
-        let scale = if norm > 1e-12 { 1.0 / norm } else { 0.0 };
-        out.iter_mut().for_each(|r| r[basis] *= scale);
-        let mut sums: Row = [0.0; MAX_COLUMNS];
-        for r in &out {
-            for c in 0..3 + free {
-                sums[c] += r[c] * r[basis];
-            }
-        }
-        for r in &mut out {
-            let b = r[basis];
-            for c in (0..3 + free).filter(|&c| c != basis && !(basis == 2 && c == 1)) {
-                r[c] -= b * sums[c];
-            }
-        }
-    }
-    out
 }

@@ -59,6 +59,15 @@ impl Default for Breadth {
     }
 }
 
+/// What a search may find.
+#[derive(Clone, Copy, Debug)]
+pub struct Scope<'a> {
+    /// Indices of effects in the catalogue.
+    pub effects: &'a [usize],
+    /// Sets that are tried beside those that grow one by one; the fits begin at their parameters.
+    pub seeds: &'a [JointModel],
+}
+
 /// Sets by size: index 0 holds the twin itself, then singles, pairs, ...; each sorted, best first.
 #[derive(Debug)]
 pub struct Search {
@@ -96,7 +105,7 @@ impl Search {
 
 /// What a set of effects costs: each parameter, and each choice of shape. See docs/method.md (14.15).
 fn price(problem: &Problem, model: &JointModel) -> f64 {
-    let n = problem.samples().max(2) as f64;
+    let n = problem.independent();
     let one = |t: &Term| {
         let shapes = problem.catalogue[t.effect].shapes(&problem.coverage).len().max(1) as f64;
         t.p.len() as f64 * n.ln() + 2.0 * shapes.ln()
@@ -189,32 +198,38 @@ pub fn baseline(problem: &Problem) -> Candidate {
 
 /// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
 #[must_use]
-pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
-    let disturbance = problem.catalogue.iter().position(|e| e.is_of_one_run());
+pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
+    let disturbance = scope.effects.iter().copied().find(|e| problem.catalogue[*e].is_of_one_run());
     let least_gain = least_gain(problem.catalogue.len());
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
-    for size in 1..=breadth.largest {
+    let largest_seed = scope.seeds.iter().map(|s| s.terms.len()).max().unwrap_or(0);
+    for size in 1..=breadth.largest.max(largest_seed) {
         let (grown, tried) = match size {
             1 => (1, breadth.singles),
             2 => (breadth.grown, breadth.partners),
             // Only the best pair grows: what a third effect adds is small beside it.
             _ => (1, breadth.partners - 1),
         };
-        let best_before = by_size[size - 1][0].score;
+        let best_before = best_score(&by_size);
         // One more effect must bring a share of what the others brought: an inexact shape is no further
         // effect.
         let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
-            let hits = ranked(problem, parent, tried, if size == 1 { 2 } else { 1 });
+            let hits = ranked(problem, parent, scope.effects, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             // Not even the first order promises enough beside the best set.
             if rank == 0 && hope < least_gain {
-                return Search { by_size, disturbance, least_gain };
+                break;
             }
             found.extend(grow(problem, parent, &hits));
+        }
+        let seeds: Vec<&JointModel> = scope.seeds.iter().filter(|s| s.terms.len() == size).collect();
+        found.extend(seeds.par_iter().map(|s| begun(problem, &by_size[0][0], s)).collect::<Vec<_>>());
+        if found.is_empty() && size >= largest_seed {
+            break;
         }
         let sets = best_of_each_set(found);
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
@@ -229,11 +244,24 @@ pub fn search(problem: &Problem, breadth: &Breadth) -> Search {
             let known = std::mem::take(&mut by_size[size - 1]);
             by_size[size - 1] = best_of_each_set(known.into_iter().chain(smaller).collect());
         }
-        if best < by_size[size - 1][0].score + wanted {
+        if best < best_score(&by_size[..size]) + wanted && size >= largest_seed {
             break;
         }
     }
     Search { by_size, disturbance, least_gain }
+}
+
+/// Score of the best set.
+fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
+    by_size.iter().filter_map(|s| s.first()).map(|c| c.score).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// A set that begins at given parameters, fitted to the end.
+fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
+    let pace = Pace { searches: true, ..Pace::NEXT };
+    let begun = fit(problem, seed, Some(&base.fit.starts), base.fit.noise, Free::All, pace);
+    let (starts, noise) = (Some(begun.starts.as_slice()), begun.noise);
+    candidate(problem, fit(problem, &begun.model, starts, noise, Free::All, Pace::thorough(3)))
 }
 
 /// The best candidates, of those that differ by an effect and one that contains it the better one.
@@ -375,7 +403,13 @@ fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
 }
 
 /// Best shapes, so many of each, of the effects that score best beside a candidate.
-fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) -> Vec<Vec<Hit>> {
+fn ranked(
+    problem: &Problem,
+    parent: &Candidate,
+    effects: &[usize],
+    count: usize,
+    shapes: usize,
+) -> Vec<Vec<Hit>> {
     // A fit has a fixed number of columns, and an effect may need three more.
     if parent.fit.model.free() + 3 > MAX_FIT_FREE {
         return Vec::new();
@@ -383,12 +417,11 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) ->
     let screen = Screen::new(problem, &parent.fit);
     let taken = parent.effects();
     let names: Vec<&str> = taken.iter().map(|e| problem.catalogue[*e].name()).collect();
-    let free: Vec<usize> = (0..problem.catalogue.len())
-        .filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names))
-        .collect();
+    let free: Vec<usize> =
+        effects.iter().copied().filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names)).collect();
     let mut hits: Vec<Vec<Hit>> =
         free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
-    let n = problem.samples().max(2) as f64;
+    let n = problem.independent();
     // Less the price of the parameters (14.15): more of them gain more by chance.
     let value = |h: &[Hit]| h[0].gain - n.ln() * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
@@ -397,7 +430,8 @@ fn ranked(problem: &Problem, parent: &Candidate, count: usize, shapes: usize) ->
 }
 
 /// Whether an effect explains something that those already there do not explain by themselves.
-fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
+#[must_use]
+pub fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
     let own = &problem.catalogue[effect];
     let contains =
         |e: &dyn crate::gap::model::effect::Effect, other: &str| e.spec().contains.contains(&other);

@@ -15,7 +15,7 @@ use crate::gap::{
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
         screen::Screen,
-        search::{Breadth, Candidate, Search, given, search},
+        search::{Breadth, Candidate, Scope, Search, given, search},
         simplify::{HALF_WIDTH, simplified},
     },
     model::{
@@ -153,7 +153,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
 /// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are
 /// fitted and no others are looked for.
 #[must_use]
-pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Diagnosis {
+pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let twin = JointModel::of(&problem.plant);
     let lacks = lacks(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
@@ -169,7 +169,8 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
         };
     }
     let (found, chosen) = if effects.is_empty() {
-        let found = search(problem, &Breadth::default());
+        let all: Vec<usize> = (0..problem.catalogue.len()).collect();
+        let found = search(problem, &Breadth::default(), &Scope { effects: &all, seeds });
         let chosen = simplified(problem, found.accepted());
         (found, chosen)
     } else {
@@ -191,7 +192,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
     };
     // A table stands by the rule for effects: its bins are priced as parameters are (14.15), and it must gain
     // what one more of so many tables must.
-    let n = problem.samples().max(2) as f64;
+    let n = problem.independent();
     let excess = |d: &Dependence| d.gain - n.ln() * d.bins.len() as f64;
     let least = least_gain(Variable::ALL.len());
     let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
@@ -235,7 +236,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], rng: &mut impl Rng) -> Dia
 /// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no
 /// noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
-    let left = chosen.fit.noise.size() / base.fit.noise.size().max(1e-300);
+    let left = chosen.fit.noise.share_of(&base.fit.noise);
     let loud = chosen.fit.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     // Of its variance; where it is a large share of the effort itself, of its size.
     left * left > MAX_LEFT || (loud && left > MAX_LEFT)

@@ -14,6 +14,21 @@ pub struct Carried {
 }
 
 impl Carried {
+    /// The mean of several.
+    #[must_use]
+    pub fn mean(several: &[Self]) -> Self {
+        let share = 1.0 / several.len().max(1) as f64;
+        let mut mean = Self::default();
+        for one in several {
+            mean.inertia += share * one.inertia;
+            mean.inertia_rate += share * one.inertia_rate;
+            for (sum, x) in mean.load.iter_mut().zip(one.load) {
+                *sum += share * x;
+            }
+        }
+        mean
+    }
+
     /// Load and its slope at a position.
     #[must_use]
     pub fn at(&self, position: f64) -> (f64, f64) {

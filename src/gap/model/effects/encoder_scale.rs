@@ -1,12 +1,16 @@
 //! The recorded position is `s` times the true one.
 
-use crate::gap::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
+use crate::gap::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
 
 /// See the module.
 #[derive(Debug)]
 pub struct EncoderScale;
 
 const PARAMETERS: &[Parameter] = &[ratio("scale")];
+
+/// Largest ratio of a recorded to a true position, and one over the smallest.
+/// derived: the next whole ratio of a gear or a belt; what lies beyond is a unit, not a scale.
+const LARGEST: f64 = 2.0;
 
 const SPEC: Spec = Spec {
     name: "encoder_scale",
@@ -22,7 +26,7 @@ impl Effect for EncoderScale {
     }
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
-        (1.0 / LARGEST_RATIO, LARGEST_RATIO)
+        (1.0 / LARGEST, LARGEST)
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {

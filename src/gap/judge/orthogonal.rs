@@ -1,0 +1,36 @@
+//! Columns of a window without what its start state could take up.
+
+use crate::gap::fit::acting::{MAX_COLUMNS, Row};
+
+/// Residual, two orthonormal start columns, and parameter columns without what the start columns span.
+#[must_use]
+pub fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
+    let mut out: Vec<Row> = rows
+        .iter()
+        .map(|r| {
+            let mut o = [0.0; MAX_COLUMNS];
+            (o[0], o[1], o[2]) = (r[2 + free], r[0], r[1]);
+            o[3..3 + free].copy_from_slice(&r[2..2 + free]);
+            o
+        })
+        .collect();
+    // Gram and Schmidt: the second start column without the first, all others without both.
+    for basis in [1, 2] {
+        let norm = out.iter().map(|r| r[basis] * r[basis]).sum::<f64>().sqrt();
+        let scale = if norm > 1e-12 { 1.0 / norm } else { 0.0 };
+        out.iter_mut().for_each(|r| r[basis] *= scale);
+        let mut sums: Row = [0.0; MAX_COLUMNS];
+        for r in &out {
+            for c in 0..3 + free {
+                sums[c] += r[c] * r[basis];
+            }
+        }
+        for r in &mut out {
+            let b = r[basis];
+            for c in (0..3 + free).filter(|&c| c != basis && !(basis == 2 && c == 1)) {
+                r[c] -= b * sums[c];
+            }
+        }
+    }
+    out
+}

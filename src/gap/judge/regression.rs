@@ -1,0 +1,106 @@
+//! Efforts of several effects regressed together on what a fitted model misses, along the measured motion: fits
+//! that start there begin in the right basin where effects found one by one take each other's place.
+
+use crate::gap::{
+    fit::problem::Problem,
+    judge::{
+        screen::{Columns, Hit, Screen, amplitudes},
+        search::fits_beside,
+    },
+    model::{
+        effect::{At, Place},
+        joint_model::{JointModel, Term},
+    },
+};
+
+/// Shapes of an effect that are tried beside others.
+/// derived: the best alone, and the next one, should another effect take the place of the first.
+const SHAPES: usize = 2;
+
+/// Amplitudes of effects at given shapes, all together, and twice the log likelihood that they gain to first
+/// order. `None` where the columns do not tell them apart.
+#[must_use]
+pub fn regressed(
+    problem: &Problem,
+    screen: &Screen,
+    states: &[Vec<At>],
+    terms: &[Term],
+) -> Option<(f64, Vec<Term>)> {
+    let counts: Vec<usize> = terms.iter().map(|t| amplitudes(problem.catalogue[t.effect].as_ref())).collect();
+    let mut parts: Vec<_> = terms
+        .iter()
+        .zip(&counts)
+        .map(|(t, count)| {
+            (screen.filler(problem.catalogue[t.effect].as_ref(), &t.p, states), Columns::new(*count))
+        })
+        .collect();
+    let score = screen.score(counts.iter().sum(), |window, span, columns| {
+        let mut at = 0;
+        for (fill, own) in &mut parts {
+            own.clear(span.len);
+            fill(window, span, own);
+            for (effort, active) in own.effort.iter().zip(&own.active) {
+                columns.effort[at].copy_from_slice(effort);
+                columns.active[at] = *active;
+                at += 1;
+            }
+        }
+    })?;
+    let mut at = 0;
+    let with = |(t, count): (&Term, &usize)| {
+        let effect = &problem.catalogue[t.effect];
+        let mut p = t.p.clone();
+        for i in 0..*count {
+            let neutral = effect.parameters()[i].neutral.unwrap_or(0.0);
+            let (low, high) = effect.bounds(i, &problem.coverage);
+            p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
+        }
+        at += count;
+        Term { effect: t.effect, p }
+    };
+    let found = terms.iter().zip(&counts).map(with).collect();
+    Some((score.gain, found))
+}
+
+/// Whether an effect is linear in its amplitudes as an effort along a measured motion is.
+fn is_effort(problem: &Problem, effect: usize) -> bool {
+    !matches!(
+        problem.catalogue[effect].place(),
+        Place::Delay | Place::Play | Place::Contact | Place::Bias | Place::Scale
+    )
+}
+
+/// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains most
+/// by beside what each parameter costs; while it gains.
+#[must_use]
+pub fn regressed_sets(
+    problem: &Problem,
+    screen: &Screen,
+    effects: &[usize],
+    largest: usize,
+) -> Vec<JointModel> {
+    let states = screen.all_states();
+    let price = problem.independent().ln();
+    let hits: Vec<Hit> =
+        effects.iter().filter(|e| is_effort(problem, **e)).flat_map(|e| screen.hits(*e, SHAPES)).collect();
+    let mut sets: Vec<JointModel> = Vec::new();
+    let (mut terms, mut reached) = (Vec::<Term>::new(), 0.0);
+    while terms.len() < largest {
+        let names: Vec<&str> = terms.iter().map(|t| problem.catalogue[t.effect].name()).collect();
+        let with = |hit: &Hit| {
+            let mut more = terms.clone();
+            more.push(Term { effect: hit.effect, p: hit.p.clone() });
+            let (gain, found) = regressed(problem, screen, &states, &more)?;
+            let parameters: usize = found.iter().map(|t| t.p.len()).sum();
+            Some((gain - price * parameters as f64, found))
+        };
+        let free = hits.iter().filter(|h| {
+            !terms.iter().any(|t| t.effect == h.effect) && fits_beside(problem, h.effect, &names)
+        });
+        let best = free.filter_map(with).max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((gain, found)) = best.filter(|(gain, _)| *gain > reached) else { break };
+        (reached, terms) = (gain, found);
+        sets.push(JointModel { terms: terms.clone(), ..JointModel::of(&problem.plant) });
+    }
+    sets
+}
