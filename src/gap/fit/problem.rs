@@ -200,7 +200,7 @@ impl<'c> Problem<'c> {
     }
 
     /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
-    /// together); none of a single run.
+    /// together); of a single run its halves.
     #[must_use]
     pub fn folds(&self) -> Vec<[Self; 2]> {
         let of = |holds: &dyn Fn(usize) -> bool| {
@@ -208,7 +208,13 @@ impl<'c> Problem<'c> {
                 self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
             self.of_logs(logs)
         };
-        let count = if self.logs.len() > 1 { self.logs.len().min(FOLDS) } else { 0 };
+        if let [log] = self.logs.as_slice() {
+            let half = |from: usize, to: usize| self.of_logs(vec![log.part(from, to)]);
+            let n = log.time_s.len();
+            let [first, second] = [half(0, n / 2), half(n / 2, n)];
+            return vec![[first.clone(), second.clone()], [second, first]];
+        }
+        let count = self.logs.len().min(FOLDS);
         (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
     }
 

@@ -157,9 +157,9 @@ fn by_prediction(
             rms(&after)
         );
     }
-    let clearly = betters(&windows.iter().collect::<Vec<_>>(), floor);
-    let rule = std::env::var("RULE").unwrap_or_default();
-    (clearly || (rule == "any" && rms(&after) < rms(&before))).then_some(other)
+    let swapped: Vec<WindowGap> =
+        windows.iter().map(|w| WindowGap { before: w.after, after: w.before }).collect();
+    (!betters(&swapped.iter().collect::<Vec<_>>(), floor)).then_some(other)
 }
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better

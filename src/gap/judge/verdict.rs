@@ -8,10 +8,11 @@ use rayon::prelude::*;
 use crate::gap::{
     fit::{
         noise::EffortNoise,
-        problem::Problem,
+        problem::{Problem, Weighing},
         shooting::{Fit, Free, Pace, fit},
     },
     judge::{
+        cross_validation::predictive,
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
         screen::Screen,
@@ -171,7 +172,10 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (found, chosen) = if effects.is_empty() {
         let all: Vec<usize> = (0..problem.catalogue.len()).collect();
         let found = search(problem, &Breadth::default(), &Scope { effects: &all, seeds });
-        let chosen = simplified(problem, found.accepted());
+        let mut chosen = simplified(problem, found.accepted());
+        if problem.weighing != Weighing::Innovations {
+            chosen = predictive(problem, &chosen);
+        }
         (found, chosen)
     } else {
         given(problem, effects)
