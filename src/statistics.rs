@@ -8,10 +8,6 @@ pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
 /// derived: the quantile at 99 % of the standard normal distribution.
 pub(crate) const NORMAL_99: f64 = 2.326_348;
 
-/// Deviations of a normal distribution that one value of twenty exceeds.
-/// derived: the quantile at 95 % of the standard normal distribution.
-pub(crate) const NORMAL_95: f64 = 1.644_854;
-
 /// Middle value, the upper one of two; `None` of none.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     // By selection, which is linear; the order of all is not needed.

@@ -218,6 +218,12 @@ impl<'c> Problem<'c> {
         (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
     }
 
+    /// The same with windows of a share of their length.
+    #[must_use]
+    pub fn with_windows(&self, share: f64) -> Self {
+        Self { windows: windows(&self.logs, share * window_length_s(&self.plant)), ..self.clone() }
+    }
+
     /// The same with the small steps that parameters are reported from.
     #[must_use]
     pub fn refined(&self) -> Self {

@@ -10,8 +10,9 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
+        cross_validation::predicts_better,
         format_model::format_models,
-        proof::{Gap, WindowGap, left_of, prove, residuals, started, windowed_rmse},
+        proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         regression::regressed_sets,
         report::{JointReport, REPORTED_NOISES, ReplayWindow},
         screen::Screen,
@@ -24,11 +25,10 @@ use crate::gap::{
     },
     record::{
         drive::Hold,
-        log::{JointLog, Span, rms},
+        log::{JointLog, Span},
         off_axis::MAX_LEFT,
     },
 };
-use crate::statistics::NORMAL_99;
 
 /// Logs of one joint, split.
 #[derive(Clone, Debug)]
@@ -82,7 +82,10 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         diagnosis.verdict = Verdict::Unknown;
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
-    if !updated.terms.is_empty() && !is_proven(&proof.0) {
+    let bears_out = |model: &JointModel, gap: &Gap| {
+        is_proven(gap) || (gap.after < gap.before && predicts_better(&held_out, model, &twin))
+    };
+    if !updated.terms.is_empty() && !bears_out(&updated, &proof.0) {
         diagnosis.withdraw();
         updated = twin.clone();
         proof = prove(&held_out, &twin, &twin);
@@ -92,7 +95,8 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
         let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
-        match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, _)| is_proven(&p.0)) {
+        match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, d)| bears_out(&d.model, &p.0))
+        {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };
@@ -108,65 +112,42 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     report
 }
 
-/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise and it betters
-/// them clearly: beside a floor that no catalogue holds, what each sample adds to those before it says little of
-/// what moves the joint.
+/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor that
+/// no catalogue holds, what each sample adds to those before it says little of what moves the joint. `None` where
+/// nothing is left, or what was found surely predicts better.
 fn by_prediction(
     problem: &Problem,
     found: &Diagnosis,
     effects: &[usize],
     rng: &mut impl Rng,
 ) -> Option<Diagnosis> {
+    // An effort that lasts, or one that is a large share of the recorded one, is no noise.
     let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
         return None;
     }
     let predicting = problem.predicting();
-    let squares = |model: &JointModel| {
-        let (model, starts) = started(&predicting, model);
-        residuals(&predicting, &model, &starts).iter().map(|(_, r)| rms(r)).collect::<Vec<_>>()
-    };
-    let before = squares(&found.model);
-    let floor = problem.noise_floor();
-    if rms(&before) < REPORTED_NOISES * floor {
+    if windowed_rmse(&predicting, &found.model) < REPORTED_NOISES * problem.noise_floor() {
         return None;
     }
     let all: Vec<usize> = (0..problem.catalogue.len()).collect();
-    let base = baseline(&predicting);
-    let mut seeds = regressed_sets(&predicting, &Screen::new(&predicting, &base.fit), &all, 4);
+    let screen = Screen::new(&predicting, &baseline(&predicting).fit);
+    let mut seeds = regressed_sets(&predicting, &screen, &all, LARGEST_SEED);
     seeds.push(found.nearest.as_ref().map_or(&found.model, |n| &n.model).clone());
     let other = diagnose(&predicting, effects, &seeds, rng);
-    let after = squares(&other.model);
-    let windows: Vec<WindowGap> =
-        before.iter().zip(&after).map(|(b, a)| WindowGap { before: *b, after: *a }).collect();
-    if std::env::var("DBG").is_ok() {
-        eprintln!(
-            "by prediction: {:?} {:?}: {:.3e} -> {:.3e}",
-            other.verdict,
-            other
-                .findings
-                .iter()
-                .chain(other.nearest.iter().flat_map(|n| &n.findings))
-                .map(|f| format!(
-                    "{} {:?}",
-                    f.effect,
-                    f.parameters.iter().map(|p| (p.value, p.interval)).collect::<Vec<_>>()
-                ))
-                .collect::<Vec<_>>(),
-            rms(&before),
-            rms(&after)
-        );
-    }
-    let swapped: Vec<WindowGap> =
-        windows.iter().map(|w| WindowGap { before: w.after, after: w.before }).collect();
-    (!betters(&swapped.iter().collect::<Vec<_>>(), floor)).then_some(other)
+    (!predicts_better(&predicting, &found.model, &other.model)).then_some(other)
 }
+
+/// Most effects of a set that is regressed.
+/// derived: one more than those of a search.
+const LARGEST_SEED: usize = 4;
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
 /// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`
 /// where nothing can be.
 fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
-    if nearest.terms.len() < 2 {
+    // The halves of a single run share its conditions.
+    if nearest.terms.len() < 2 || problem.logs.len() < 2 {
         return None;
     }
     let folds = problem.folds();
@@ -226,20 +207,7 @@ fn is_proven(gap: &Gap) -> bool {
         after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
     };
     // An effect that acts in few windows shows in all of them alone.
-    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after)) || betters(&windows, floor)
-}
-
-/// Whether a name is borne out though something else remains beside it: it explains more of the squared
-/// residuals than it leaves, and betters more windows than chance would.
-fn betters(windows: &[&WindowGap], floor: f64) -> bool {
-    let sum = |of: fn(&WindowGap) -> f64| {
-        windows.iter().map(|w| (of(w).powi(2) - floor * floor).max(0.0)).sum::<f64>()
-    };
-    let better = windows.iter().filter(|w| w.after < w.before).count() as f64;
-    let n = windows.len() as f64;
-    // The sign test, at 99 %.
-    let surely = better > 0.5 * n + 0.5 * NORMAL_99 * n.sqrt();
-    surely && sum(|w| w.after) < 0.5 * sum(|w| w.before)
+    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
 }
 
 /// The windows with their start states as the sensor sees them.

@@ -6,6 +6,7 @@ pub mod format_model;
 #[cfg(test)]
 mod format_model_tests;
 pub mod format_note;
+pub mod given;
 pub mod locate;
 pub mod name_weight;
 #[cfg(test)]

@@ -3,10 +3,7 @@
 
 use crate::gap::{
     fit::problem::Problem,
-    judge::{
-        screen::{Columns, Hit, Screen, amplitudes},
-        search::fits_beside,
-    },
+    judge::screen::{Columns, Hit, Screen, amplitudes},
     model::{
         effect::{At, Place},
         joint_model::{JointModel, Term},
@@ -70,6 +67,16 @@ fn is_effort(problem: &Problem, effect: usize) -> bool {
     )
 }
 
+/// A model with its efforts regressed together; the others as they are.
+#[must_use]
+pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -> Option<JointModel> {
+    let (efforts, others): (Vec<Term>, Vec<Term>) =
+        model.terms.iter().cloned().partition(|t| is_effort(problem, t.effect));
+    let (_, mut terms) = regressed(problem, screen, &screen.all_states(), &efforts)?;
+    terms.extend(others);
+    Some(JointModel { terms, ..model.clone() })
+}
+
 /// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains most
 /// by beside what each parameter costs; while it gains.
 #[must_use]
@@ -86,7 +93,6 @@ pub fn regressed_sets(
     let mut sets: Vec<JointModel> = Vec::new();
     let (mut terms, mut reached) = (Vec::<Term>::new(), 0.0);
     while terms.len() < largest {
-        let names: Vec<&str> = terms.iter().map(|t| problem.catalogue[t.effect].name()).collect();
         let with = |hit: &Hit| {
             let mut more = terms.clone();
             more.push(Term { effect: hit.effect, p: hit.p.clone() });
@@ -94,9 +100,9 @@ pub fn regressed_sets(
             let parameters: usize = found.iter().map(|t| t.p.len()).sum();
             Some((gain - price * parameters as f64, found))
         };
-        let free = hits.iter().filter(|h| {
-            !terms.iter().any(|t| t.effect == h.effect) && fits_beside(problem, h.effect, &names)
-        });
+        let spec = |effect: usize| problem.catalogue[effect].spec();
+        let is_free = |h: &&Hit| !terms.iter().any(|t| spec(t.effect).overlaps(spec(h.effect)));
+        let free = hits.iter().filter(is_free);
         let best = free.filter_map(with).max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, found)) = best.filter(|(gain, _)| *gain > reached) else { break };
         (reached, terms) = (gain, found);

@@ -257,7 +257,8 @@ fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
 }
 
 /// A set that begins at given parameters, fitted to the end.
-fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
+#[must_use]
+pub fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
     let pace = Pace { searches: true, ..Pace::NEXT };
     let begun = fit(problem, seed, Some(&base.fit.starts), base.fit.noise, Free::All, pace);
     let (starts, noise) = (Some(begun.starts.as_slice()), begun.noise);
@@ -284,25 +285,9 @@ fn is_related(problem: &Problem, a: &Candidate, b: &Candidate) -> bool {
         of(one).into_iter().filter(|s| !known.iter().any(|o| o.name == s.name)).collect()
     };
     match (only(a, b).as_slice(), only(b, a).as_slice()) {
-        ([x], [y]) => x.contains.contains(&y.name) || y.contains.contains(&x.name),
+        ([x], [y]) => x.overlaps(y),
         _ => false,
     }
-}
-
-/// A set of effects that is given, fitted one after the other.
-#[must_use]
-pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
-    let mut by_size = vec![vec![baseline(problem)]];
-    let mut chosen = by_size[0][0].clone();
-    for effect in effects {
-        let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
-        let grown = best_of_each_set(grow(problem, &chosen, &[hits]));
-        // Alone, an effect may show nothing beside the others that are still to come.
-        let Some(next) = grown.into_iter().next() else { continue };
-        chosen = next;
-        by_size.push(Vec::new());
-    }
-    (Search { by_size, disturbance: None, least_gain: least_gain(problem.catalogue.len()) }, chosen)
 }
 
 /// The candidate with each of its effects taken away in turn, refitted; not what is known already.
@@ -337,7 +322,8 @@ const PLAY_FITS: usize = 3;
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
-fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
+#[must_use]
+pub fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
     let first = |m: &JointModel| {
         let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
@@ -416,9 +402,9 @@ fn ranked(
     }
     let screen = Screen::new(problem, &parent.fit);
     let taken = parent.effects();
-    let names: Vec<&str> = taken.iter().map(|e| problem.catalogue[*e].name()).collect();
-    let free: Vec<usize> =
-        effects.iter().copied().filter(|e| !taken.contains(e) && fits_beside(problem, *e, &names)).collect();
+    let overlaps =
+        |e: usize| taken.iter().any(|t| problem.catalogue[*t].spec().overlaps(problem.catalogue[e].spec()));
+    let free: Vec<usize> = effects.iter().copied().filter(|e| !overlaps(*e)).collect();
     let mut hits: Vec<Vec<Hit>> =
         free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
     let n = problem.independent();
@@ -427,18 +413,6 @@ fn ranked(
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);
     hits
-}
-
-/// Whether an effect explains something that those already there do not explain by themselves.
-#[must_use]
-pub fn fits_beside(problem: &Problem, effect: usize, names: &[&str]) -> bool {
-    let own = &problem.catalogue[effect];
-    let contains =
-        |e: &dyn crate::gap::model::effect::Effect, other: &str| e.spec().contains.contains(&other);
-    names.iter().all(|n| {
-        let there = problem.catalogue.iter().find(|e| e.name() == *n);
-        !contains(own.as_ref(), n) && there.is_none_or(|t| !contains(t.as_ref(), own.name()))
-    })
 }
 
 /// Models that a fit starts from: the parent with the effect at its shape and at its restarts.
@@ -462,7 +436,8 @@ fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel
 }
 
 /// One candidate a set of effects, the best of each; best set first.
-fn best_of_each_set(mut found: Vec<Candidate>) -> Vec<Candidate> {
+#[must_use]
+pub fn best_of_each_set(mut found: Vec<Candidate>) -> Vec<Candidate> {
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut sets: Vec<Candidate> = Vec::new();
     for c in found {

@@ -13,10 +13,11 @@ use crate::gap::{
     },
     judge::{
         cross_validation::predictive,
+        given::given,
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
         screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, given, search},
+        search::{Breadth, Candidate, Scope, Search, search},
         simplify::{HALF_WIDTH, simplified},
     },
     model::{
@@ -152,7 +153,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
 }
 
 /// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are
-/// fitted and no others are looked for.
+/// fitted and no others are looked for; a search tries the sets of `seeds` beside those that it grows.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let twin = JointModel::of(&problem.plant);

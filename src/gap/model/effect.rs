@@ -188,6 +188,15 @@ pub struct Spec {
     pub experiment: &'static str,
 }
 
+impl Spec {
+    /// Whether two effects are one, or one of them contains the other: beside each other they explain nothing
+    /// more.
+    #[must_use]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.name == other.name || self.contains.contains(&other.name) || other.contains.contains(&self.name)
+    }
+}
+
 /// Positions and times that a stretch of motion runs through; bounds are those of [`At::q`] and [`At::t`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
@@ -253,16 +262,6 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// The effect that no recording of such a joint distinguishes from this one.
     fn indistinguishable(&self, _coverage: &Coverage) -> Option<&'static str> {
         None
-    }
-    /// Effects that come near it in a format that does not hold it, fitted anew; those that it contains are
-    /// tried anyway.
-    fn stand_ins(&self) -> &'static [&'static str] {
-        match self.place() {
-            // Every friction resists the motion, as these do.
-            Place::Friction => &["coulomb_friction", "viscous_friction"],
-            Place::Effort if self.is_of_velocity() => &["viscous_friction"],
-            _ => &[],
-        }
     }
     /// Whether it happened in one run and is no property of the joint: it is never exported.
     fn is_of_one_run(&self) -> bool {

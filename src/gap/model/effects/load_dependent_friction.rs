@@ -29,11 +29,6 @@ impl Effect for LoadDependentFriction {
         out.p[0] = at.u.abs();
     }
 
-    fn stand_ins(&self) -> &'static [&'static str] {
-        // A gear that loses a share of what drives it passes a share of it on.
-        &["coulomb_friction", "viscous_friction", "torque_gain"]
-    }
-
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         // From 1 on no effort could ever move the joint.
         (0.0, 0.95)
