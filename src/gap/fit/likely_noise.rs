@@ -58,8 +58,8 @@ pub fn most_likely_noise(
     residuals.with_wander(white, around)
 }
 
-/// Deflection that makes the residuals of whole windows most probable: of their squares beyond the start states,
-/// the share of each independent number.
+/// Deflection that makes the residuals of whole windows most probable: of their squares beyond the start
+/// states, the share of each independent number.
 fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
     let square = |rows: &Vec<[f64; 3]>| {

@@ -42,6 +42,12 @@ impl EffortNoise {
         size(self) / size(other).max(1e-300)
     }
 
+    /// Whether something is in it that is no noise of a sensor: it lasts, or stands beside the model.
+    #[must_use]
+    pub fn remains(&self) -> bool {
+        self.wander > 0.0 || self.deflection > 0.0
+    }
+
     /// Standard deviation of the effort at one time.
     #[must_use]
     pub fn size(&self) -> f64 {

@@ -74,8 +74,8 @@ impl Weighing {
 /// derived: what a window's motion has in it above a 32nd of its length is not what is asked.
 const SAMPLES_OF_PREDICTION: f64 = 64.0;
 /// Independent numbers in the positions of a window that a model predicts: its start state, and two more.
-/// derived: an effort that is missing acts through two integrals; of what is left beyond position and velocity
-/// the first two curves hold most.
+/// derived: an effort that is missing acts through two integrals; of what is left beyond position and
+/// velocity the first two curves hold most.
 const FREEDOM_OF_WINDOW: f64 = 4.0;
 
 /// Logs of one joint, prepared.

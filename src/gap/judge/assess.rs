@@ -76,7 +76,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     let mut proof = prove(&held_out, &twin, &updated);
     // What lasts and moves the joint by more than its noise is something, and no effect says what.
     if diagnosis.verdict == Verdict::None
-        && diagnosis.noise.wander > 0.0
+        && diagnosis.noise.remains()
         && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
     {
         diagnosis.verdict = Verdict::Unknown;
@@ -112,9 +112,9 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     report
 }
 
-/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor that
-/// no catalogue holds, what each sample adds to those before it says little of what moves the joint. `None` where
-/// nothing is left, or what was found surely predicts better.
+/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor
+/// that no catalogue holds, what each sample adds to those before it says little of what moves the joint.
+/// `None` where nothing is left, or what was found surely predicts better.
 fn by_prediction(
     problem: &Problem,
     found: &Diagnosis,

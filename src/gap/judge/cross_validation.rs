@@ -19,8 +19,8 @@ use crate::gap::{
 const WARM: Pace = Pace { rounds: 1, steps: 6, enough: 0.2, settles: false, searches: false, hears: false };
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
-/// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in short
-/// ones.
+/// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in
+/// short ones.
 const LENGTHS: [f64; 2] = [1.0, 0.25];
 
 /// Standard errors above zero at which a mean is surely above it in one of the lengths.
@@ -30,8 +30,8 @@ const SURELY: f64 = 1.959_964;
 /// Root mean square residuals of windows of each length.
 type Sizes = [Vec<f64>; LENGTHS.len()];
 
-/// The set without the effects that do not surely better the windows of runs that they were not fitted to, the
-/// one that betters them least first.
+/// The set without the effects that do not surely better the windows of runs that they were not fitted to,
+/// the one that betters them least first.
 #[must_use]
 pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
@@ -68,8 +68,8 @@ pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     candidate(problem, fit(problem, &model, starts, chosen.fit.noise, Free::All, Pace::thorough(2)))
 }
 
-/// Whether a model surely predicts windows of some length better than another, and explains more of the squared
-/// residuals of that one than it leaves.
+/// Whether a model surely predicts windows of some length better than another, and explains more of the
+/// squared residuals of that one than it leaves.
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
     let (with, without) = (sizes(problem, model), sizes(problem, other));

@@ -114,8 +114,8 @@ pub fn format_models(
 
 /// Searches of one joint, shared by the formats.
 struct Maker<'p, 'c> {
-    /// The fitted runs, whole windows of which are predicted: where a model lacks an effect, what it misses is no
-    /// noise, and the parameters wanted are those that predict best.
+    /// The fitted runs, whole windows of which are predicted: where a model lacks an effect, what it misses
+    /// is no noise, and the parameters wanted are those that predict best.
     problem: Problem<'c>,
     held_out: &'p Problem<'c>,
     diagnosis: &'p Diagnosis,
@@ -136,11 +136,13 @@ impl<'c> Maker<'_, 'c> {
     fn make(&mut self, format: Format) -> FormatModel {
         let translated = expressed(format, self.updated, self.catalogue());
         let twin = JointModel::of(&self.problem.plant);
+        let mut may_help = true;
         let (model, rmse) = if translated.terms == self.updated.terms {
             (translated.clone(), self.gap.after)
         } else {
             let best = self.best(format, &translated);
             let rmse = windowed_rmse(self.held_out, &best);
+            may_help = !best.terms.is_empty();
             // Negated, so that a residual that is not a number is not better.
             if best.terms.is_empty() || !(rmse < self.gap.before) {
                 (twin, self.gap.before)
@@ -149,18 +151,29 @@ impl<'c> Maker<'_, 'c> {
             }
         };
         let is_translated = model.terms == translated.terms;
-        let effects =
-            self.updated.terms.iter().map(|t| self.held(format, t, &model, is_translated)).collect();
+        let effects = self
+            .updated
+            .terms
+            .iter()
+            .map(|t| self.held(format, t, &model, is_translated, may_help))
+            .collect();
         FormatModel { format, model, rmse, twin_rmse: self.gap.before, effects }
     }
 
     /// What became of a found effect.
-    fn held(&self, format: Format, term: &Term, model: &JointModel, is_translated: bool) -> HeldEffect {
+    fn held(
+        &self,
+        format: Format,
+        term: &Term,
+        model: &JointModel,
+        is_translated: bool,
+        may_help: bool,
+    ) -> HeldEffect {
         let of = |fate, by| HeldEffect { effect: term.effect, fate, by };
         let effect = self.catalogue()[term.effect].as_ref();
         let is_held = effect.in_format(format, &term.p, &self.problem.plant) != Expression::NotExpressible;
         if model.terms.is_empty() {
-            return of(if is_held { Fate::Kept } else { Fate::NotExpressible }, Vec::new());
+            return of(if is_held || may_help { Fate::Kept } else { Fate::NotExpressible }, Vec::new());
         }
         if let Some(own) = model.terms.iter().find(|t| t.effect == term.effect) {
             return match (own.p == term.p, is_translated) {
@@ -209,7 +222,9 @@ impl<'c> Maker<'_, 'c> {
             let mut seeds =
                 regressed_sets(problem, &Screen::new(problem, &base.fit), &effects, BREADTH.largest);
             seeds.push(translated.clone());
-            let found = search(problem, &BREADTH, &Scope { effects: &effects, seeds: &seeds });
+            // What stands in for an effect needs no certainty of a name: it is there to predict.
+            let found =
+                search(problem, &BREADTH, &Scope { effects: &effects, seeds: &seeds, least_gain: 0.0 });
             finely(problem, found.accepted())
         });
         self.sought.push((effects, found.clone()));
@@ -217,7 +232,7 @@ impl<'c> Maker<'_, 'c> {
         let starts = Some(found.fit.starts.as_slice());
         let as_found = fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
         let as_found = candidate(problem, as_found);
-        if as_found.score > found.score - SIMPLER {
+        if !translated.terms.is_empty() && as_found.score > found.score - SIMPLER {
             return translated.clone();
         }
         let mut model = found.fit.model;

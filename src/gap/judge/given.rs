@@ -1,4 +1,5 @@
-//! Effects whose names are given, fitted from where they are found one by one and from where a regression has them.
+//! Effects whose names are given, fitted from where they are found one by one and from where a regression has
+//! them.
 
 use crate::gap::{
     fit::problem::Problem,

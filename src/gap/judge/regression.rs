@@ -1,5 +1,5 @@
-//! Efforts of several effects regressed together on what a fitted model misses, along the measured motion: fits
-//! that start there begin in the right basin where effects found one by one take each other's place.
+//! Efforts of several effects regressed together on what a fitted model misses, along the measured motion:
+//! fits that start there begin in the right basin where effects found one by one take each other's place.
 
 use crate::gap::{
     fit::problem::Problem,
@@ -77,8 +77,8 @@ pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -
     Some(JointModel { terms, ..model.clone() })
 }
 
-/// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains most
-/// by beside what each parameter costs; while it gains.
+/// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains
+/// most by beside what each parameter costs; while it gains.
 #[must_use]
 pub fn regressed_sets(
     problem: &Problem,

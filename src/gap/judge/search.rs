@@ -10,10 +10,7 @@ use crate::gap::{
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
         smooth::Trace,
     },
-    judge::{
-        name_weight::least_gain,
-        screen::{Hit, Screen},
-    },
+    judge::screen::{Hit, Screen},
     model::{
         effect::{At, Place, Response, Spec, run_time_s},
         joint_model::{JointModel, SETTLE_S, Term},
@@ -66,6 +63,8 @@ pub struct Scope<'a> {
     pub effects: &'a [usize],
     /// Sets that are tried beside those that grow one by one; the fits begin at their parameters.
     pub seeds: &'a [JointModel],
+    /// Gain of score that one more effect must bring.
+    pub least_gain: f64,
 }
 
 /// Sets by size: index 0 holds the twin itself, then singles, pairs, ...; each sorted, best first.
@@ -200,7 +199,7 @@ pub fn baseline(problem: &Problem) -> Candidate {
 #[must_use]
 pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
     let disturbance = scope.effects.iter().copied().find(|e| problem.catalogue[*e].is_of_one_run());
-    let least_gain = least_gain(problem.catalogue.len());
+    let least_gain = scope.least_gain;
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];

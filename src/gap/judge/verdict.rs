@@ -170,17 +170,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
             nearest: None,
         };
     }
-    let (found, chosen) = if effects.is_empty() {
-        let all: Vec<usize> = (0..problem.catalogue.len()).collect();
-        let found = search(problem, &Breadth::default(), &Scope { effects: &all, seeds });
-        let mut chosen = simplified(problem, found.accepted());
-        if problem.weighing != Weighing::Innovations {
-            chosen = predictive(problem, &chosen);
-        }
-        (found, chosen)
-    } else {
-        given(problem, effects)
-    };
+    let (found, chosen) = chosen(problem, effects, seeds);
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     // The twin under the noise of the chosen model: what there is to explain.
@@ -236,6 +226,25 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         diagnosis.withdraw();
     }
     diagnosis
+}
+
+/// The set of effects that a search ends in, or that is given.
+fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
+    if effects.is_empty() {
+        let all: Vec<usize> = (0..problem.catalogue.len()).collect();
+        let found = search(
+            problem,
+            &Breadth::default(),
+            &Scope { effects: &all, seeds, least_gain: least_gain(all.len()) },
+        );
+        let mut chosen = simplified(problem, found.accepted());
+        if problem.weighing != Weighing::Innovations {
+            chosen = predictive(problem, &chosen);
+        }
+        (found, chosen)
+    } else {
+        given(problem, effects)
+    }
 }
 
 /// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no

@@ -80,8 +80,8 @@ impl JointLog {
         }
     }
 
-    /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were read,
-    /// efforts and what others make of the joint in the mean over each interval.
+    /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
+    /// read, efforts and what others make of the joint in the mean over each interval.
     #[must_use]
     pub fn coarser(&self, interval_s: f64) -> Self {
         let every = self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1));
