@@ -10,7 +10,7 @@ use crate::gap::{
         proof::{Gap, windowed_rmse},
         regression::regressed_sets,
         screen::Screen,
-        search::{Breadth, Candidate, Scope, baseline, candidate, search},
+        search::{Breadth, Candidate, Scope, Search, baseline, candidate, search},
         simplify::SIMPLER,
         verdict::Diagnosis,
     },
@@ -121,8 +121,8 @@ struct Maker<'p, 'c> {
     diagnosis: &'p Diagnosis,
     updated: &'p JointModel,
     gap: &'p Gap,
-    /// Effects that a search was given, and what it ended in.
-    sought: Vec<(Vec<usize>, Candidate)>,
+    /// Effects that a search was given, and what it found.
+    sought: Vec<(Vec<usize>, Search)>,
 }
 
 /// What a search of a format's effects may grow.
@@ -216,18 +216,32 @@ impl<'c> Maker<'_, 'c> {
             if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
         };
         let effects: Vec<usize> = (0..problem.catalogue.len()).filter(may).collect();
-        let known = self.sought.iter().find(|(e, _)| *e == effects).map(|(_, c)| c.clone());
-        let found = known.unwrap_or_else(|| {
+        let known = self.sought.iter().position(|(e, _)| *e == effects);
+        let at = known.unwrap_or_else(|| {
             let base = baseline(problem);
-            let mut seeds =
-                regressed_sets(problem, &Screen::new(problem, &base.fit), &effects, BREADTH.largest);
+            let screen = Screen::new(problem, &base.fit);
+            let mut seeds = regressed_sets(problem, &screen, &effects, BREADTH.largest);
             seeds.push(translated.clone());
             // What stands in for an effect needs no certainty of a name: it is there to predict.
-            let found =
-                search(problem, &BREADTH, &Scope { effects: &effects, seeds: &seeds, least_gain: 0.0 });
-            finely(problem, found.accepted())
+            let scope = Scope { effects: &effects, seeds: &seeds, least_gain: 0.0 };
+            let found = search(problem, &BREADTH, &scope);
+            self.sought.push((effects, found));
+            self.sought.len() - 1
         });
-        self.sought.push((effects, found.clone()));
+        let own = |m: &JointModel| -> Vec<Term> {
+            let terms = m.terms.iter();
+            terms.filter(|t| !problem.catalogue[t.effect].is_of_one_run()).cloned().collect()
+        };
+        // An armature below zero is none.
+        let holds = |c: &&Candidate| {
+            let model = JointModel { terms: own(&c.fit.model), ..c.fit.model.clone() };
+            expressed(format, &model, problem.catalogue).terms == model.terms
+        };
+        let sets = self.sought[at].1.by_size.iter().flatten().filter(holds);
+        let Some(best) = sets.max_by(|a, b| a.score.total_cmp(&b.score)) else {
+            return JointModel::of(&problem.plant);
+        };
+        let found = finely(problem, best);
         // What was found has intervals: where it predicts as well it stays as it is.
         let starts = Some(found.fit.starts.as_slice());
         let as_found = fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
@@ -235,8 +249,7 @@ impl<'c> Maker<'_, 'c> {
         if !translated.terms.is_empty() && as_found.score > found.score - SIMPLER {
             return translated.clone();
         }
-        let mut model = found.fit.model;
-        model.terms.retain(|t| !problem.catalogue[t.effect].is_of_one_run());
+        let model = JointModel { terms: own(&found.fit.model), ..found.fit.model };
         expressed(format, &model, problem.catalogue)
     }
 }
