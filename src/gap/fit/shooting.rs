@@ -256,6 +256,9 @@ impl Pace {
         Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true, searches: true, hears: false }
     }
 
+    /// From near its end.
+    pub const WARM: Self =
+        Self { rounds: 1, steps: 6, enough: 0.2, settles: false, searches: false, hears: false };
     /// Far enough to see which start of a fit leads.
     pub const FIRST: Self =
         Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };

@@ -13,10 +13,7 @@ use crate::gap::{
         cross_validation::predicts_better,
         format_model::format_models,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
-        regression::regressed_sets,
         report::{JointReport, REPORTED_NOISES, ReplayWindow},
-        screen::Screen,
-        search::baseline,
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
@@ -130,17 +127,10 @@ fn by_prediction(
     if windowed_rmse(&predicting, &found.model) < REPORTED_NOISES * problem.noise_floor() {
         return None;
     }
-    let all: Vec<usize> = (0..problem.catalogue.len()).collect();
-    let screen = Screen::new(&predicting, &baseline(&predicting).fit);
-    let mut seeds = regressed_sets(&predicting, &screen, &all, LARGEST_SEED);
-    seeds.push(found.nearest.as_ref().map_or(&found.model, |n| &n.model).clone());
-    let other = diagnose(&predicting, effects, &seeds, rng);
+    let known = found.nearest.as_ref().map_or(&found.model, |n| &n.model);
+    let other = diagnose(&predicting, effects, std::slice::from_ref(known), rng);
     (!predicts_better(&predicting, &found.model, &other.model)).then_some(other)
 }
-
-/// Most effects of a set that is regressed.
-/// derived: one more than those of a search.
-const LARGEST_SEED: usize = 4;
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
 /// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`

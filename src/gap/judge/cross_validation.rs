@@ -15,9 +15,6 @@ use crate::gap::{
     record::log::rms,
 };
 
-/// A fit that begins near its end.
-const WARM: Pace = Pace { rounds: 1, steps: 6, enough: 0.2, settles: false, searches: false, hears: false };
-
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
 /// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in
 /// short ones.
@@ -37,7 +34,7 @@ pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
     let predicted = |model: &JointModel| -> Sizes {
         let one = |[fitted, other]: &[Problem; 2]| {
-            let known = fit(fitted, model, None, chosen.fit.noise, Free::All, WARM).model;
+            let known = fit(fitted, model, None, chosen.fit.noise, Free::All, Pace::WARM).model;
             sizes(other, &known)
         };
         let parts: Vec<Sizes> = folds.par_iter().map(one).collect();

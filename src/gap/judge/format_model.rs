@@ -8,14 +8,12 @@ use crate::gap::{
     },
     judge::{
         proof::{Gap, windowed_rmse},
-        regression::regressed_sets,
-        screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, baseline, candidate, search},
+        search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::SIMPLER,
         verdict::Diagnosis,
     },
     model::{
-        effect::Effect,
+        effect::{Effect, Place},
         expressed::expressed,
         format::{Expression, Format},
         joint_model::{Catalogue, JointModel, Term},
@@ -126,7 +124,7 @@ struct Maker<'p, 'c> {
 }
 
 /// What a search of a format's effects may grow.
-const BREADTH: Breadth = Breadth { singles: 9, grown: 2, partners: 4, largest: 4 };
+const BREADTH: Breadth = Breadth { singles: 9, grown: 2, partners: 4, largest: 4, regressed: 4 };
 
 impl<'c> Maker<'_, 'c> {
     fn catalogue(&self) -> &'c Catalogue {
@@ -183,7 +181,8 @@ impl<'c> Maker<'_, 'c> {
             };
         }
         let is_found = |t: &Term| self.updated.terms.iter().any(|u| u.effect == t.effect);
-        let by: Vec<Term> = model.terms.iter().filter(|t| !is_found(t)).cloned().collect();
+        let stands_in = |t: &&Term| !is_found(t) && may_stand_in(self.catalogue()[t.effect].as_ref(), effect);
+        let by: Vec<Term> = model.terms.iter().filter(stands_in).cloned().collect();
         let fate = match (by.is_empty(), is_translated) {
             (false, true) => Fate::Approximated,
             (false, false) => Fate::Replaced,
@@ -218,12 +217,9 @@ impl<'c> Maker<'_, 'c> {
         let effects: Vec<usize> = (0..problem.catalogue.len()).filter(may).collect();
         let known = self.sought.iter().position(|(e, _)| *e == effects);
         let at = known.unwrap_or_else(|| {
-            let base = baseline(problem);
-            let screen = Screen::new(problem, &base.fit);
-            let mut seeds = regressed_sets(problem, &screen, &effects, BREADTH.largest);
-            seeds.push(translated.clone());
+            let seeds = std::slice::from_ref(translated);
             // What stands in for an effect needs no certainty of a name: it is there to predict.
-            let scope = Scope { effects: &effects, seeds: &seeds, least_gain: 0.0 };
+            let scope = Scope { effects: &effects, seeds, least_gain: 0.0 };
             let found = search(problem, &BREADTH, &scope);
             self.sought.push((effects, found));
             self.sought.len() - 1
@@ -254,9 +250,15 @@ impl<'c> Maker<'_, 'c> {
     }
 }
 
+/// Whether what an effect does may be taken up by another: both resist the motion, or neither does; a gain
+/// and an inertia scale whatever acts.
+fn may_stand_in(other: &dyn Effect, effect: &dyn Effect) -> bool {
+    let resists = |e: &dyn Effect| e.place() == Place::Friction || e.is_of_velocity();
+    matches!(other.place(), Place::Gain | Place::Inertia) || resists(other) == resists(effect)
+}
+
 /// The set fitted with the small steps that parameters are reported from.
 fn finely(problem: &Problem, coarse: &Candidate) -> Candidate {
-    let pace = Pace { rounds: 1, steps: 6, enough: 0.2, settles: false, searches: false, hears: false };
     let (fit_, problem) = (&coarse.fit, &problem.refined());
-    candidate(problem, fit(problem, &fit_.model, Some(&fit_.starts), fit_.noise, Free::All, pace))
+    candidate(problem, fit(problem, &fit_.model, Some(&fit_.starts), fit_.noise, Free::All, Pace::WARM))
 }

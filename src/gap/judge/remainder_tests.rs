@@ -35,7 +35,8 @@ fn a_friction_is_named_beside_efforts_that_no_catalogue_holds() {
     assert_eq!(found.findings[0].effect, "coulomb_friction");
     let friction = &found.findings[0].parameters[0];
     assert!(friction.interval.0 < 0.1 && friction.interval.1 > 0.1, "{friction:?}");
-    assert!(found.noise.remains(), "{:?}", found.noise);
+    // Some hundred times the noise of the readings.
+    assert!(found.noise.deflection > 0.01, "{:?}", found.noise);
 }
 
 #[test]

@@ -5,12 +5,15 @@ use rayon::prelude::*;
 use crate::gap::{
     fit::{
         noise::EffortNoise,
-        problem::Problem,
+        problem::{Problem, Weighing},
         rollout::Start,
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
         smooth::Trace,
     },
-    judge::screen::{Hit, Screen},
+    judge::{
+        regression::regressed_sets,
+        screen::{Hit, Screen},
+    },
     model::{
         effect::{At, Place, Response, Spec, run_time_s},
         joint_model::{JointModel, SETTLE_S, Term},
@@ -48,11 +51,13 @@ pub struct Breadth {
     pub partners: usize,
     /// Largest set.
     pub largest: usize,
+    /// Largest set that is regressed, where whole windows are predicted.
+    pub regressed: usize,
 }
 
 impl Default for Breadth {
     fn default() -> Self {
-        Self { singles: 9, grown: 3, partners: 5, largest: 3 }
+        Self { singles: 9, grown: 3, partners: 5, largest: 3, regressed: 4 }
     }
 }
 
@@ -203,7 +208,13 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
     let base = baseline(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
-    let largest_seed = scope.seeds.iter().map(|s| s.terms.len()).max().unwrap_or(0);
+    let mut seeds = Vec::new();
+    if problem.weighing != Weighing::Innovations {
+        let screen = Screen::new(problem, &by_size[0][0].fit);
+        seeds = regressed_sets(problem, &screen, scope.effects, breadth.regressed);
+    }
+    seeds.extend_from_slice(scope.seeds);
+    let largest_seed = seeds.iter().map(|s| s.terms.len()).max().unwrap_or(0);
     for size in 1..=breadth.largest.max(largest_seed) {
         let (grown, tried) = match size {
             1 => (1, breadth.singles),
@@ -225,8 +236,8 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
             }
             found.extend(grow(problem, parent, &hits));
         }
-        let seeds: Vec<&JointModel> = scope.seeds.iter().filter(|s| s.terms.len() == size).collect();
-        found.extend(seeds.par_iter().map(|s| begun(problem, &by_size[0][0], s)).collect::<Vec<_>>());
+        let of_size: Vec<&JointModel> = seeds.iter().filter(|s| s.terms.len() == size).collect();
+        found.extend(of_size.par_iter().map(|s| begun(problem, &by_size[0][0], s)).collect::<Vec<_>>());
         if found.is_empty() && size >= largest_seed {
             break;
         }
