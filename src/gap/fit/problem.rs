@@ -12,7 +12,7 @@ use crate::gap::{
         plant::Plant,
     },
     record::{
-        drive::{Drive, Hold},
+        drive::{Drive, Hold, MAX_STEP_S},
         jitter::reading_noise,
         log::{JointLog, Span, windows},
         motion::SmoothMotion,
@@ -185,12 +185,24 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn predicting(&self) -> Self {
         let length_s = window_length_s(&self.plant);
-        let logs = self.logs.iter().map(|l| l.coarser(length_s / SAMPLES_OF_PREDICTION)).collect();
-        // Means of the effort act from sample to sample.
-        let coarse = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise);
+        let coarse = self.coarser(length_s / SAMPLES_OF_PREDICTION);
         let windows = coarse.windows.len() as f64;
         let independent = FREEDOM_OF_WINDOW * windows / coarse.samples().max(1) as f64;
         Self { weighing: Weighing::Predictions { independent: independent.min(1.0) }, ..coarse }
+    }
+
+    /// The same logs no finer than the steps of a rollout.
+    #[must_use]
+    pub fn at_steps(self) -> Self {
+        let is_finer = |l: &JointLog| l.samples_in(MAX_STEP_S) > 1;
+        if self.logs.iter().any(is_finer) { self.coarser(MAX_STEP_S) } else { self }
+    }
+
+    /// The same logs with samples of about `interval_s`, where those recorded lie closer.
+    fn coarser(&self, interval_s: f64) -> Self {
+        let logs = self.logs.iter().map(|l| l.coarser(interval_s, self.hold)).collect();
+        // Means of the effort act from sample to sample.
+        Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise)
     }
 
     /// Held-out logs, with small steps.

@@ -46,7 +46,9 @@ pub struct Runs {
 #[must_use]
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
     let turns = runs.turns;
-    let problem = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
+    let recorded = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
+    let held_out = Problem::held_out(&recorded, runs.held_out);
+    let problem = recorded.at_steps();
     let mut diagnosis = diagnose(&problem, &runs.effects, &[], rng);
     if let Some(predicting) = by_prediction(&problem, &diagnosis, &runs.effects, rng) {
         diagnosis = predicting;
@@ -62,10 +64,9 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         nearest: None,
         off_axis: None,
     };
-    if diagnosis.verdict == Verdict::Insufficient || runs.held_out.is_empty() {
+    if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
     }
-    let held_out = Problem::held_out(&problem, runs.held_out);
     let twin = JointModel::of(plant);
     // A push belongs to the run that it happened in.
     let mut updated = diagnosis.model.clone();

@@ -14,7 +14,7 @@ pub enum Hold {
 
 /// Longest step of a rollout, seconds.
 /// derived: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
-const MAX_STEP_S: f64 = 5.2e-3;
+pub const MAX_STEP_S: f64 = 5.2e-3;
 
 /// Mean effort of every step, and its derivative by the delay.
 #[derive(Clone, Debug, Default)]

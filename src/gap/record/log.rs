@@ -80,35 +80,6 @@ impl JointLog {
         }
     }
 
-    /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
-    /// read, efforts and what others make of the joint in the mean over each interval.
-    #[must_use]
-    pub fn coarser(&self, interval_s: f64) -> Self {
-        let every = self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1));
-        if every == 1 {
-            return self.clone();
-        }
-        let mut coarse =
-            Self { run: self.run.clone(), others: vec![Vec::new(); self.others.len()], ..Self::default() };
-        for segment in self.segments(0) {
-            let end = segment.start + segment.len;
-            for k in (segment.start..end).step_by(every) {
-                // The last interval of a segment is shorter; its last sample ends it.
-                let to = (k + every).min(end);
-                coarse.time_s.push(self.time_s[k]);
-                coarse.position.push(self.position[k]);
-                coarse.effort.push(mean_over(&self.time_s, &self.effort, k, to));
-                for (own, other) in coarse.others.iter_mut().zip(&self.others) {
-                    own.push(other[k]);
-                }
-                if let Some(carried) = self.carried.get(k..to) {
-                    coarse.carried.push(Carried::mean(carried));
-                }
-            }
-        }
-        coarse
-    }
-
     /// Length, seconds.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
@@ -117,13 +88,6 @@ impl JointLog {
             _ => 0.0,
         }
     }
-}
-
-/// Mean over time of values that hold from each sample to the next.
-fn mean_over(time_s: &[f64], values: &[f64], from: usize, to: usize) -> f64 {
-    let width = |k: usize| time_s.get(k + 1).map_or(0.0, |next| next - time_s[k]);
-    let total: f64 = (from..to).map(width).sum();
-    if total > 0.0 { (from..to).map(|k| width(k) * values[k]).sum::<f64>() / total } else { values[from] }
 }
 
 /// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are

@@ -4,6 +4,7 @@ pub mod carried;
 pub mod chain;
 #[cfg(test)]
 mod chain_tests;
+pub mod coarser;
 pub mod drive;
 pub mod inputs;
 pub mod jitter;

@@ -1,0 +1,52 @@
+//! Logs with fewer samples.
+
+use crate::gap::record::{carried::Carried, drive::Hold, log::JointLog};
+
+impl JointLog {
+    /// Samples that come in an interval, where those recorded lie closer; 1 elsewhere.
+    #[must_use]
+    pub fn samples_in(&self, interval_s: f64) -> usize {
+        self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1))
+    }
+
+    /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
+    /// read, efforts and what others make of the joint in the mean over each interval, so that the efforts
+    /// hold from each sample to the next.
+    #[must_use]
+    pub fn coarser(&self, interval_s: f64, hold: Hold) -> Self {
+        let every = self.samples_in(interval_s);
+        if every == 1 && hold == Hold::Zero {
+            return self.clone();
+        }
+        let mut coarse =
+            Self { run: self.run.clone(), others: vec![Vec::new(); self.others.len()], ..Self::default() };
+        for segment in self.segments(0) {
+            let end = segment.start + segment.len;
+            for k in (segment.start..end).step_by(every) {
+                // The last interval of a segment is shorter; its last sample ends it.
+                let to = (k + every).min(end);
+                coarse.time_s.push(self.time_s[k]);
+                coarse.position.push(self.position[k]);
+                coarse.effort.push(mean_over(&self.time_s, &self.effort, hold, k, to));
+                for (own, other) in coarse.others.iter_mut().zip(&self.others) {
+                    own.push(other[k]);
+                }
+                if let Some(carried) = self.carried.get(k..to) {
+                    coarse.carried.push(Carried::mean(carried));
+                }
+            }
+        }
+        coarse
+    }
+}
+
+/// Mean over time of values from sample `from` to sample `to`.
+fn mean_over(time_s: &[f64], values: &[f64], hold: Hold, from: usize, to: usize) -> f64 {
+    let width = |k: usize| time_s.get(k + 1).map_or(0.0, |next| next - time_s[k]);
+    let value = |k: usize| match hold {
+        Hold::Zero => values[k],
+        Hold::Linear => 0.5 * (values[k] + values.get(k + 1).unwrap_or(&values[k])),
+    };
+    let total: f64 = (from..to).map(width).sum();
+    if total > 0.0 { (from..to).map(|k| width(k) * value(k)).sum::<f64>() / total } else { values[from] }
+}
