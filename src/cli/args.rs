@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use super::actuator_args::{command_topic, effort_unit, servo};
 use crate::{
     evaluate::EvaluateOptions,
+    gap::record::command::{EffortUnit, ToldServo},
     synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
 };
 
@@ -211,6 +213,26 @@ pub struct DiagnoseArgs {
     /// twin are read
     #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
     pub pose: Vec<(String, String)>,
+    /// Newton meters (newtons) that one unit of the recorded efforts is, or `unknown` for currents, duty cycles
+    /// or counts: the factor is then found
+    #[arg(long, value_name = "FACTOR", value_parser = effort_unit, default_value = "1")]
+    pub effort_unit: EffortUnit,
+    /// Position controller that follows recorded commands; they then count before efforts. What is not told is
+    /// found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not told), delay (s); may
+    /// be repeated for single joints. Without recorded efforts commands are read anyway
+    #[arg(
+        long,
+        value_name = "[JOINT:]KEY=VALUE,...",
+        value_parser = servo,
+        num_args = 0..=1,
+        default_missing_value = ""
+    )]
+    pub servo: Vec<ToldServo>,
+    /// Topic of commands: sensor_msgs/JointState, trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray
+    /// with the joints of its values; may be repeated. control_msgs/JointTrajectoryControllerState and
+    /// JointState on a topic with `command` in its name are found without
+    #[arg(long, value_name = "TOPIC[=JOINT,...]", value_parser = command_topic)]
+    pub command: Vec<(String, Vec<String>)>,
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,

@@ -9,7 +9,7 @@ use crate::{
     gap::{
         camera::record::options::FrameOptions,
         judge::verdict::Verdict,
-        record::{drive::Hold, tracks::Streams},
+        record::{command::Told, drive::Hold, tracks::Streams},
     },
     note::{Note, NoteCode},
     run::{self, DiagnoseRequest, Monitor},
@@ -32,6 +32,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         seed: args.seed,
         effects: args.effects.clone(),
         streams: Streams { wrenches: args.wrench.clone(), poses: args.pose.clone(), ..Streams::default() },
+        told: Told { unit: args.effort_unit, servos: args.servo.clone(), commands: args.command.clone() },
     };
     let outcome = if args.frames.is_empty() {
         run::diagnose(&request, &Monitor::silent())?

@@ -1,5 +1,6 @@
 //! The terminal: arguments, progress, exit codes. Results go to stdout, everything else to stderr.
 
+mod actuator_args;
 mod args;
 mod check;
 mod config;

@@ -7,8 +7,12 @@ use std::{
 
 use super::{
     bag::Bag,
+    joint_commands::{ARRAY, CONTROLLER_STATE, Commands, Origin, TRAJECTORY},
     mcap_file::RawMessage,
-    ros2msg::{Header, JointState, PoseStamped, TfMessage, Transform, WrenchStamped, decode},
+    ros2msg::{
+        Header, JointState, PoseStamped, TfMessage, Transform, WrenchStamped, decode,
+        joints::{ControllerStateFront, DynamicJointState, Float64MultiArray, JointTrajectory},
+    },
 };
 use crate::{
     capture::CaptureError,
@@ -24,6 +28,8 @@ const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 const WRENCH: &str = "geometry_msgs/msg/WrenchStamped";
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
 const TF: &str = "tf2_msgs/msg/TFMessage";
+const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
+const TYPES: [&str; 8] = [JOINT_STATE, WRENCH, POSE, TF, DYNAMIC, CONTROLLER_STATE, TRAJECTORY, ARRAY];
 /// Most joints of one recording.
 const MAX_JOINTS: usize = 256;
 
@@ -31,6 +37,7 @@ const MAX_JOINTS: usize = 256;
 struct Samples {
     stamps: Vec<i64>,
     position: Vec<f64>,
+    velocity: Vec<f64>,
     effort: Vec<f64>,
 }
 
@@ -44,6 +51,11 @@ struct Stamped<T> {
 struct Reader<'a> {
     streams: &'a Streams,
     joints: BTreeMap<String, Samples>,
+    /// What controllers say of joints of which no joint state is recorded.
+    feedback: BTreeMap<String, Samples>,
+    /// Topics of commands that were asked for, each with the joints of its values.
+    asked: &'a [(String, Vec<String>)],
+    commands: Commands,
     /// By topic and child frame; an empty child for poses.
     poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
     wrenches: BTreeMap<String, Stamped<WrenchTrack>>,
@@ -54,17 +66,37 @@ struct Reader<'a> {
     unstamped: usize,
 }
 
+/// Adds a sample of (position, velocity, effort) to a joint.
+fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [f64; 3]) {
+    // Joints that are kept go on; further ones are left out.
+    if joints.len() >= MAX_JOINTS && !joints.contains_key(name) {
+        return;
+    }
+    let samples = joints.entry(name.to_owned()).or_default();
+    samples.stamps.push(stamp);
+    samples.position.push(values[0]);
+    samples.velocity.push(values[1]);
+    samples.effort.push(values[2]);
+}
+
 /// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are
 /// those of the headers; where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors
 /// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was
 /// named.
-pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
+pub fn read_joint_log(
+    path: &Path,
+    streams: &Streams,
+    asked: &[(String, Vec<String>)],
+) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
     let mut reader = Reader {
         streams,
         joints: BTreeMap::new(),
+        feedback: BTreeMap::new(),
+        asked,
+        commands: Commands::default(),
         poses: BTreeMap::new(),
         wrenches: BTreeMap::new(),
         topics: BTreeMap::new(),
@@ -84,7 +116,7 @@ pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, Captu
     Ok(reader.recording(run_name(path), warnings))
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
     fn message(&mut self, message: &RawMessage) {
         let topic = message.topic;
         let is_cdr = message.message_encoding == "cdr";
@@ -98,7 +130,7 @@ impl Reader<'_> {
         });
         // Of what would be used, this is a loss; other topics are no concern.
         if !is_cdr {
-            self.broken += usize::from([JOINT_STATE, WRENCH, POSE, TF].contains(&message.type_name));
+            self.broken += usize::from(TYPES.contains(&message.type_name));
             return;
         }
         let named =
@@ -106,9 +138,32 @@ impl Reader<'_> {
         let log_nanos = message.log_time_nanos as i64;
         match message.type_name {
             JOINT_STATE => match decode::<JointState>(message.data) {
-                Ok(state) => self.joint_state(&state, log_nanos),
+                Ok(state) => self.joint_state(topic, &state, log_nanos),
                 Err(_) => self.broken += 1,
             },
+            DYNAMIC => match decode::<DynamicJointState>(message.data) {
+                Ok(state) => self.dynamic_state(&state, log_nanos),
+                Err(_) => self.broken += 1,
+            },
+            CONTROLLER_STATE => match decode::<ControllerStateFront>(message.data) {
+                Ok(state) => self.controller_state(&state, log_nanos),
+                Err(_) => self.broken += 1,
+            },
+            TRAJECTORY => match decode::<JointTrajectory>(message.data) {
+                Ok(sent) => {
+                    // A header that says when it begins is followed; 0 means at once.
+                    let stamp = sent.header.stamp.nanos().filter(|n| *n > 0).unwrap_or(log_nanos);
+                    self.commands.trajectory(&sent, stamp, self.joints_of(topic).is_some());
+                }
+                Err(_) => self.broken += 1,
+            },
+            ARRAY => {
+                let Some(joints) = self.joints_of(topic) else { return };
+                match decode::<Float64MultiArray>(message.data) {
+                    Ok(array) => self.commands.array(&array, joints, log_nanos),
+                    Err(_) => self.broken += 1,
+                }
+            }
             WRENCH => {
                 // Only topics that were named: a wrench does not say which link it acts on.
                 let Some(link) = named(&self.streams.wrenches) else { return };
@@ -149,19 +204,46 @@ impl Reader<'_> {
         }
     }
 
-    fn joint_state(&mut self, state: &JointState, log_nanos: i64) {
+    /// Joints of the values on a topic of commands that was asked for.
+    fn joints_of(&self, topic: &str) -> Option<&'a [String]> {
+        self.asked.iter().find(|(t, _)| t == topic).map(|(_, joints)| joints.as_slice())
+    }
+
+    fn joint_state(&mut self, topic: &str, state: &JointState, log_nanos: i64) {
         let stamp = self.stamp(&state.header, log_nanos);
+        let is_asked = self.joints_of(topic).is_some();
+        if is_asked || topic.contains("command") {
+            let origin = if is_asked { Origin::Asked } else { Origin::Named };
+            self.commands.joint_state(state, stamp, origin);
+            return;
+        }
         for (i, name) in state.name.iter().enumerate() {
-            // Joints that are kept go on; further ones are left out.
-            if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(name) {
-                continue;
-            }
-            let samples = self.joints.entry(name.clone()).or_default();
             // JointState: each array has the length of `name` or is empty.
             let at = |values: &[f64]| if values.len() == state.name.len() { values[i] } else { f64::NAN };
-            samples.stamps.push(stamp);
-            samples.position.push(at(&state.position));
-            samples.effort.push(at(&state.effort));
+            let values = [at(&state.position), at(&state.velocity), at(&state.effort)];
+            add(&mut self.joints, name, stamp, values);
+        }
+    }
+
+    fn dynamic_state(&mut self, state: &DynamicJointState, log_nanos: i64) {
+        let stamp = self.stamp(&state.header, log_nanos);
+        for (name, interfaces) in state.joint_names.iter().zip(&state.interface_values) {
+            let of = |wanted: &str| {
+                let at = interfaces.interface_names.iter().position(|n| n == wanted);
+                at.and_then(|i| interfaces.values.get(i)).copied().unwrap_or(f64::NAN)
+            };
+            add(&mut self.feedback, name, stamp, ["position", "velocity", "effort"].map(of));
+        }
+    }
+
+    fn controller_state(&mut self, state: &ControllerStateFront, log_nanos: i64) {
+        let stamp = self.stamp(&state.header, log_nanos);
+        self.commands.controller_state(state, stamp);
+        for (i, name) in state.joint_names.iter().enumerate() {
+            let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
+            let measured = &state.feedback;
+            let values = [&measured.positions, &measured.velocities, &measured.effort].map(|v| of(v));
+            add(&mut self.feedback, name, stamp, values);
         }
     }
 
@@ -230,7 +312,8 @@ impl Reader<'_> {
         let has_pose =
             |t: &String| self.poses.get(&(t.clone(), String::new())).is_some_and(|p| !p.stamps.is_empty());
         let poses = self.streams.poses.iter().map(|(t, _)| (t, POSE, has_pose(t)));
-        for (topic, kind, there) in wrenches.chain(poses) {
+        let commands = self.asked.iter().map(|(t, _)| (t, "commands of joints", self.topics.contains_key(t)));
+        for (topic, kind, there) in wrenches.chain(poses).chain(commands) {
             if !there {
                 return refused(format!("it holds no usable {kind} on '{topic}'; its topics are: {seen}"));
             }
@@ -243,7 +326,7 @@ impl Reader<'_> {
                 "the frame of '{topic}' changes from message to message; record one frame on a topic"
             ));
         }
-        if self.joints.is_empty() && self.poses.is_empty() {
+        if self.joints.is_empty() && self.feedback.is_empty() && self.poses.is_empty() {
             let what = "nor transforms (/tf) of the twin's links";
             return refused(format!(
                 "it holds no {JOINT_STATE}, {what}; its topics are: {seen}; name poses with --pose"
@@ -269,22 +352,39 @@ impl Reader<'_> {
             ));
         }
         // One zero for all streams, subtracted as integers: an f64 holds seconds since the epoch to 0.2 us.
-        let starts = self.joints.values().filter_map(|s| s.stamps.iter().min());
-        let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first()));
-        let first = starts.min().copied().unwrap_or(0);
+        // Joint states come first; controllers know of further joints.
+        let mut joints = self.feedback;
+        joints.extend(self.joints);
+        let starts = joints.values().filter_map(|s| s.stamps.iter().min().copied());
+        let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first().copied()));
+        let first = starts.chain(self.commands.first()).min().unwrap_or(0);
         let seconds = |stamps: &[i64]| stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect::<Vec<f64>>();
-        let joints = self.joints.into_iter().map(|(name, s)| JointSamples {
+        let one = |(name, s): (String, Samples)| JointSamples {
             name,
             time_s: seconds(&s.stamps),
             position: s.position,
             effort: s.effort,
-        });
+            velocity: s.velocity,
+        };
+        let mut joints: Vec<JointSamples> = joints.into_iter().map(one).collect();
+        let added = joints.iter_mut().filter_map(|j| j.integrate().then(|| j.name.clone()));
+        let added: Vec<String> = added.collect();
+        if !added.is_empty() {
+            warnings.push(Note::new(
+                NoteCode::PositionsFromVelocities,
+                format!(
+                    "run '{name}': positions of {} are added up from velocities, from 0 on",
+                    added.join(", ")
+                ),
+            ));
+        }
         let poses = self.poses.into_values().map(|s| PoseTrack { time_s: seconds(&s.stamps), ..s.track });
         let wrenches =
             self.wrenches.into_values().map(|s| WrenchTrack { time_s: seconds(&s.stamps), ..s.track });
         Recording {
             name,
-            joints: joints.collect(),
+            joints,
+            commands: self.commands.since(first),
             poses: poses.collect(),
             wrenches: wrenches.collect(),
             warnings,

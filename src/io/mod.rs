@@ -3,6 +3,7 @@
 mod disk;
 mod frame_run;
 mod gap_report;
+mod joint_commands;
 mod joint_log;
 mod manifest;
 mod mesh_faces;

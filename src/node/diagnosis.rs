@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     gap::{
-        record::{drive::Hold, tracks::Streams},
+        record::{command::Told, drive::Hold, tracks::Streams},
         twin_tree::Motion,
     },
     io::{
@@ -105,6 +105,7 @@ impl Diagnoser {
             seed: goal.seed,
             effects: Vec::new(),
             streams: Streams::default(),
+            told: Told::default(),
         })
     }
 

@@ -12,6 +12,7 @@ use crate::{
     export::diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
     files,
     gap::{
+        fit::actuation::actuated,
         judge::{
             assess::{Runs, assess},
             format_model::FormatModel,
@@ -22,6 +23,7 @@ use crate::{
         model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
         record::{
             chain::{carried, motions},
+            command::Told,
             drive::Hold,
             inputs::complete,
             log::JointLog,
@@ -62,6 +64,8 @@ pub struct DiagnoseRequest {
     pub effects: Vec<String>,
     /// Wrenches and poses that are read beside the joint states.
     pub streams: Streams,
+    /// What is told of the actuators.
+    pub told: Told,
 }
 
 /// What a diagnosis gives back.
@@ -92,6 +96,7 @@ impl DiagnoseRequest {
             seed: 0,
             effects: Vec::new(),
             streams: Streams::default(),
+            told: Told::default(),
         }
     }
 
@@ -167,7 +172,8 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
-        let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
+        let mut recording = io::read_joint_log(path, &streams, &request.told.commands)
+            .map_err(|e| failed("recording", &e))?;
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches, before anything looks at the joints.
@@ -228,8 +234,12 @@ pub(super) fn find(
         let stage = format!("diagnose/{name}");
         monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
         let ready = Plant::of(tree, j).map_err(|e| e.to_string()).and_then(|plant| {
-            let split = split(&recordings, tree, j, request.hold, &names, &mut warnings);
-            Ok((plant, split.map_err(|e| e.to_string())?))
+            let split = split(&recordings, tree, j, (request.hold, &request.told), &names, &mut warnings);
+            let mut split = split.map_err(|e| e.to_string())?;
+            let (fitted, held_out) = (&mut split.fitted, &mut split.held_out);
+            let plant =
+                actuated(&name, &plant, fitted, held_out, &request.told).map_err(|e| e.to_string())?;
+            Ok((plant, split))
         });
         match ready {
             Ok((plant, split)) => {
@@ -369,7 +379,7 @@ fn split(
     recordings: &[(Recording, bool)],
     tree: &TwinTree,
     joint: usize,
-    hold: Hold,
+    (hold, told): (Hold, &Told),
     names: &[String],
     warnings: &mut Vec<Note>,
 ) -> Result<Split, SplitError> {
@@ -378,10 +388,10 @@ fn split(
     let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
     let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
     for (recording, held) in recordings {
-        let mut log = recording.joint(name, names, warnings)?;
+        let mut log = recording.joint(name, names, told, warnings)?;
         // The others of a chain load this joint by their recorded motion.
         if !chain.is_empty() {
-            let mut all = motions(tree, &moving, recording, hold)
+            let mut all = motions(tree, &moving, recording, hold, told)
                 .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
             all.retain(|(j, _)| chain.contains(j));
             log.carried = carried(tree, joint, &all, &log.time_s);

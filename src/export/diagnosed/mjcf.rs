@@ -10,9 +10,10 @@ use crate::{
     gap::{
         judge::report::{ExportNote, JointReport},
         model::{
+            actuator::Actuator,
             effects::end_stop::MAX_IMPEDANCE,
             format::{Format, JointNumbers, Spring},
-            joint_model::{CREEP, Catalogue, JointModel},
+            joint_model::{CREEP, Catalogue},
         },
         twin_tree::{Motion, TwinJoint, TwinTree},
     },
@@ -40,6 +41,7 @@ struct Attributes {
     /// Further attributes of the joint.
     more: String,
     parent_from_joint: Pose,
+    actuator: Actuator,
 }
 
 struct Writer<'a> {
@@ -103,15 +105,7 @@ impl Writer<'_> {
                      frictionloss=\"{}\"{}/>",
                     axis.x, axis.y, axis.z, n.friction, a.more
                 );
-                // The gear multiplies the bias as well, so that it is divided by it here.
-                let _ = writeln!(
-                    self.actuators,
-                    "<general name=\"{name}\" joint=\"{name}\" gear=\"{}\" gaintype=\"fixed\" \
-                     gainprm=\"1\" biastype=\"affine\" biasprm=\"{} 0 0\"{}/>",
-                    n.gear,
-                    n.bias / n.gear,
-                    delay(n.delay_s)
-                );
+                let _ = writeln!(self.actuators, "{}", actuator(&name, n, &a.actuator));
             }
             // MuJoCo refuses an inertial without mass.
             if child.mass_kg > 0.0 {
@@ -149,9 +143,12 @@ impl Writer<'_> {
             numbers: JointNumbers::of(joint.damping, joint.friction),
             more: String::new(),
             parent_from_joint: joint.parent_from_joint,
+            actuator: Actuator::default(),
         };
         let Some(report) = self.joints.iter().find(|j| j.joint == joint.name) else { return a };
-        let twin = JointModel::of(&report.diagnosis.model.plant);
+        let twin = report.diagnosis.model.without_effects();
+        a.actuator = twin.plant.actuator;
+        a.actuator.delay_s += twin.lag_s;
         let mut model = held(Format::Mjcf, report).map_or(&twin, |h| &h.model);
         let mut notes = notes(Format::Mjcf, self.file, report, self.catalogue);
         if let Some(numbers) = joint_numbers(Format::Mjcf, joint, report, self.catalogue) {
@@ -217,6 +214,33 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
         );
     }
     text
+}
+
+/// What drives a joint: the recorded effort, or a servo that is given positions.
+fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
+    let late = delay(n.delay_s + actuator.delay_s);
+    let Some(servo) = actuator.servo else {
+        // The gear multiplies the bias as well, so that it is divided by it here.
+        let gear = n.gear * actuator.unit * actuator.gain;
+        return format!(
+            "<general name=\"{name}\" joint=\"{name}\" gear=\"{gear}\" gaintype=\"fixed\" gainprm=\"1\" \
+             biastype=\"affine\" biasprm=\"{} 0 0\"{late}/>",
+            n.bias / gear
+        );
+    };
+    // A gear would scale the position that the servo reads as well.
+    let (stiffness, damping) = (n.gear * actuator.gain * servo.stiffness, n.gear * actuator.damping);
+    let limit = n.gear * servo.limit;
+    let limited = if limit.is_finite() {
+        format!(" forcelimited=\"true\" forcerange=\"-{limit} {limit}\"")
+    } else {
+        String::new()
+    };
+    format!(
+        "<general name=\"{name}\" joint=\"{name}\" gaintype=\"fixed\" gainprm=\"{stiffness}\" biastype=\"affine\" \
+         biasprm=\"{} -{stiffness} -{damping}\"{limited}{late}/>",
+        n.bias
+    )
 }
 
 /// Attributes of an actuator whose effort acts late.

@@ -14,11 +14,11 @@ pub type Row = [f64; MAX_COLUMNS];
 /// Efforts at a state, summed over the plant and the terms.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sum {
-    /// Smooth effort without the measured one.
+    /// Smooth effort without the one that acts.
     pub effort: f64,
-    /// By position.
+    /// Both by position.
     pub q: f64,
-    /// By velocity.
+    /// Both by velocity.
     pub v: f64,
     /// Bound of the friction.
     pub friction: f64,
@@ -85,8 +85,8 @@ impl<'a> Acting<'a> {
         let damping = plant.damping + plant.inertia_at(at.carried).1;
         let mut sum = Sum {
             effort: -load - damping * at.v,
-            q: -slope,
-            v: -damping,
+            q: at.feedback[0] - slope,
+            v: at.feedback[1] - damping,
             friction: plant.friction,
             ..Sum::default()
         };
@@ -111,6 +111,7 @@ impl<'a> Acting<'a> {
             }
             column += p.len();
         }
+        sum.friction_q += sum.friction_u * at.feedback[0];
         if self.has_contact {
             self.add_contacts(at, effort, &mut sum);
         }

@@ -3,6 +3,7 @@
 use crate::gap::{
     fit::rollout::{Rollout, Start, roll},
     model::{
+        actuator::{Actuator, Servo},
         effect::{At, Coverage, Effect, Place, Response},
         effects::catalogue,
         joint_model::JointModel,
@@ -61,6 +62,7 @@ fn effects_have_the_derivatives_that_they_claim() {
             let x = f64::from(step) / 60.0;
             let t = if effect.name() == "disturbance" { p[1] + 0.2 * (x - 0.5) } else { x };
             let at = At {
+                feedback: [0.0; 2],
                 q: -0.25 + 1.6 * x,
                 v: 0.7 * (9.0 * x).sin() + 0.01,
                 u: 3.0 - 5.0 * x,
@@ -120,8 +122,8 @@ fn log() -> JointLog {
         position: vec![0.0; time_s.len()],
         effort,
         others: vec![vec![0.2; time_s.len()]],
-        carried: Vec::new(),
         time_s,
+        ..JointLog::default()
     }
 }
 
@@ -132,14 +134,19 @@ fn plant() -> Plant {
         friction: 0.1,
         load: Load { constant: 0.0, sine: 0.4, cosine: 1.0 },
         most_load: 2.0,
+        actuator: Actuator::default(),
     }
 }
 
 fn last(model: &JointModel, start: Start) -> (f64, [f64; 16]) {
-    let (log, effects) = (log(), catalogue(1));
-    let drive = Drive::new(&log, Hold::Linear, model.delay_s(&effects), 1);
+    last_of(&log(), model, start)
+}
+
+fn last_of(log: &JointLog, model: &JointModel, start: Start) -> (f64, [f64; 16]) {
+    let effects = catalogue(1);
+    let drive = Drive::with_steps(log, Hold::Linear, model.delay_s(&effects), 1);
     let mut out = Rollout::default();
-    roll(model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+    roll(model, &effects, log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
     (out.position[199], out.rows[199])
 }
 
@@ -176,12 +183,61 @@ fn rollouts_have_the_sensitivities_that_they_claim() {
 }
 
 #[test]
+fn a_servo_has_the_sensitivities_that_it_claims_beside_every_effect() {
+    let mut log = log();
+    log.commanded = log.time_s.iter().map(|t| 0.3 + 0.5 * (5.0 * t).sin()).collect();
+    let servo = Some(Servo { stiffness: 60.0, limit: 9.0 });
+    let found = Actuator {
+        gain: 1.2,
+        damping: 4.0,
+        servo,
+        delay_s: 0.01,
+        is_found: [true; 2],
+        ..Actuator::default()
+    };
+    let start = Start { position: 0.3, velocity: 0.4, play: -1.0 };
+    for (index, effect) in catalogue(1).iter().enumerate() {
+        if effect.name() == "disturbance" {
+            continue;
+        }
+        let own: Vec<f64> = acting(effect.as_ref()).iter().map(|x| 0.3 * x + 0.02).collect();
+        for limit in [f64::INFINITY, 12.0] {
+            let servo = Some(Servo { stiffness: 60.0, limit });
+            let plant = Plant { actuator: Actuator { servo, ..found }, ..plant() };
+            let model = JointModel::of(&plant).with(index, &own);
+            let (_, row) = last_of(&log, &model, start);
+            let parameters = model.parameters();
+            assert_eq!(parameters.len(), model.free());
+            assert_eq!(parameters[parameters.len() - 2..], [1.2, 4.0]);
+            // What switches between steps has the derivative of its smooth pieces.
+            let switches = effect.place() == Place::Friction || effect.name() == "backlash" || limit < 1e3;
+            for i in 0..parameters.len() {
+                let h = 1e-5 * (1.0 + parameters[i].abs());
+                let shifted = |by: f64| {
+                    let mut p = parameters.clone();
+                    p[i] += by;
+                    last_of(&log, &model.with_parameters(&p), start).0
+                };
+                let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
+                let allowed = if switches { 0.1 } else { 0.01 };
+                assert!(
+                    (row[2 + i] - slope).abs() < allowed * (0.02 + slope.abs()),
+                    "{} limit {limit} column {i}: {} {slope}",
+                    effect.name(),
+                    row[2 + i]
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn a_joint_that_sticks_stands_still() {
     let effects = catalogue(0);
     let mut log = log();
     log.effort = vec![0.5; 200];
     let held = Plant { friction: 2.0, load: Load::default(), ..plant() };
-    let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
+    let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 1);
     let mut out = Rollout::default();
     let start = Start { position: 0.3, velocity: 0.0, play: 0.0 };
     roll(
@@ -201,11 +257,11 @@ fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
     let effects = catalogue(0);
     let mut log = log();
     log.effort = vec![0.5; 200];
-    let held = Plant { inertia: 2.0, damping: 0.0, friction: 2.0, load: Load::default(), most_load: 0.0 };
+    let held = Plant { damping: 0.0, friction: 2.0, load: Load::default(), most_load: 0.0, ..plant() };
     let settle_s = 0.01;
     let model = JointModel { settle_s, ..JointModel::of(&held) };
     let velocity = |finer: usize, at: usize| {
-        let drive = Drive::new(&log, Hold::Zero, 0.0, finer);
+        let drive = Drive::with_steps(&log, Hold::Zero, 0.0, finer);
         let mut out = Rollout::default();
         let start = Start { position: 0.3, velocity: 0.004, play: 0.0 };
         roll(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);

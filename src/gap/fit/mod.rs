@@ -1,6 +1,7 @@
 //! Models fitted to recorded motion by multiple shooting.
 
 pub mod acting;
+pub mod actuation;
 #[cfg(test)]
 mod derivative_tests;
 pub mod likely_noise;

@@ -7,7 +7,7 @@ use crate::gap::{
         smooth::{Trace, smooth},
     },
     model::{
-        effect::Coverage,
+        effect::{Coverage, Place},
         joint_model::{Catalogue, JointModel},
         plant::Plant,
     },
@@ -23,9 +23,19 @@ use crate::gap::{
 /// Share of a sample interval by which stamps of effort and position may disagree unreported.
 /// tuned: tests/python/gap/generate.py.
 const LAG_SHARE: f64 = 0.06;
+/// Deviation of a servo's delay from the one that the regression chose, seconds.
+/// derived: the steps of the delays that it tries.
+const SERVO_LAG_S: f64 = 0.01;
 /// Least relative noise of the effort.
 /// derived: rounding to a 32-bit float, as which drivers hold an effort, 2^-24.
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
+
+/// Angle by which a servo may swing in a step.
+/// derived: a leapfrog is stable below 2; its frequency errs by the square over 24, one percent here.
+const MAX_TURN: f64 = 0.5;
+/// Most steps between two samples that a servo may ask for.
+/// derived: a servo that swings faster holds the joint, whatever the steps.
+const MAX_SERVO_STEPS: f64 = 64.0;
 
 /// Most parts of a cross-validation.
 const FOLDS: usize = 6;
@@ -148,9 +158,8 @@ impl<'c> Problem<'c> {
         noise: ReadingNoise,
     ) -> Self {
         let readings: Vec<Vec<f64>> = logs.iter().map(|l| variances(l, &noise)).collect();
-        let steps = logs.iter().map(Drive::steps).collect();
-        let drives: Vec<Drive> = logs.iter().map(|l| Drive::new(l, hold, 0.0, 1)).collect();
-        let traces = smooth(&logs, &drives, plant, &readings);
+        let steps = logs.iter().map(|l| steps(l, plant)).collect();
+        let traces = smooth(&logs, hold, plant, &readings);
         let windows = windows(&logs, window_length_s(plant));
         let coverage = cover(plant, turns, &logs, &traces, noise.at_rest);
         let interval = coverage.interval_s;
@@ -166,7 +175,7 @@ impl<'c> Problem<'c> {
             coverage,
             noise,
             readings,
-            lag_sigma_s: LAG_SHARE * interval,
+            lag_sigma_s: if plant.actuator.is_late { SERVO_LAG_S } else { LAG_SHARE * interval },
             min_sigma_u,
             steps,
             finer: 1,
@@ -272,6 +281,20 @@ impl<'c> Problem<'c> {
         self.logs.iter().zip(&self.steps).map(one).collect()
     }
 
+    /// Effects that may be looked for: not what is found of the actuator anyway.
+    #[must_use]
+    pub fn sought(&self) -> Vec<usize> {
+        let [gain, damping] = self.plant.actuator.is_found;
+        let is_told = |e: &usize| match self.catalogue[*e].place() {
+            Place::Gain => !gain,
+            Place::Delay => !self.plant.actuator.is_late,
+            // Without a load that depends on the position, a scale of it is a gain.
+            Place::Scale => !gain || self.coverage.has_load_slope,
+            _ => !(damping && self.catalogue[*e].is_of_damping()),
+        };
+        (0..self.catalogue.len()).filter(is_told).collect()
+    }
+
     /// Standard deviation of the readings in the windows, root mean square, rad or m.
     #[must_use]
     pub fn noise_floor(&self) -> f64 {
@@ -290,6 +313,13 @@ impl<'c> Problem<'c> {
     pub fn samples(&self) -> usize {
         self.windows.iter().map(|w| w.len).sum()
     }
+}
+
+/// Steps of a rollout between two samples: as a servo needs that swings fast.
+fn steps(log: &JointLog, plant: &Plant) -> usize {
+    let swings = plant.actuator.servo.map_or(0.0, |s| (s.stiffness / plant.inertia).sqrt());
+    let of_servo = log.interval_s().map_or(1.0, |dt| (dt * swings / MAX_TURN).ceil());
+    Drive::steps(log).max(of_servo.min(MAX_SERVO_STEPS) as usize)
 }
 
 /// Variance of every reading of a log.

@@ -9,6 +9,7 @@
 use crate::gap::{
     fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
     model::{
+        actuator::Acted,
         effect::{At, Place, run_time_s},
         joint_model::{Catalogue, JointModel, Sensor, Settling},
     },
@@ -97,6 +98,8 @@ struct Layout {
     delay_column: Option<usize>,
     /// Offset, scale and play of the sensor.
     sensors: [Option<usize>; 3],
+    /// Gain and damping of the actuator.
+    actuator: [Option<usize>; 2],
 }
 
 impl Layout {
@@ -114,22 +117,43 @@ impl Layout {
             inertia_column,
             delay_column: scalar(Place::Delay, 0.0).1,
             sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+            actuator: model.actuator_columns().map(|c| c.map(|at| at + 2)),
         }
     }
 
-    /// Columns of what the measured effort goes through; `by_delay` is the derivative of the acting effort by
-    /// the delay.
+    /// Columns of what the recorded signal goes through; `by_delay` is its derivative by the delay, and `q`
+    /// the position that a servo reads through the sensor.
     #[inline]
-    fn by_drive(&self, sum: &Sum, effort: f64, by_delay: f64, effort_p: &mut Row, friction_p: &mut Row) {
-        // A contact takes its share off the measured effort too, and off whatever changes that.
+    fn by_drive(
+        &self,
+        sum: &Sum,
+        acted: &Acted,
+        (by_delay, q): (f64, f64),
+        effort_p: &mut Row,
+        friction_p: &mut Row,
+    ) {
+        // A contact takes its share off the effort that acts too, and off whatever changes that.
         let by_u = 1.0 - sum.taken;
+        let by_delay = self.gain * acted.signal * by_delay;
         (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
         // Lag (column 2) and delay shift the same effort.
         if let Some(c) = self.delay_column {
             (effort_p[c], friction_p[c]) = (effort_p[2], friction_p[2]);
         }
         if let Some(c) = self.gain_column {
-            (effort_p[c], friction_p[c]) = (by_u * effort, sum.friction_u * effort);
+            (effort_p[c], friction_p[c]) = (by_u * acted.effort, sum.friction_u * acted.effort);
+        }
+        for (c, by) in self.actuator.iter().zip(acted.p) {
+            if let Some(c) = *c {
+                (effort_p[c], friction_p[c]) = (by_u * self.gain * by, sum.friction_u * self.gain * by);
+            }
+        }
+        // What the sensor shows a servo more of, it takes for motion.
+        for (c, by) in self.sensors.iter().zip([1.0, q]) {
+            if let Some(c) = *c {
+                let by = self.gain * acted.read * by;
+                (effort_p[c], friction_p[c]) = (by_u * by, sum.friction_u * by);
+            }
         }
     }
 }
@@ -182,8 +206,8 @@ struct Kicks<'a> {
 }
 
 impl Kicks<'_> {
-    /// Changes the velocity by the efforts at a state over `h` seconds; `effort` is the recorded one and
-    /// `by_delay` its derivative.
+    /// Changes the velocity by the efforts at a state over `h` seconds; `acted` is the actuator's, and
+    /// `by_delay` the derivative of its signal.
     #[inline]
     fn kick<const W: usize>(
         &mut self,
@@ -191,12 +215,12 @@ impl Kicks<'_> {
         at: &At,
         h: f64,
         settling: &Settling,
-        effort: f64,
+        acted: &Acted,
         by_delay: f64,
     ) {
         let (inverse, v) = (self.inverse, moving.v);
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
-        self.layout.by_drive(&sum, effort, by_delay, &mut self.effort_p, &mut self.friction_p);
+        self.layout.by_drive(&sum, acted, (by_delay, at.q), &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
         // (14.7): implicit in the velocity, so that strong damping does not overshoot; the floor bounds
         // the step where an effort drives the joint.
@@ -287,7 +311,7 @@ fn roll_columns<const W: usize>(
         }
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
-            let (effort, by_delay) = (drive.effort[index], gain * drive.by_delay[index]);
+            let (signal, by_delay) = (drive.signal[index], drive.by_delay[index]);
             // A step across the begin of a contact is split there; else the contact would act too long or
             // too late.
             let meeting = kicks.acting.meeting(moving.q, moving.v, step);
@@ -307,10 +331,13 @@ fn roll_columns<const W: usize>(
                 let Moving { q, v, .. } = moving;
                 // The kick acts after the first half drift: its efforts are those of the middle of the
                 // step.
+                let q = q + 0.5 * h * v;
+                let acted = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias));
                 let at = At {
-                    q: q + 0.5 * h * v,
+                    q,
                     v,
-                    u: gain * effort,
+                    u: gain * acted.effort,
+                    feedback: [gain * acted.q, gain * acted.v],
                     t,
                     direction,
                     others: &others_now,
@@ -321,7 +348,7 @@ fn roll_columns<const W: usize>(
                     moving.meet::<W>(m.column, kicks.leap(&at, m.position, h));
                 }
                 moving.drift::<W>(0.5 * h);
-                kicks.kick::<W>(&mut moving, &at, h, &settling, effort, by_delay);
+                kicks.kick::<W>(&mut moving, &at, h, &settling, &acted, by_delay);
                 moving.drift::<W>(0.5 * h);
             }
         }

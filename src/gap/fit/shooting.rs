@@ -15,7 +15,7 @@ use crate::gap::{
         whitening::{Whitening, predict, residual_column, start_ridge},
     },
     model::{
-        effect::Place,
+        effect::{LARGEST_RATIO, Place},
         joint_model::{JointModel, SETTLE_S},
     },
 };
@@ -206,6 +206,9 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     Some(Step { parameters, starts })
 }
 
+/// Bounds of an actuator's gain and damping: it drives, and it brakes.
+const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), (0.0, 1e9)];
+
 /// Parameters moved by a step, kept inside their bounds.
 fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.parameters();
@@ -217,6 +220,11 @@ fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointMod
             let (low, high) = problem.catalogue[term.effect].bounds(i, &problem.coverage);
             parameters[at] = (parameters[at] + step[at]).clamp(low, high);
             at += 1;
+        }
+    }
+    for (i, (low, high)) in model.actuator_columns().iter().zip(ACTUATOR_BOUNDS) {
+        if let Some(i) = *i {
+            parameters[i] = (parameters[i] + step[i]).clamp(low, high);
         }
     }
     model.with_parameters(&parameters)

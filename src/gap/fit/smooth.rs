@@ -5,7 +5,7 @@ use crate::gap::{
     model::plant::Plant,
     record::{
         carried::Carried,
-        drive::Drive,
+        drive::{Drive, Hold},
         log::{JointLog, Span},
     },
 };
@@ -17,8 +17,10 @@ pub struct Trace {
     pub position: Vec<f64>,
     /// Velocity.
     pub velocity: Vec<f64>,
-    /// Mean effort until the next sample, N m or N.
+    /// Mean effort until the next sample, N m or N; of a servo, what it made of the readings.
     pub effort: Vec<f64>,
+    /// Mean signal likewise: the effort, or a servo's commanded position.
+    pub signal: Vec<f64>,
     /// Acceleration of the twin at this state under this effort; free of measured second differences.
     pub acceleration: Vec<f64>,
     /// Sign of the last clear motion; 0 before the first.
@@ -73,8 +75,11 @@ impl Predict<'_> {
 /// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the
 /// variance of every position.
 #[must_use]
-pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
-    let effort: Vec<Vec<f64>> = logs.iter().zip(drives).map(|(l, d)| sample_efforts(l, d)).collect();
+pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
+    let means = |log: &JointLog, values: &[f64]| {
+        Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
+    };
+    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
     // A joint that was released has no effort; then the load sets the scale.
@@ -93,16 +98,11 @@ pub fn smooth(logs: &[JointLog], drives: &[Drive], plant: &Plant, readings: &[Ve
         .max_by(|a, b| a.0.total_cmp(&b.0));
     let noise = best.map_or(scale, |(_, n)| n);
     let predict = Predict { plant, noise };
-    logs.iter().enumerate().map(|(i, log)| backward(log, i, &effort[i], &predict, &readings[i])).collect()
-}
-
-/// Mean effort between samples.
-fn sample_efforts(log: &JointLog, drive: &Drive) -> Vec<f64> {
-    let mut means: Vec<f64> =
-        drive.effort.chunks(drive.steps.max(1)).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
-    // No interval follows the last sample.
-    means.resize(log.time_s.len(), log.effort.last().copied().unwrap_or(0.0));
-    means
+    let one = |(i, log): (usize, &JointLog)| {
+        let trace = backward(log, i, &effort[i], &predict, &readings[i]);
+        if log.commanded.is_empty() { trace } else { Trace { signal: means(log, &log.commanded), ..trace } }
+    };
+    logs.iter().enumerate().map(one).collect()
 }
 
 type Passed = (Belief, Belief, [f64; 4]);
@@ -160,6 +160,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
         position: log.position.clone(),
         velocity: vec![0.0; n],
         effort: effort.to_vec(),
+        signal: effort.to_vec(),
         acceleration: vec![0.0; n],
         direction: vec![0.0; n],
     };

@@ -241,6 +241,7 @@ mod tests {
     use crate::gap::{
         fit::noise::EffortNoise,
         model::{
+            actuator::Actuator,
             effects::catalogue,
             plant::{Load, Plant},
         },
@@ -267,6 +268,7 @@ mod tests {
             friction: 0.0,
             load: Load { sine: 4.0, ..Load::default() },
             most_load: 4.0,
+            actuator: Actuator::default(),
         };
         let stop = JointModel::of(&plant).with(of("end_stop"), &[220.0, 7.0, 0.2, 0.9]);
         let play = JointModel::of(&plant).with(of("backlash"), &[0.02]);
@@ -274,15 +276,9 @@ mod tests {
             let time_s: Vec<f64> = (0..800).map(|k| 0.005 * f64::from(k)).collect();
             let effort: Vec<f64> =
                 time_s.iter().map(|t| 0.9 * (7.0 * t).sin() + 0.3 * (23.0 * t).cos()).collect();
-            let mut log = JointLog {
-                run: "r".into(),
-                position: vec![0.0; 800],
-                effort,
-                others: Vec::new(),
-                carried: Vec::new(),
-                time_s,
-            };
-            let drive = Drive::new(&log, Hold::Zero, 0.0, 1);
+            let mut log =
+                JointLog { run: "r".into(), position: vec![0.0; 800], effort, time_s, ..JointLog::default() };
+            let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 1);
             let mut position = Vec::new();
             let keep = |q: f64, _: &Row| position.push(q);
             roll_starts(

@@ -50,13 +50,17 @@ pub fn linearize(
         for (x, other) in now.iter_mut().zip(&others) {
             *x = other[k];
         }
-        let (q, v, u) = (trace.position[k], trace.velocity[k], gain * trace.effort[k]);
+        let (q, v) = (trace.position[k], trace.velocity[k]);
+        // A servo reads the position that was recorded.
+        let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
+        let u = gain * acted.effort;
         let carried = log.carried.get(k);
         let inverse = inverse_inertia(model.plant.inertia_at(carried).0, added);
         let at = At {
             q,
             v,
             u,
+            feedback: [gain * acted.q, gain * acted.v],
             t: run_time_s(index, log, k),
             direction: if v < 0.0 { -1.0 } else { 1.0 },
             others: &now,

@@ -10,7 +10,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
-        cross_validation::predicts_better,
+        cross_validation::{bears_out, predicts_better},
         format_model::format_models,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         report::{JointReport, REPORTED_NOISES, ReplayWindow},
@@ -67,7 +67,8 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
     }
-    let twin = JointModel::of(plant);
+    // With the actuator as it was found.
+    let twin = diagnosis.model.without_effects();
     // A push belongs to the run that it happened in.
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
@@ -80,10 +81,10 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         diagnosis.verdict = Verdict::Unknown;
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
-    let bears_out = |model: &JointModel, gap: &Gap| {
-        is_proven(gap) || (gap.after < gap.before && predicts_better(&held_out, model, &twin))
+    let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
+        is_proven(gap) || (gap.after < gap.before && bears_out(&problem, &held_out, model, &twin, noise))
     };
-    if !updated.terms.is_empty() && !bears_out(&updated, &proof.0) {
+    if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
         diagnosis.withdraw();
         updated = twin.clone();
         proof = prove(&held_out, &twin, &twin);
@@ -93,8 +94,8 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
         let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
-        match fewer.map(|d| (prove(&held_out, &twin, &d.model), d)).filter(|(p, d)| bears_out(&d.model, &p.0))
-        {
+        let proven = fewer.map(|d| (prove(&held_out, &twin, &d.model), d));
+        match proven.filter(|(p, d)| is_borne_out(&d.model, &p.0, d.noise)) {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };

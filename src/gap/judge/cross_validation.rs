@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::gap::{
     fit::{
+        noise::EffortNoise,
         problem::Problem,
         shooting::{Free, Pace, fit},
     },
@@ -32,14 +33,7 @@ type Sizes = [Vec<f64>; LENGTHS.len()];
 #[must_use]
 pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
-    let predicted = |model: &JointModel| -> Sizes {
-        let one = |[fitted, other]: &[Problem; 2]| {
-            let known = fit(fitted, model, None, chosen.fit.noise, Free::All, Pace::WARM).model;
-            sizes(other, &known)
-        };
-        let parts: Vec<Sizes> = folds.par_iter().map(one).collect();
-        std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().copied()).collect())
-    };
+    let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
     loop {
@@ -69,11 +63,43 @@ pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
 /// squared residuals of that one than it leaves.
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
-    let (with, without) = (sizes(problem, model), sizes(problem, other));
-    let floor = problem.noise_floor();
+    is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
+}
+
+/// Whether windows that a model was not fitted to bear it out against another one: those of held-out runs, and
+/// those of each fitted run under the parameters that the others give.
+#[must_use]
+pub fn bears_out(
+    problem: &Problem,
+    held_out: &Problem,
+    model: &JointModel,
+    other: &JointModel,
+    noise: EffortNoise,
+) -> bool {
+    let folds = problem.predicting().folds();
+    let all = |model: &JointModel| {
+        let (mut all, held_out) = (crossed(&folds, model, noise), sizes(held_out, model));
+        all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
+        all
+    };
+    is_better(&all(model), &all(other), problem.noise_floor())
+}
+
+/// Sizes of the windows of each part under a model with parameters that its complement gives.
+fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Sizes {
+    let one = |[fitted, other]: &[Problem; 2]| {
+        let known = fit(fitted, model, None, noise, Free::All, Pace::WARM).model;
+        sizes(other, &known)
+    };
+    let parts: Vec<Sizes> = folds.par_iter().map(one).collect();
+    std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().copied()).collect())
+}
+
+/// Whether the windows of some length are surely smaller, and their squares beyond the noise less than half.
+fn is_better(with: &Sizes, without: &Sizes, floor: f64) -> bool {
     let beyond = |sizes: &[f64]| sizes.iter().map(|s| (s * s - floor * floor).max(0.0)).sum::<f64>();
     with.iter()
-        .zip(&without)
+        .zip(without)
         .any(|(with, without)| errors_better(with, without) > SURELY && beyond(with) < 0.5 * beyond(without))
 }
 

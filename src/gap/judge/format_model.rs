@@ -133,7 +133,7 @@ impl<'c> Maker<'_, 'c> {
 
     fn make(&mut self, format: Format) -> FormatModel {
         let translated = expressed(format, self.updated, self.catalogue());
-        let twin = JointModel::of(&self.problem.plant);
+        let twin = self.updated.without_effects();
         let mut may_help = true;
         let (model, rmse) = if translated.terms == self.updated.terms {
             (translated.clone(), self.gap.after)
@@ -214,7 +214,7 @@ impl<'c> Maker<'_, 'c> {
             // A push is fitted beside the others and not written.
             if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
         };
-        let effects: Vec<usize> = (0..problem.catalogue.len()).filter(may).collect();
+        let effects: Vec<usize> = problem.sought().into_iter().filter(may).collect();
         let known = self.sought.iter().position(|(e, _)| *e == effects);
         let at = known.unwrap_or_else(|| {
             let seeds = std::slice::from_ref(translated);
@@ -235,7 +235,7 @@ impl<'c> Maker<'_, 'c> {
         };
         let sets = self.sought[at].1.by_size.iter().flatten().filter(holds);
         let Some(best) = sets.max_by(|a, b| a.score.total_cmp(&b.score)) else {
-            return JointModel::of(&problem.plant);
+            return translated.without_effects();
         };
         let found = finely(problem, best);
         // What was found has intervals: where it predicts as well it stays as it is.

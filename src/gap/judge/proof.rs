@@ -72,8 +72,9 @@ pub struct ResidualSeries {
 /// A model without the nuisance lag, and its start state of each window by plain least squares.
 #[must_use]
 pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
-    // The lag belongs to the stamps of the runs that were fitted.
-    let model = JointModel { lag_s: 0.0, ..model.clone() };
+    // The lag belongs to the stamps of the runs that were fitted, that of a servo to the servo.
+    let lag_s = if model.plant.actuator.is_late { model.lag_s } else { 0.0 };
+    let model = JointModel { lag_s, ..model.clone() };
     let least = EffortNoise::white(problem.min_sigma_u);
     // With next to no effort noise, whitened residuals are the residuals up to a factor.
     let starts = fit(problem, &model, None, least, Free::Starts, Pace::thorough(1)).starts;

@@ -6,7 +6,7 @@ use crate::gap::{
     judge::{
         format_model::FormatModel,
         proof::{Gap, ResidualSeries, left_of},
-        verdict::{Diagnosis, Verdict},
+        verdict::{Diagnosis, ParameterEstimate, Verdict},
     },
     record::off_axis::{Across, OffAxis},
 };
@@ -108,6 +108,8 @@ pub struct Report {
     remainder: Vec<RemainderJson>,
     /// What poses of the parts show that the joints cannot make.
     off_axis: Vec<OffAxisJson>,
+    /// What was found of servos and of efforts without a known unit.
+    actuators: Vec<ActuatorJson>,
     exports: Vec<ExportNote>,
 }
 
@@ -133,6 +135,14 @@ struct OffAxisJson {
 struct AcrossJson {
     mm: f64,
     deg: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct ActuatorJson {
+    joint: String,
+    /// `servo` or `effort`.
+    kind: String,
+    parameters: Vec<ParameterJson>,
 }
 
 #[derive(Debug, Serialize)]
@@ -236,8 +246,23 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
         },
         remainder: joints.iter().filter_map(remainder).collect(),
         off_axis: joints.iter().filter_map(off_axis).collect(),
+        actuators: joints.iter().filter_map(actuator).collect(),
         exports,
     }
+}
+
+fn parameter(p: &ParameterEstimate) -> ParameterJson {
+    let interval = [p.interval.0, p.interval.1];
+    ParameterJson { name: p.name.clone(), value: p.value, unit: p.unit.clone(), interval }
+}
+
+fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
+    let found = &joint.diagnosis.actuator;
+    (!found.is_empty()).then(|| ActuatorJson {
+        joint: joint.joint.clone(),
+        kind: joint.diagnosis.model.plant.actuator.kind().to_owned(),
+        parameters: found.iter().map(parameter).collect(),
+    })
 }
 
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
@@ -301,16 +326,7 @@ fn findings(joint: &JointReport, found: &[crate::gap::judge::verdict::Finding]) 
     let one = |f: &crate::gap::judge::verdict::Finding| FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
-        parameters: f
-            .parameters
-            .iter()
-            .map(|p| ParameterJson {
-                name: p.name.clone(),
-                value: p.value,
-                unit: p.unit.clone(),
-                interval: [p.interval.0, p.interval.1],
-            })
-            .collect(),
+        parameters: f.parameters.iter().map(parameter).collect(),
         weight: f.weight,
         alternatives: f
             .alternatives
@@ -376,13 +392,7 @@ pub fn summary(joints: &[JointReport]) -> String {
             ));
         }
         for f in &d.findings {
-            let parameters: Vec<String> = f
-                .parameters
-                .iter()
-                .map(|p| {
-                    format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
-                })
-                .collect();
+            let parameters: Vec<String> = f.parameters.iter().map(words).collect();
             lines.push(format!(
                 "{}: {} (weight {:.2}): {}",
                 j.joint,
@@ -394,6 +404,10 @@ pub fn summary(joints: &[JointReport]) -> String {
                 let names: Vec<String> = f.alternatives.iter().map(|(n, w)| format!("{n} {w:.2}")).collect();
                 lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
             }
+        }
+        if !d.actuator.is_empty() {
+            let found: Vec<String> = d.actuator.iter().map(words).collect();
+            lines.push(format!("  {}: {}", d.model.plant.actuator.kind(), found.join(", ")));
         }
         if let Some(e) = &j.off_axis {
             lines.push(format!("  {}", e.words()));
@@ -417,6 +431,11 @@ pub fn summary(joints: &[JointReport]) -> String {
     }
     lines.truncate(15);
     lines.join("\n") + "\n"
+}
+
+/// A parameter with its interval.
+fn words(p: &ParameterEstimate) -> String {
+    format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
 }
 
 /// The gap as a bar of 30 characters: noise, what is left, what went away; logarithmic.

@@ -52,8 +52,10 @@ pub struct Middle {
     pub position: Vec<f64>,
     /// Velocity.
     pub velocity: Vec<f64>,
-    /// Effort.
+    /// Effort of the actuator.
     pub effort: Vec<f64>,
+    /// Its derivative by the recorded signal.
+    pub by_signal: Vec<f64>,
     /// Acceleration of the model.
     pub acceleration: Vec<f64>,
     /// Acceleration of the smoothed motion.
@@ -300,6 +302,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             q: m.position[k],
             v: m.velocity[k],
             u: m.effort[k],
+            feedback: [0.0; 2],
             t: run_time_s(index, log, k),
             direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
             others: &m.others[k],
@@ -347,8 +350,9 @@ impl<'p, 'c> Screen<'p, 'c> {
                     for i in 0..span.len - 1 {
                         let k = span.start + i;
                         let mean =
-                            d.effort[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
-                        columns.effort[0][i] = mean - problem.traces[span.log].effort[k];
+                            d.signal[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
+                        let later = mean - problem.traces[span.log].signal[k];
+                        columns.effort[0][i] = self.middle[span.log].by_signal[k] * later;
                     }
                 })
             }
@@ -455,11 +459,14 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
                 0.5 * (trace.position[k] + trace.position[next]),
                 0.5 * (trace.velocity[k] + trace.velocity[next]),
             );
-            let u = gain * trace.effort[k];
+            // A servo reads the position that was recorded.
+            let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
+            let u = gain * acted.effort;
             let at = At {
                 q,
                 v,
                 u,
+                feedback: [gain * acted.q, gain * acted.v],
                 t: run_time_s(index, log, k),
                 direction: if v < 0.0 { -1.0 } else { 1.0 },
                 others: &now,
@@ -479,7 +486,8 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             m.velocity.push(v);
             m.grip.push(v / (v * v + slow * slow).sqrt());
             m.others.push(now);
-            m.effort.push(trace.effort[k]);
+            m.effort.push(acted.effort);
+            m.by_signal.push(acted.signal);
             m.acceleration.push((free - friction) / (problem.plant.inertia_at(log.carried.get(k)).0 + added));
             m.measured.push(
                 (trace.velocity[next] - trace.velocity[k]) / (log.time_s[next] - log.time_s[k]).max(1e-12),

@@ -175,6 +175,7 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
                 q: trace.position[k],
                 v: trace.velocity[k],
                 u: trace.effort[k],
+                feedback: [0.0; 2],
                 t,
                 direction,
                 others: &others,

@@ -9,6 +9,7 @@ use crate::gap::{
         rollout::{Start, roll_starts},
     },
     model::{
+        actuator::Actuator,
         joint_model::{Catalogue, JointModel},
         plant::{Load, Plant},
     },
@@ -27,7 +28,7 @@ const INTERVAL_S: f64 = 0.01;
 pub fn pendulum(load: f64) -> Plant {
     let most_load = load;
     let load = Load { sine: load, ..Load::default() };
-    Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load }
+    Plant { inertia: 0.05, damping: 0.02, friction: 0.0, load, most_load, actuator: Actuator::default() }
 }
 
 /// A pendulum with effects.

@@ -21,7 +21,7 @@ use crate::gap::{
         simplify::{HALF_WIDTH, simplified},
     },
     model::{
-        effect::{Coverage, Place},
+        effect::{Coverage, Dimension, Place},
         joint_model::{JointModel, SETTLE_S, Term},
     },
     record::off_axis::MAX_LEFT,
@@ -103,6 +103,8 @@ pub struct Diagnosis {
     pub lacks: Vec<String>,
     /// Effort beyond the model.
     pub noise: EffortNoise,
+    /// What was found of the actuator: gain or stiffness, damping, delay.
+    pub actuator: Vec<ParameterEstimate>,
     /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
     pub nearest: Option<Nearest>,
 }
@@ -119,7 +121,7 @@ pub struct Nearest {
 impl Diagnosis {
     /// Takes the names back: they explain too little.
     pub fn withdraw(&mut self) {
-        let twin = JointModel::of(&self.model.plant);
+        let twin = self.model.without_effects();
         let model = std::mem::replace(&mut self.model, twin);
         self.nearest = Some(Nearest { findings: std::mem::take(&mut self.findings), model });
         self.verdict = Verdict::Unknown;
@@ -156,23 +158,24 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
 /// fitted and no others are looked for; a search tries the sets of `seeds` beside those that it grows.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
-    let twin = JointModel::of(&problem.plant);
     let lacks = lacks(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
         return Diagnosis {
             verdict: Verdict::Insufficient,
             findings: Vec::new(),
             before: Vec::new(),
-            model: twin,
+            model: JointModel::of(&problem.plant),
             left: 0.0,
             lacks,
             noise: EffortNoise::default(),
+            actuator: Vec::new(),
             nearest: None,
         };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
     let chosen = &chosen;
     let base = &found.by_size[0][0];
+    let twin = base.fit.model.without_effects();
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise =
         fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
@@ -199,6 +202,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         left: 0.0,
         lacks,
         noise: chosen.fit.noise,
+        actuator: actuator_estimates(&chosen.fit, problem.turns),
         nearest: None,
     };
     if chosen.fit.model.terms.is_empty() {
@@ -228,10 +232,35 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
+/// What a fit found of the actuator, with intervals.
+fn actuator_estimates(fit: &Fit, turns: bool) -> Vec<ParameterEstimate> {
+    let (actuator, [gain, damping]) = (&fit.model.plant.actuator, fit.model.actuator_columns());
+    let estimate = |name: &str, unit: &str, value: f64, scale: f64, at: usize| {
+        let half = half_width(fit.witnesses[at] - 1.0) * scale.abs() * fit.deviation(at);
+        let interval = (value - half, value + half);
+        ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
+    };
+    let gain = gain.map(|at| match actuator.servo {
+        Some(servo) => {
+            let unit = Dimension::Stiffness.unit(turns);
+            estimate("stiffness", unit, servo.stiffness * actuator.gain, servo.stiffness, at)
+        }
+        None => {
+            let unit = if turns { "N m per unit" } else { "N per unit" };
+            estimate("gain", unit, actuator.unit * actuator.gain, actuator.unit, at)
+        }
+    });
+    let damping =
+        damping.map(|at| estimate("damping", Dimension::Damping.unit(turns), actuator.damping, 1.0, at));
+    // The lag is the first of the free parameters.
+    let delay = actuator.is_late.then(|| estimate("delay", "s", actuator.delay_s + fit.model.lag_s, 1.0, 0));
+    [gain, damping, delay].into_iter().flatten().collect()
+}
+
 /// The set of effects that a search ends in, or that is given.
 fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
     if effects.is_empty() {
-        let all: Vec<usize> = (0..problem.catalogue.len()).collect();
+        let all = problem.sought();
         let found = search(
             problem,
             &Breadth::default(),

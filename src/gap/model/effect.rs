@@ -103,6 +103,8 @@ pub struct At<'a> {
     pub v: f64,
     /// Effort that acts, N m or N.
     pub u: f64,
+    /// Its derivatives by position and velocity, which a servo feeds back.
+    pub feedback: [f64; 2],
     /// Seconds; runs lie apart, see [`run_time_s`].
     pub t: f64,
     /// Way the friction acts against: the sign of the velocity that it would stop.
@@ -269,6 +271,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     }
     /// Whether its effort depends on the velocity alone.
     fn is_of_velocity(&self) -> bool {
+        false
+    }
+    /// Whether it is a damping, and nothing else.
+    fn is_of_damping(&self) -> bool {
         false
     }
     /// Whether its effort depends on the position alone, by a shape of its own.

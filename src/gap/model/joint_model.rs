@@ -73,6 +73,13 @@ impl JointModel {
         Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
     }
 
+    /// The twin of the model, with its actuator as it was found.
+    #[must_use]
+    pub fn without_effects(&self) -> Self {
+        let lag_s = if self.plant.actuator.is_late { self.lag_s } else { 0.0 };
+        Self { lag_s, ..Self::of(&self.plant) }
+    }
+
     /// Whether friction acts on the joint.
     #[must_use]
     pub fn has_friction(&self, catalogue: &Catalogue) -> bool {
@@ -82,13 +89,14 @@ impl JointModel {
     /// Number of free parameters, the lag included.
     #[must_use]
     pub fn free(&self) -> usize {
-        1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>()
+        1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.free()
     }
 
-    /// All free parameters: the lag, then the terms'.
+    /// All free parameters: the lag, the terms', and what is found of the actuator.
     #[must_use]
     pub fn parameters(&self) -> Vec<f64> {
-        std::iter::once(self.lag_s).chain(self.terms.iter().flat_map(|t| t.p.iter().copied())).collect()
+        let terms = self.terms.iter().flat_map(|t| t.p.iter().copied());
+        std::iter::once(self.lag_s).chain(terms).chain(self.plant.actuator.found()).collect()
     }
 
     /// The model with other parameters.
@@ -102,7 +110,16 @@ impl JointModel {
             term.p.copy_from_slice(&parameters[at..at + n]);
             at += n;
         }
+        model.plant.actuator = model.plant.actuator.with_found(&parameters[at..]);
         model
+    }
+
+    /// Indices of the actuator's gain and damping among the free parameters, where they are found.
+    #[must_use]
+    pub fn actuator_columns(&self) -> [Option<usize>; 2] {
+        let first = self.free() - self.plant.actuator.free();
+        let [gain, damping] = self.plant.actuator.is_found;
+        [gain.then_some(first), damping.then_some(first + usize::from(gain))]
     }
 
     /// The model with one more effect.
@@ -132,7 +149,9 @@ impl JointModel {
     /// Time by which the effort acts late: the nuisance and, where it is in the model, the delay.
     #[must_use]
     pub fn delay_s(&self, catalogue: &Catalogue) -> f64 {
-        self.lag_s + self.scalar(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
+        self.plant.actuator.delay_s
+            + self.lag_s
+            + self.scalar(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
     }
 
     /// Whether the measured position is more than the position of the joint.

@@ -1,5 +1,6 @@
 //! What a joint is taken to be: the twin's joint, effects beside it, and what file formats hold of them.
 
+pub mod actuator;
 pub mod bump;
 pub mod effect;
 pub mod effects;

@@ -1,6 +1,7 @@
 //! One joint of the twin as a single degree of freedom: what stands in front of its acceleration, and what
 //! resists it.
 
+use super::actuator::Actuator;
 use crate::gap::{
     record::carried::Carried,
     trig::sin_cos,
@@ -21,6 +22,8 @@ pub struct Plant {
     pub load: Load,
     /// Amplitude of the load where the axis lies flat: the most that gravity makes at any tilt.
     pub most_load: f64,
+    /// What makes the effort of what was recorded.
+    pub actuator: Actuator,
 }
 
 /// A load that a position puts on a joint.
@@ -114,7 +117,14 @@ impl Plant {
             load.sine.powi(2) + load.cosine.powi(2)
         });
         let most_load = (0.5 * squares.sum::<f64>()).sqrt();
-        Ok(Self { inertia, damping: spec.damping, friction: spec.friction, load, most_load })
+        Ok(Self {
+            inertia,
+            damping: spec.damping,
+            friction: spec.friction,
+            load,
+            most_load,
+            actuator: Actuator::default(),
+        })
     }
 }
 

@@ -11,6 +11,7 @@ use nalgebra::DVector;
 use crate::gap::{
     record::{
         carried::Carried,
+        command::{EffortUnit, Told},
         drive::Hold,
         jitter::reading_noise,
         log::JointLog,
@@ -94,13 +95,17 @@ pub fn motions(
     joints: &[usize],
     run: &Recording,
     hold: Hold,
+    told: &Told,
 ) -> Result<Vec<(usize, SmoothMotion)>, RecordingError> {
     let name = |j: &usize| tree.joints[*j].name.as_str();
     let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
     let logs: Option<Vec<JointLog>> =
-        joints.iter().map(|j| run.joint(name(j), &[], &mut Vec::new()).ok()).collect();
-    // Efforts at different stamps give no common acceleration; then the positions alone must do.
-    let Some(logs) = logs.filter(|l| l.iter().all(|x| x.time_s == l[0].time_s)) else { return Ok(free) };
+        joints.iter().map(|j| run.joint(name(j), &[], told, &mut Vec::new()).ok()).collect();
+    // Efforts that are none yet, or at different stamps, give no common acceleration; then the positions
+    // alone must do.
+    let is_usable = |l: &JointLog, first: &JointLog| l.time_s == first.time_s && l.commanded.is_empty();
+    let logs = logs.filter(|l| told.unit != EffortUnit::Unknown && l.iter().all(|x| is_usable(x, &l[0])));
+    let Some(logs) = logs else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
     let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
         let noise = reading_noise(std::slice::from_ref(log));

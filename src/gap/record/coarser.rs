@@ -28,6 +28,9 @@ impl JointLog {
                 coarse.time_s.push(self.time_s[k]);
                 coarse.position.push(self.position[k]);
                 coarse.effort.push(mean_over(&self.time_s, &self.effort, hold, k, to));
+                if !self.commanded.is_empty() {
+                    coarse.commanded.push(mean_over(&self.time_s, &self.commanded, hold, k, to));
+                }
                 for (own, other) in coarse.others.iter_mut().zip(&self.others) {
                     own.push(other[k]);
                 }

@@ -1,4 +1,4 @@
-//! The measured effort as it acts on the joint over the small steps of a rollout.
+//! The recorded signal, an effort or a commanded position, over the small steps of a rollout.
 
 use crate::gap::record::log::JointLog;
 
@@ -16,20 +16,21 @@ pub enum Hold {
 /// derived: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
 pub const MAX_STEP_S: f64 = 5.2e-3;
 
-/// Mean effort of every step, and its derivative by the delay.
+/// Mean signal of every step, and its derivative by the delay.
 #[derive(Clone, Debug, Default)]
 pub struct Drive {
     /// Steps between two samples.
     pub steps: usize,
-    /// Mean effort of each step, `steps` an interval.
-    pub effort: Vec<f64>,
+    /// Mean signal of each step, `steps` an interval.
+    pub signal: Vec<f64>,
     /// Derivative of it by the delay, 1/s.
     pub by_delay: Vec<f64>,
 }
 
-/// The effort at a time and its integral from the start of the log.
+/// A signal at a time and its integral from the start of the log.
 struct Signal<'a> {
-    log: &'a JointLog,
+    time_s: &'a [f64],
+    values: &'a [f64],
     hold: Hold,
     at: usize,
     /// Integral up to sample `at`.
@@ -39,7 +40,7 @@ struct Signal<'a> {
 impl Signal<'_> {
     /// Value and integral at `t`; calls must not go back in time.
     fn at(&mut self, t: f64) -> (f64, f64) {
-        let (time, effort) = (&self.log.time_s, &self.log.effort);
+        let (time, effort) = (self.time_s, self.values);
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
             let width = time[self.at + 1] - time[self.at];
             self.sum += width
@@ -56,47 +57,54 @@ impl Signal<'_> {
                 let slope = (next - effort[k]) / (time[k + 1] - time[k]);
                 (effort[k] + slope * x, self.sum + x * (effort[k] + 0.5 * slope * x))
             }
-            // Before the first sample the effort counts as the first one.
+            // Before the first sample the signal counts as the first one.
             _ => (effort[k], self.sum + x * effort[k]),
         }
     }
 }
 
 impl Drive {
-    /// The effort of a log, acting `delay_s` late, with `finer` times the usual steps.
-    #[must_use]
-    pub fn new(log: &JointLog, hold: Hold, delay_s: f64, finer: usize) -> Self {
-        Self::with_steps(log, hold, delay_s, Self::steps(log) * finer)
-    }
-
     /// Usual steps between two samples of a log.
     #[must_use]
     pub fn steps(log: &JointLog) -> usize {
         log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize)
     }
 
-    /// The same with a given number of steps between two samples.
+    /// The signal of a log, acting `delay_s` late, with so many steps between two samples.
     #[must_use]
     pub fn with_steps(log: &JointLog, hold: Hold, delay_s: f64, steps: usize) -> Self {
-        let n = log.time_s.len();
+        Self::of(&log.time_s, log.signal(), hold, delay_s, steps)
+    }
+
+    /// Of a signal by its stamps.
+    #[must_use]
+    pub fn of(time_s: &[f64], values: &[f64], hold: Hold, delay_s: f64, steps: usize) -> Self {
+        let n = time_s.len();
         let mut drive =
-            Self { steps, effort: Vec::with_capacity(n * steps), by_delay: Vec::with_capacity(n * steps) };
+            Self { steps, signal: Vec::with_capacity(n * steps), by_delay: Vec::with_capacity(n * steps) };
         if n < 2 {
             return drive;
         }
-        let mut signal = Signal { log, hold, at: 0, sum: 0.0 };
-        let mut last = signal.at(log.time_s[0] - delay_s);
+        let mut signal = Signal { time_s, values, hold, at: 0, sum: 0.0 };
+        let mut last = signal.at(time_s[0] - delay_s);
         for k in 0..n - 1 {
-            let width = log.time_s[k + 1] - log.time_s[k];
+            let width = time_s[k + 1] - time_s[k];
             for s in 0..steps {
                 let h = width / steps as f64;
-                let next = signal.at(log.time_s[k] + (s + 1) as f64 * h - delay_s);
+                let next = signal.at(time_s[k] + (s + 1) as f64 * h - delay_s);
                 // Differences of the integral are exact also where a delay moves a sample into the step.
-                drive.effort.push((next.1 - last.1) / h);
+                drive.signal.push((next.1 - last.1) / h);
                 drive.by_delay.push((last.0 - next.0) / h);
                 last = next;
             }
         }
         drive
+    }
+
+    /// Mean from each sample to the next; `last` for the last one, which no interval follows.
+    #[must_use]
+    pub fn means(&self, last: Option<f64>) -> Vec<f64> {
+        let mean = |c: &[f64]| c.iter().sum::<f64>() / c.len() as f64;
+        self.signal.chunks(self.steps.max(1)).map(mean).chain(last).collect()
     }
 }

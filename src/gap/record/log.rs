@@ -11,8 +11,10 @@ pub struct JointLog {
     pub time_s: Vec<f64>,
     /// Measured position, rad or m.
     pub position: Vec<f64>,
-    /// Effort at the joint from this sample on, N m or N.
+    /// Effort at the joint from this sample on, N m or N; of a servo, what it makes of the reading.
     pub effort: Vec<f64>,
+    /// Position that a servo was given from this sample on, rad or m; empty where efforts were recorded.
+    pub commanded: Vec<f64>,
     /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
     pub others: Vec<Vec<f64>>,
     /// What the other joints of its chain make of the joint, from each sample to the next; empty where it has
@@ -36,6 +38,12 @@ pub struct Span {
 pub const GAP_INTERVALS: f64 = 3.5;
 
 impl JointLog {
+    /// What drives the joint: the commanded position of a servo, or the effort.
+    #[must_use]
+    pub fn signal(&self) -> &[f64] {
+        if self.commanded.is_empty() { &self.effort } else { &self.commanded }
+    }
+
     /// Usual sample interval, seconds; `None` below two samples.
     #[must_use]
     pub fn interval_s(&self) -> Option<f64> {
@@ -75,6 +83,7 @@ impl JointLog {
             time_s: self.time_s[from..to].to_vec(),
             position: self.position[from..to].to_vec(),
             effort: self.effort[from..to].to_vec(),
+            commanded: self.commanded.get(from..to).map(<[f64]>::to_vec).unwrap_or_default(),
             others: self.others.iter().map(|o| o[from..to].to_vec()).collect(),
             carried: self.carried.get(from..to).map(<[Carried]>::to_vec).unwrap_or_default(),
         }

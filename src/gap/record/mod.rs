@@ -5,6 +5,7 @@ pub mod chain;
 #[cfg(test)]
 mod chain_tests;
 pub mod coarser;
+pub mod command;
 pub mod drive;
 pub mod inputs;
 pub mod jitter;

@@ -1,6 +1,7 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
 use crate::gap::record::{
+    command::{Command, EffortUnit, Told},
     jitter::reading_noise,
     log::JointLog,
     motion::SmoothMotion,
@@ -20,6 +21,8 @@ pub struct JointSamples {
     pub position: Vec<f64>,
     /// Efforts, N m or N; NaN where none was recorded.
     pub effort: Vec<f64>,
+    /// Velocities, rad/s or m/s; NaN where none was recorded.
+    pub velocity: Vec<f64>,
 }
 
 /// One recorded run.
@@ -33,6 +36,8 @@ pub struct Recording {
     pub poses: Vec<PoseTrack>,
     /// Wrenches on links.
     pub wrenches: Vec<WrenchTrack>,
+    /// What joints were commanded to.
+    pub commands: Vec<Command>,
     /// What was odd.
     pub warnings: Vec<Note>,
 }
@@ -55,8 +60,9 @@ pub enum RecordingError {
     },
     /// No efforts.
     #[error(
-        "run '{run}' has no effort of joint '{joint}': record the effort (motor current times torque \
-         constant, or a force gauge as a wrench on its link), or release the joint and record an effort of 0"
+        "run '{run}' has no effort of joint '{joint}' and nothing that it was commanded to: record the effort \
+         (motor current times torque constant, or a force gauge as a wrench on its link), the positions that \
+         its controller followed, or release the joint and record an effort of 0"
     )]
     NoEffort {
         /// Run.
@@ -93,6 +99,28 @@ pub enum RecordingError {
 const MIN_SAMPLES: usize = 100;
 /// Half width of the mean that other joints' positions are taken through, samples.
 const OTHERS_HALF_WIDTH: usize = 4;
+
+impl JointSamples {
+    /// Gives a joint that has velocities and no positions those that the velocities add up to, from 0; whether
+    /// it did.
+    pub fn integrate(&mut self) -> bool {
+        let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
+        if has(&self.position) || !has(&self.velocity) {
+            return false;
+        }
+        let (mut at, mut last) = (0.0, None::<(f64, f64)>);
+        self.position = vec![f64::NAN; self.time_s.len()];
+        for k in 0..self.time_s.len() {
+            let (t, v) = (self.time_s[k], self.velocity[k]);
+            if !v.is_finite() || last.is_some_and(|l| t <= l.0) {
+                continue;
+            }
+            at += last.map_or(0.0, |l| 0.5 * (v + l.1) * (t - l.0));
+            (self.position[k], last) = (at, Some((t, v)));
+        }
+        true
+    }
+}
 
 impl Recording {
     /// Motion of a joint from its positions; repeated and backward stamps and positions that are not numbers
@@ -139,6 +167,7 @@ impl Recording {
         &self,
         name: &str,
         others: &[String],
+        told: &Told,
         warnings: &mut Vec<Note>,
     ) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
@@ -151,13 +180,23 @@ impl Recording {
         if !samples.position.iter().any(|q| q.is_finite()) {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }
-        if !samples.effort.iter().any(|u| u.is_finite()) {
+        let has_effort = samples.effort.iter().any(|u| u.is_finite());
+        // Efforts come first, unless a servo is told of.
+        let is_servo = told.servo(name).is_some() || !has_effort;
+        let command = self.commands.iter().find(|c| c.joint == name).filter(|_| is_servo);
+        if !has_effort && command.is_none() {
             return Err(RecordingError::NoEffort { run: run(), joint: joint() });
         }
+        let factor = match told.unit {
+            EffortUnit::Factor(factor) if command.is_none() => factor,
+            _ => 1.0,
+        };
+        let signal = command
+            .map_or_else(|| samples.effort.clone(), |c| c.at_samples(&samples.time_s, &samples.position));
         let mut log = JointLog { run: run(), ..JointLog::default() };
         let (mut backward, mut not_numbers) = (0, 0);
         for k in 0..samples.time_s.len() {
-            let (t, q, u) = (samples.time_s[k], samples.position[k], samples.effort[k]);
+            let (t, q, u) = (samples.time_s[k], samples.position[k], signal[k]);
             if log.time_s.last().is_some_and(|last| t <= *last + 1e-7) {
                 backward += 1;
             } else if !q.is_finite() || !u.is_finite() {
@@ -165,7 +204,7 @@ impl Recording {
             } else {
                 log.time_s.push(t);
                 log.position.push(q);
-                log.effort.push(u);
+                log.effort.push(factor * u);
             }
         }
         if backward > 0 {
@@ -176,8 +215,8 @@ impl Recording {
         }
         if not_numbers > 0 {
             warnings.push(Note::new(NoteCode::SamplesNotNumbers, format!(
-                "run '{}', joint '{name}': {not_numbers} samples left out, their position or effort is not \
-                 a number",
+                "run '{}', joint '{name}': {not_numbers} samples left out, their position, effort or command \
+                 is not a number",
                 self.name
             )));
         }
@@ -188,6 +227,10 @@ impl Recording {
                 samples: log.time_s.len(),
                 seconds: log.duration_s(),
             });
+        }
+        if command.is_some() {
+            // What the servo makes of it is known once its stiffness is.
+            log.commanded = std::mem::replace(&mut log.effort, vec![0.0; log.time_s.len()]);
         }
         let beside = others.iter().filter(|o| o.as_str() != name);
         // A joint without samples counts as standing at 0.

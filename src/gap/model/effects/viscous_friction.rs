@@ -25,6 +25,10 @@ impl Effect for ViscousFriction {
         &SPEC
     }
 
+    fn is_of_damping(&self) -> bool {
+        true
+    }
+
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
         out.value = -p[0] * at.v;
         out.v = -p[0];

@@ -1,0 +1,123 @@
+//! What stands between what was recorded and the effort at the joint: the unit of an effort, or a servo that
+//! follows a commanded position.
+
+/// `effort = gain * e - damping * velocity`, where `e` is the recorded effort, or under a servo `stiffness *
+/// (commanded - measured position)`; a servo gives `limit` at most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Actuator {
+    /// Factor of what was recorded, or of the stiffness.
+    pub gain: f64,
+    /// Damping of the servo, N m s/rad or N s/m.
+    pub damping: f64,
+    /// The servo, where commanded positions were recorded in place of efforts.
+    pub servo: Option<Servo>,
+    /// Time from a command to its effect beyond what the stamps leave open, seconds.
+    pub delay_s: f64,
+    /// What recorded efforts of no known unit were multiplied by before the gain.
+    pub unit: f64,
+    /// Whether gain and damping are found with the effects: nuisances that no finding names.
+    pub is_found: [bool; 2],
+    /// Whether the delay is.
+    pub is_late: bool,
+}
+
+/// A servo before its gain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Servo {
+    /// N m/rad or N/m.
+    pub stiffness: f64,
+    /// Largest effort, N m or N; infinite without one.
+    pub limit: f64,
+}
+
+/// Effort of an actuator with its derivatives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Acted {
+    /// N m or N.
+    pub effort: f64,
+    /// By the position of the joint.
+    pub q: f64,
+    /// By its velocity.
+    pub v: f64,
+    /// By the signal: the recorded effort, or the commanded position.
+    pub signal: f64,
+    /// By the position that a servo reads.
+    pub read: f64,
+    /// By gain and damping.
+    pub p: [f64; 2],
+}
+
+impl Default for Actuator {
+    /// The recorded effort, as it is.
+    fn default() -> Self {
+        Self {
+            gain: 1.0,
+            damping: 0.0,
+            servo: None,
+            delay_s: 0.0,
+            unit: 1.0,
+            is_found: [false; 2],
+            is_late: false,
+        }
+    }
+}
+
+impl Actuator {
+    /// The effort under a signal, at a position and a velocity; `measure` is (scale, offset) of the position
+    /// that a servo reads.
+    #[must_use]
+    #[inline]
+    pub fn act(&self, signal: f64, q: f64, v: f64, measure: (f64, f64)) -> Acted {
+        let Some(servo) = self.servo else {
+            let effort = self.gain * signal - self.damping * v;
+            return Acted {
+                effort,
+                v: -self.damping,
+                signal: self.gain,
+                p: [signal, -v],
+                ..Acted::default()
+            };
+        };
+        let wanted = servo.stiffness * (signal - measure.0 * q - measure.1);
+        let effort = self.gain * wanted - self.damping * v;
+        // A servo at its limit does not answer.
+        if effort.abs() > servo.limit {
+            return Acted { effort: servo.limit.copysign(effort), ..Acted::default() };
+        }
+        let stiffness = self.gain * servo.stiffness;
+        Acted {
+            effort,
+            q: -stiffness * measure.0,
+            v: -self.damping,
+            signal: stiffness,
+            read: -stiffness,
+            p: [wanted, -v],
+        }
+    }
+
+    /// Name in reports.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        if self.servo.is_some() { "servo" } else { "effort" }
+    }
+
+    /// Number of what is found.
+    #[must_use]
+    pub fn free(&self) -> usize {
+        self.is_found.iter().filter(|f| **f).count()
+    }
+
+    /// Gain and damping that are found.
+    pub fn found(&self) -> impl Iterator<Item = f64> {
+        [self.gain, self.damping].into_iter().zip(self.is_found).filter(|(_, found)| *found).map(|(x, _)| x)
+    }
+
+    /// With other values of what is found.
+    #[must_use]
+    pub fn with_found(&self, values: &[f64]) -> Self {
+        let mut values = values.iter();
+        let mut next = |found: bool, own: f64| if found { *values.next().unwrap_or(&own) } else { own };
+        let (gain, damping) = (next(self.is_found[0], self.gain), next(self.is_found[1], self.damping));
+        Self { gain, damping, ..*self }
+    }
+}
