@@ -1,0 +1,104 @@
+//! What was found as a law, drawn through what the twin lacks.
+
+use super::{
+    chart::{Axis, Chart},
+    words::{effort_unit, unit_text, words},
+};
+use crate::gap::judge::{
+    law::{Law, Way},
+    report::JointReport,
+};
+
+/// Share of the points' range by which intervals may widen the axis.
+const ROOM: f64 = 0.25;
+
+/// A law of a joint; dashed where it is not `is_named`.
+#[must_use]
+pub fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
+    let unit = law.variable.unit(joint.turns);
+    let name = if law.effects.is_empty() {
+        "What the twin lacks".to_owned()
+    } else {
+        law.effects.iter().map(|e| words(e)).collect::<Vec<_>>().join(" + ")
+    };
+    let x = Axis {
+        label: format!("{}, {}", law.variable.name(), unit_text(unit)),
+        ..Axis::over("", law.points.iter().map(|p| &p.x).chain(law.curves.iter().flat_map(|c| &c.x)))
+    };
+    let title = format!("{name}: effort against {}", law.variable.name());
+    let mut chart = Chart::new(title.clone(), (700.0, 330.0), x, effort_axis(joint, law));
+    let dashed = if is_named { "" } else { " dashed" };
+    for curve in &law.curves {
+        let ends =
+            |sign: f64| curve.effort.iter().zip(&curve.half).map(|(y, h)| y + sign * h).collect::<Vec<_>>();
+        chart.between(&curve.x, &ends(-1.0), &ends(1.0), &format!("interval {}", class(curve.way)));
+    }
+    // Friction at rest is anything between its two sides.
+    if let [a, b] = &law.curves[..]
+        && a.way == Way::Both
+    {
+        chart.curve(&[0.0, 0.0], &[a.effort[0], b.effort[0]], &[0], &format!("law{dashed}"));
+    }
+    for curve in &law.curves {
+        chart.curve(&curve.x, &curve.effort, &[0], &format!("law {}{dashed}", class(curve.way)));
+    }
+    for p in &law.points {
+        chart.point(p.x, p.effort, p.half, &format!("seen {}", class(p.way)), p.is_held_out);
+    }
+    format!("<section>\n<h3>{title}</h3>\n{}\n{}\n</section>\n", chart.svg(), legend(law, is_named))
+}
+
+fn class(way: Way) -> &'static str {
+    match way {
+        Way::Both => "both",
+        Way::Rising => "rising",
+        Way::Falling => "falling",
+    }
+}
+
+/// The range of points and law; an interval that is far wider is cut off.
+fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
+    let middle: Vec<f64> = law
+        .points
+        .iter()
+        .map(|p| p.effort)
+        .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied()))
+        .chain([0.0])
+        .collect();
+    let (low, high) = super::chart::extent(middle.iter());
+    let room = ROOM * (high - low);
+    let bound = |x: f64| x.clamp(low - room, high + room);
+    let ends = law
+        .points
+        .iter()
+        .map(|p| (p.effort, p.half))
+        .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied().zip(c.half.iter().copied())));
+    let all: Vec<f64> = ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high]).collect();
+    Axis::over(format!("effort that the twin lacks, {}", effort_unit(joint.turns)), all.iter())
+}
+
+fn legend(law: &Law, is_named: bool) -> String {
+    let mut keys = String::from("<p class=\"legend\">");
+    if !law.curves.is_empty() {
+        let word =
+            if is_named { "law found, 95\u{a0}% interval shaded" } else { "what comes nearest; no name" };
+        let class = if is_named { "law" } else { "law dashed" };
+        keys.push_str(&format!("<i class=\"key {class}\"></i>{word}"));
+    }
+    let (mut held, mut ways) = (false, false);
+    for p in &law.points {
+        held |= p.is_held_out;
+        ways |= p.way != Way::Both;
+    }
+    keys.push_str("<i class=\"dot-key\"></i>motion of the fitted runs");
+    if held {
+        keys.push_str("<i class=\"square-key\"></i>of the held-out runs");
+    }
+    keys.push_str(" (means with 95\u{a0}% by the scatter of windows)");
+    if ways {
+        keys.push_str(
+            "<i class=\"dot-key rising\"></i>position rising<i class=\"dot-key falling\"></i>falling",
+        );
+    }
+    keys + "</p>"
+}
