@@ -45,6 +45,13 @@ pub fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     }
 }
 
+/// What the marks of a chart mean: the class of a mark, and text that is escaped.
+#[must_use]
+pub fn keys_of(keys: &[(&str, &str)]) -> String {
+    let one = |(class, text): &(&str, &str)| format!("<span><i class=\"{class}\"></i>{text}</span>");
+    format!("<p class=\"legend\">{}</p>", keys.iter().map(one).collect::<String>())
+}
+
 /// A chart; what is drawn first lies below.
 pub struct Chart {
     title: String,

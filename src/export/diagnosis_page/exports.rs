@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::words::{fixed, places, residual, unit_text, words};
+use super::words::{fixed, places, residual, with_unit, words};
 use crate::{
     export::page::push_table,
     gap::judge::report::{ExportNote, Held, JointReport},
@@ -52,7 +52,7 @@ pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
 
 fn held(held: &Held) -> String {
     let one = |p: &crate::gap::judge::report::HeldParameter| {
-        format!("{} {}\u{a0}{}", words(&p.name), fixed(p.value, places(p.value, 0.0)), unit_text(&p.unit))
+        format!("{} {}", words(&p.name), with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit))
     };
     let parameters = held.parameters.iter().map(one).collect::<Vec<_>>().join(", ");
     format!("{}: {parameters}", words(&held.effect))

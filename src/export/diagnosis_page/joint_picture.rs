@@ -17,15 +17,19 @@ use crate::{
 };
 
 /// Width and height of the drawing.
-const SIZE: (f64, f64) = (500.0, 430.0);
+const SIZE: (f64, f64) = (620.0, 440.0);
 /// Border for labels.
-const BORDER: f64 = 58.0;
+const BORDER: f64 = 50.0;
 /// Points of an arc.
 const ARC: usize = 64;
 /// Side of the block that stands for a parent without a shape, as a share of the moved part.
 const BLOCK: f64 = 0.08;
-/// Length of the axis on either side, as a share of the moved part.
-const AXIS: f64 = 0.55;
+/// Length of the axis on either side, as a share of the moved part, and beyond that.
+const AXIS: (f64, f64) = (0.4, 0.18);
+/// Distance of a slide's way below the part, as a share of the part's height.
+const BELOW: f64 = 1.2;
+/// Width of a letter of the labels.
+const LETTER: f64 = 6.6;
 /// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
 const SMALL: f64 = 0.25;
 
@@ -93,8 +97,8 @@ impl Drawn<'_> {
         (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
     }
 
-    /// A point of the moved part, at position 0, whose way is drawn: where it reaches farthest from the axis, at
-    /// the height of its mass.
+    /// A point of the moved part, at position 0, whose way is drawn: where it reaches farthest from the axis,
+    /// at the height of its mass.
     fn tracer(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
         let poses = self.poses(0.0);
         let links: Vec<usize> = (0..poses.len()).filter(|l| self.moves(*l)).collect();
@@ -117,6 +121,15 @@ impl Drawn<'_> {
         origin + axis.into_inner() * axis.dot(&(center - origin.coords)) + way * reach
     }
 
+    /// A point of a slide, moved on the sheet to below the part, where nothing hides its way.
+    fn below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
+        let down = view.down() - axis.into_inner() * axis.dot(&view.down());
+        let Some(down) = down.try_normalize(1e-6) else { return point };
+        let corners = self.moved_corners(0.0);
+        let depth = corners.iter().map(|p| down.dot(&(p - point))).fold(0.0, f64::max);
+        point + down * (BELOW * depth)
+    }
+
     /// The drawing, as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
@@ -125,11 +138,16 @@ impl Drawn<'_> {
         let (low, high) = self.range;
         let shown = 0.5 * (low + high);
         let tracer = self.tracer(&origin, &axis);
-        let at = |q: f64| self.along(&origin, &axis, q) * tracer;
         let reach = (tracer - origin).norm().max(1e-6);
         let size = self.moved_corners(shown).iter().map(|p| (p - origin).norm()).fold(reach, f64::max);
-        let view = View::of(joint.motion, &axis, &(at(shown) - origin), &self.tree.gravity);
-        let ends = [-1.0, 1.0].map(|s| origin + axis.into_inner() * (s * AXIS * size));
+        let arm = self.along(&origin, &axis, shown) * tracer - origin;
+        let view = View::of(joint.motion, &axis, &arm, &self.tree.gravity);
+        let tracer = if joint.motion == Motion::Slide { self.below(tracer, &axis, &view) } else { tracer };
+        let at = |q: f64| self.along(&origin, &axis, q) * tracer;
+        let along = self.moved_corners(shown).into_iter().map(|p| axis.dot(&(p - origin)));
+        let (least, most) = along.fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
+        let (least, most) = (least.min((AXIS.1 - AXIS.0) * size), most.max((AXIS.0 - AXIS.1) * size));
+        let ends = [least - AXIS.1 * size, most + AXIS.1 * size].map(|x| origin + axis.into_inner() * x);
         let sweep: Vec<Point3<f64>> =
             (0..=ARC).map(|i| at(low + (high - low) * i as f64 / ARC as f64)).collect();
         let mut seen: Vec<Point3<f64>> = sweep.iter().copied().chain(ends).chain([origin]).collect();
@@ -266,10 +284,12 @@ impl Drawn<'_> {
             let norm = away.0.hypot(away.1).max(1.0);
             let (x, y) = (end.0 + 14.0 * away.0 / norm, end.1 + 14.0 * away.1 / norm + 4.0);
             let class = match away.0 / norm {
-                x if x > 0.4 => "range-name",
-                x if x < -0.4 => "range-name end",
-                _ => "range-name mid",
+                x if x > 0.4 => "",
+                x if x < -0.4 => "end",
+                _ => "mid",
             };
+            let x = within(x, class, text.chars().count());
+            let class = format!("range-name {class}");
             writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
         };
         ray(low, position(low, turns));
@@ -321,19 +341,37 @@ fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
     writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line(&[to, corner(1.0), corner(-1.0)])).ok();
 }
 
+/// Where a text of so many letters begins, is centered or ends, so that it stays on the sheet.
+fn within(x: f64, anchor: &str, letters: usize) -> f64 {
+    let width = LETTER * letters as f64;
+    match anchor {
+        "end" => x.max(width),
+        "mid" => x.clamp(0.5 * width, (SIZE.0 - 0.5 * width).max(0.5 * width)),
+        _ => x.min(SIZE.0 - width),
+    }
+}
+
 /// The axis with its name.
 fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) {
     let [from, to] = ends.map(|p| view.paper(&p));
     writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line(&[from, to])).ok();
     push_head(svg, from, to, "head");
     let short: String = name.chars().take(28).collect();
-    let class = if to.0 > SIZE.0 - 130.0 { "axis-name end" } else { "axis-name" };
-    let shift = if class == "axis-name" { 8.0 } else { -8.0 };
+    // Beyond the tip, on the side that it points to.
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let norm = dx.hypot(dy).max(1.0);
+    let class = if dx / norm > 0.4 {
+        ""
+    } else if dx / norm < -0.4 {
+        "end"
+    } else {
+        "mid"
+    };
+    let x = within(to.0 + 8.0 * dx / norm, class, short.chars().count());
     writeln!(
         svg,
-        "<text class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-        to.0 + shift,
-        (to.1 - 6.0).max(12.0),
+        "<text class=\"axis-name {class}\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
+        (to.1 + 12.0 * dy / norm + 2.0).max(12.0),
         escape_xml(&short)
     )
     .ok();
@@ -341,7 +379,7 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
 
 /// The root's axes and gravity, in the lower left corner.
 fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
-    let foot = (34.0, SIZE.1 - 34.0);
+    let foot = (46.0, SIZE.1 - 40.0);
     let mut arrow = |way: Vector3<f64>, foot: (f64, f64), text: &str| {
         let (x, y) = view.direction(&way);
         let to = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);

@@ -1,8 +1,8 @@
 //! What was found as a law, drawn through what the twin lacks.
 
 use super::{
-    chart::{Axis, Chart},
-    words::{effort_unit, unit_text, words},
+    chart::{Axis, Chart, keys_of},
+    words::{effort_unit, unit_text, variable, words},
 };
 use crate::gap::judge::{
     law::{Law, Way},
@@ -11,6 +11,8 @@ use crate::gap::judge::{
 
 /// Share of the points' range by which intervals may widen the axis.
 const ROOM: f64 = 0.25;
+/// Least half range of the efforts, as a share of those recorded.
+const LEAST: f64 = 0.05;
 
 /// A law of a joint; dashed where it is not `is_named`.
 #[must_use]
@@ -22,11 +24,11 @@ pub fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
         law.effects.iter().map(|e| words(e)).collect::<Vec<_>>().join(" + ")
     };
     let x = Axis {
-        label: format!("{}, {}", law.variable.name(), unit_text(unit)),
+        label: format!("{}, {}", variable(law.variable), unit_text(unit)),
         ..Axis::over("", law.points.iter().map(|p| &p.x).chain(law.curves.iter().flat_map(|c| &c.x)))
     };
-    let title = format!("{name}: effort against {}", law.variable.name());
-    let mut chart = Chart::new(title.clone(), (700.0, 330.0), x, effort_axis(joint, law));
+    let title = format!("{name}: effort against {}", variable(law.variable));
+    let mut chart = Chart::new(title.clone(), (620.0, 400.0), x, effort_axis(joint, law));
     let dashed = if is_named { "" } else { " dashed" };
     for curve in &law.curves {
         let ends =
@@ -73,32 +75,31 @@ fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
         .iter()
         .map(|p| (p.effort, p.half))
         .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied().zip(c.half.iter().copied())));
-    let all: Vec<f64> = ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high]).collect();
+    // Efforts that are next to nothing beside those recorded look like it.
+    let least = LEAST * joint.coverage.effort_rms;
+    let all: Vec<f64> =
+        ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high, -least, least]).collect();
     Axis::over(format!("effort that the twin lacks, {}", effort_unit(joint.turns)), all.iter())
 }
 
 fn legend(law: &Law, is_named: bool) -> String {
-    let mut keys = String::from("<p class=\"legend\">");
+    let mut keys: Vec<(&str, &str)> = Vec::new();
     if !law.curves.is_empty() {
-        let word =
-            if is_named { "law found, 95\u{a0}% interval shaded" } else { "what comes nearest; no name" };
-        let class = if is_named { "law" } else { "law dashed" };
-        keys.push_str(&format!("<i class=\"key {class}\"></i>{word}"));
+        keys.push(if is_named {
+            ("key law", "law found, 95\u{a0}% interval shaded")
+        } else {
+            ("key law dashed", "what comes nearest; no name")
+        });
     }
-    let (mut held, mut ways) = (false, false);
-    for p in &law.points {
-        held |= p.is_held_out;
-        ways |= p.way != Way::Both;
+    keys.push(("dot-key", "motion of the fitted runs"));
+    if law.points.iter().any(|p| p.is_held_out) {
+        keys.push(("square-key", "of the held-out runs"));
     }
-    keys.push_str("<i class=\"dot-key\"></i>motion of the fitted runs");
-    if held {
-        keys.push_str("<i class=\"square-key\"></i>of the held-out runs");
+    if law.points.iter().any(|p| p.way != Way::Both) {
+        keys.extend([("dot-key rising", "position rising"), ("dot-key falling", "falling")]);
     }
-    keys.push_str(" (means with 95\u{a0}% by the scatter of windows)");
-    if ways {
-        keys.push_str(
-            "<i class=\"dot-key rising\"></i>position rising<i class=\"dot-key falling\"></i>falling",
-        );
-    }
-    keys + "</p>"
+    format!(
+        "{}<p class=\"soft\">Points: means, with 95\u{a0}% by the scatter of windows.</p>",
+        keys_of(&keys)
+    )
 }

@@ -8,6 +8,8 @@ mod law_chart;
 mod motion;
 mod next;
 mod solids;
+#[cfg(test)]
+mod tests;
 mod ticks;
 mod values;
 mod view;
@@ -38,6 +40,9 @@ use crate::{
 const STYLE: &str = include_str!("diagnosis.css");
 /// Most joints that are shown in full.
 const MAX_JOINTS: usize = 12;
+
+/// Most laws of a joint.
+const MAX_LAWS: usize = 7;
 
 /// What a page is made of.
 pub struct DiagnosisFacts<'a> {
@@ -159,33 +164,34 @@ fn push_joint(
     )
     .ok();
     let spec = facts.tree.joints.iter().position(|j| j.name == joint.joint);
-    let text = next::next(joint, spec.map(|j| &facts.tree.joints[j]));
+    let text = next::next(joint, spec.map(|j| &facts.tree.joints[j]), range(joint));
     writeln!(out, "<p class=\"next\"><b>Next experiment:</b> {text}</p>").ok();
     let (names, title) = if joint.nearest.is_some() {
         (
-            Names { updated: "twin with what comes nearest" },
+            Names { updated: Some("twin with what comes nearest") },
             "What comes nearest; it explains too little for a name",
         )
     } else {
-        (Names { updated: "updated twin" }, "Values: twin + found = updated")
+        (
+            Names { updated: (!d.model.terms.is_empty()).then_some("updated twin") },
+            "Values: twin + found = updated",
+        )
     };
     let nearest = d.nearest.as_ref().map(|n| n.findings.as_slice());
     let is_named = nearest.is_none();
     out.push_str(&values::values(joint, nearest.unwrap_or(&d.findings), title, facts.effects));
-    out.push_str("<div class=\"pair\">\n");
+    let mut cards: Vec<String> = Vec::new();
     if let Some(index) = spec {
-        let drawn =
-            Drawn { tree: facts.tree, joint: index, visuals: shapes, range: range(joint), others: middles };
-        out.push_str(&picture(&drawn, facts.tree, index, shapes));
+        let (visuals, range) = (shapes, range(joint));
+        let drawn = Drawn { tree: facts.tree, joint: index, visuals, range, others: middles };
+        cards.push(picture(&drawn, facts.tree, index, shapes));
     }
-    out.push_str("<div class=\"stack\">\n");
-    for law in &joint.laws {
-        out.push_str(&law_chart::law_chart(joint, law, is_named));
-    }
-    out.push_str("</div>\n</div>\n");
-    if let Some(gap) = joint.nearest.as_ref().or(joint.gap.as_ref()) {
-        out.push_str(&values::gap_table(joint, gap, names.updated));
-    }
+    cards.extend(joint.laws.iter().take(MAX_LAWS).map(|law| law_chart::law_chart(joint, law, is_named)));
+    let gap = joint.nearest.as_ref().or(joint.gap.as_ref());
+    let gap = gap.map_or(String::new(), |gap| values::gap_table(joint, gap, names.updated));
+    // Two cards a row: the gap takes a place that is left.
+    let (beside, below) = if cards.len() % 2 == 1 { (gap, String::new()) } else { (String::new(), gap) };
+    writeln!(out, "<div class=\"pair\">\n{}{beside}</div>\n{below}", cards.concat()).ok();
     out.push_str(&motion::motion(joint, &names));
 }
 
@@ -204,7 +210,7 @@ fn picture(drawn: &Drawn, tree: &TwinTree, index: usize, shapes: &BTreeMap<Strin
     };
     format!(
         "<section>\n<h3>{} {kind} on {}</h3>\n{}\n<p class=\"soft\">Red: the axis, pointing in its positive \
-         sense. Blue arc: the recorded range; dashed: its ends. {source}{limit}</p>\n</section>\n",
+         sense. Blue: the recorded range; dashed: its ends. {source}{limit}</p>\n</section>\n",
         escape_xml(&tree.links[joint.child].name),
         escape_xml(&tree.links[joint.parent].name),
         drawn.svg()
@@ -220,6 +226,9 @@ fn remarks(joint: &JointReport) -> String {
             f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
         said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));
     }
+    if d.verdict == Verdict::Unknown && joint.nearest.is_none() {
+        said.push("No effect of the catalog comes near.".into());
+    }
     if let (Some(near), Some(gap)) = (&d.nearest, &joint.nearest) {
         let names: Vec<String> = near.findings.iter().map(|f| words(&f.effect)).collect();
         said.push(format!(
@@ -230,7 +239,7 @@ fn remarks(joint: &JointReport) -> String {
         ));
     }
     if d.verdict != Verdict::Insufficient {
-        said.push(next::places(joint));
+        said.push(next::disagreement(joint));
     }
     if let Some((share, noises)) = joint.remainder() {
         said.push(format!(

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    chart::{Axis, Chart, extent},
+    chart::{Axis, Chart, extent, keys_of},
     words::effort_unit,
 };
 use crate::{
@@ -25,10 +25,11 @@ const SPACE: f64 = 0.012;
 /// Width of the charts.
 const WIDTH: f64 = 1180.0;
 
-/// Names of the three motions.
+/// Names of the motions.
+#[derive(Clone, Copy)]
 pub struct Names {
-    /// That of the updated twin.
-    pub updated: &'static str,
+    /// That of the updated twin; `None` where it is the twin.
+    pub updated: Option<&'static str>,
 }
 
 /// The sections of a joint.
@@ -86,71 +87,57 @@ fn all_runs(joint: &JointReport) -> String {
         from = to + space;
     }
     format!(
-        "<section>\n<h3>Measured position, all runs</h3>\n{}\n<p class=\"legend\"><i class=\"key \
-         held\"></i>held out: no fit has read it</p>\n</section>\n",
-        chart.svg()
+        "<section>\n<h3>Measured position, all runs</h3>\n{}\n{}</section>\n",
+        chart.svg(),
+        keys_of(&[("key held", "held out: no fit has read it")])
     )
 }
 
 /// Charts of a held-out run.
 fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, names: &Names) -> String {
-    let unit = unit(joint);
-    let updated = names.updated;
-    let legend = |first: &str| {
-        format!(
-            "<p class=\"legend\">{first}<i class=\"key twin\"></i>twin<i class=\"key updated\"></i>{updated}"
-        )
-    };
-    let measured = "<i class=\"key measured\"></i>measured";
-    let mut out = format!("<section>\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
     let windows = &series.windows;
-    let time = || Axis { label: "time, s".into(), range: extent(windows.time_s.iter()) };
-    let mut chart = Chart::new(
-        "measured, twin and updated position over time",
-        (WIDTH, 230.0),
-        time(),
-        Axis::over(format!("position, {unit}"), windows.position.iter()),
-    );
-    shade(&mut chart, windows);
-    curves(&mut chart, windows);
-    writeln!(
-        out,
-        "{}\n{}<i class=\"key window\"></i>held-out windows: each begins in the state that fits it best\
-         </p>",
-        chart.svg(),
-        legend(measured)
-    )
-    .ok();
-    let residuals = windows.before.iter().chain(&windows.after).map(|r| 1e3 * r).collect::<Vec<_>>();
+    let updated = names.updated.map(|name| ("key updated", name));
+    let legend = |first: &[(&'static str, &'static str)], last: &[(&'static str, &'static str)]| {
+        let all = first.iter().copied().chain([("key twin", "twin")]).chain(updated);
+        keys_of(&all.chain(last.iter().copied()).collect::<Vec<_>>())
+    };
+    let is_updated = updated.is_some();
+    let time = |s: &ResidualSeries| Axis { label: "time, s".into(), range: extent(s.time_s.iter()) };
+    let picture = |title: &str, s: &ResidualSeries, is_shaded: bool| {
+        let mut chart = Chart::new(title, (WIDTH, 230.0), time(s), position_axis(unit(joint), s));
+        if is_shaded {
+            shade(&mut chart, s);
+        }
+        curves(&mut chart, s, is_updated);
+        chart.svg()
+    };
+    let mut out = format!("<section>\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
+    let measured = ("key measured", "measured");
+    let window = ("key window", "held-out windows: each begins in the state that fits it best");
+    out.push_str(&picture("measured, twin and updated position over time", windows, true));
+    out.push_str(&legend(&[measured], &[window]));
+    let milli = |values: &[f64]| values.iter().map(|r| 1e3 * r).collect::<Vec<_>>();
+    let (before, after) = (milli(&windows.before), milli(&windows.after));
     let small = if joint.turns { "mrad" } else { "mm" };
-    let mut chart = Chart::new(
-        "residual over time",
-        (WIDTH, 170.0),
-        time(),
-        Axis::over(format!("measured \u{2212} predicted, {small}"), residuals.iter()),
-    );
+    let y = Axis::over(format!("residual, {small}"), before.iter().chain(&after));
+    let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time(windows), y);
     shade(&mut chart, windows);
     chart.level(-1e3 * noise, 1e3 * noise, "noise");
-    let milli = |values: &[f64]| values.iter().map(|r| 1e3 * r).collect::<Vec<_>>();
-    chart.curve(&windows.time_s, &milli(&windows.before), &windows.starts, "twin");
-    chart.curve(&windows.time_s, &milli(&windows.after), &windows.starts, "updated");
-    writeln!(out, "{}\n{}<i class=\"key noise\"></i>\u{b1} noise floor</p>", chart.svg(), legend("")).ok();
-    let whole = &series.whole;
-    if !whole.time_s.is_empty() {
-        let mut chart = Chart::new(
-            "the whole run from its first state",
-            (WIDTH, 230.0),
-            Axis { label: "time, s".into(), range: extent(whole.time_s.iter()) },
-            whole_axis(unit, whole),
-        );
-        curves(&mut chart, whole);
+    chart.curve(&windows.time_s, &before, &windows.starts, "twin");
+    if is_updated {
+        chart.curve(&windows.time_s, &after, &windows.starts, "updated");
+    }
+    out.push_str("<h3>Residual: measured less predicted</h3>\n");
+    out.push_str(&chart.svg());
+    out.push_str(&legend(&[], &[("key noise", "\u{b1} noise floor")]));
+    if !series.whole.time_s.is_empty() {
         writeln!(
             out,
-            "<h3>The same run from its first state to its end, by the recorded efforts ({}) alone</h3>\n{}\n\
-             {}</p>",
+            "<h3>The same run predicted as a whole, from its first state by the recorded efforts ({}) alone\
+             </h3>\n{}\n{}",
             effort_unit(joint.turns),
-            chart.svg(),
-            legend(measured)
+            picture("the whole run from its first state", &series.whole, false),
+            legend(&[measured], &[])
         )
         .ok();
     }
@@ -158,26 +145,24 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
     out
 }
 
-fn curves(chart: &mut Chart, s: &ResidualSeries) {
-    let predicted = |r: &[f64]| s.position.iter().zip(r).map(|(y, r)| y - r).collect::<Vec<f64>>();
+fn predicted(s: &ResidualSeries, residual: &[f64]) -> Vec<f64> {
+    s.position.iter().zip(residual).map(|(y, r)| y - r).collect()
+}
+
+fn curves(chart: &mut Chart, s: &ResidualSeries, is_updated: bool) {
     chart.curve(&s.time_s, &s.position, &s.starts, "measured");
-    chart.curve(&s.time_s, &predicted(&s.before), &s.starts, "twin");
-    chart.curve(&s.time_s, &predicted(&s.after), &s.starts, "updated");
+    chart.curve(&s.time_s, &predicted(s, &s.before), &s.starts, "twin");
+    if is_updated {
+        chart.curve(&s.time_s, &predicted(s, &s.after), &s.starts, "updated");
+    }
 }
 
 /// The range of what was measured, with room for a twin that runs away.
-fn whole_axis(unit: &str, whole: &ResidualSeries) -> Axis {
-    let (low, high) = extent(whole.position.iter());
-    let all: Vec<f64> = whole
-        .position
-        .iter()
-        .zip(&whole.before)
-        .zip(&whole.after)
-        .flat_map(|((y, b), a)| [y - b, y - a])
-        .collect();
+fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
+    let (low, high) = extent(s.position.iter());
+    let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();
     let (least, most) = extent(all.iter());
-    let room = 0.6 * (high - low);
-    let pad = 0.05 * (high - low);
+    let (room, pad) = (0.6 * (high - low), 0.05 * (high - low));
     let range = (least.clamp(low - room, low) - pad, most.clamp(high, high + room) + pad);
     Axis { label: format!("position, {unit}"), range }
 }

@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use super::words::{fixed, places, residual, unit_text, words};
+use super::words::{fixed, places, residual, unit_text, with_unit, words};
 use crate::{
     gap::{
         judge::{
-            proof::{Gap, left_of},
+            proof::{Gap, RunGap, left_of},
             report::JointReport,
             verdict::{Finding, ParameterEstimate},
         },
@@ -14,6 +14,9 @@ use crate::{
     },
     model::escape_xml,
 };
+
+/// Multiple of the noise up to which a gap is none.
+const AT_NOISE: f64 = 1.5;
 
 /// A parameter as the twin has it, as it was found, and as the updated twin has it.
 struct Value {
@@ -50,17 +53,19 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
     }
 }
 
-/// An effect's first value in a sentence: `twin + found = updated unit`.
+/// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
 #[must_use]
 pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
     let one = |p: &ParameterEstimate| {
         let v = value(joint, finding, p, catalogue);
-        let equation =
-            v.parts.map_or(v.alone, |[twin, sign, found, sum]| format!("{twin} {sign} {found} = {sum}"));
-        format!("{equation}\u{a0}{}", v.unit)
+        let [twin, sign, found, sum] = v.parts?;
+        Some(with_unit(&format!("{twin} {sign} {found} = {sum}"), &p.unit))
     };
-    let first = finding.parameters.first().map_or(String::new(), one);
-    format!("{} {first}", words(&finding.effect))
+    let mut all: Vec<String> = finding.parameters.iter().filter_map(one).collect();
+    if let (true, Some(p)) = (all.is_empty(), finding.parameters.first()) {
+        all.push(with_unit(&value(joint, finding, p, catalogue).alone, &p.unit));
+    }
+    format!("{} {}", words(&finding.effect), all.join(" and "))
 }
 
 /// The table of values.
@@ -103,40 +108,35 @@ pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue:
     )
 }
 
-/// The residuals of held-out runs under the twin and the updated twin, or what comes nearest.
+/// The residuals of held-out runs under the twin and, where there is one, the updated twin or what comes
+/// nearest.
 #[must_use]
-pub fn gap_table(joint: &JointReport, gap: &Gap, updated: &str) -> String {
+pub fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let show = |x: f64| residual(x, joint.turns);
     let closed = |before: f64, after: f64| {
-        let share = 1.0 - left_of(before, after, gap.noise_floor);
         // A twin at its noise has no gap to close.
-        if before <= 1.5 * gap.noise_floor {
-            "\u{2013}".into()
-        } else {
-            format!("{}\u{a0}%", fixed(100.0 * share, 0))
+        if before <= AT_NOISE * gap.noise_floor {
+            return "\u{2013}".to_owned();
         }
+        let share = 1.0 - left_of(before, after, gap.noise_floor);
+        format!("{}\u{a0}%", fixed(100.0 * share, 0))
     };
-    let mut rows = String::new();
-    let mut row = |name: &str, [before, after]: [f64; 2], whole: Option<[f64; 2]>| {
-        let whole = whole.map_or(["".to_owned(), String::new()], |w| w.map(show));
-        writeln!(
-            rows,
-            "<tr><td>{name}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td \
-             class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td></tr>",
-            show(before),
-            show(after),
-            closed(before, after),
-            whole[0],
-            whole[1]
-        )
-        .ok();
+    let row = |name: &str, [before, after]: [f64; 2], whole: Option<[f64; 2]>| {
+        let whole = whole.map_or([String::new(), String::new()], |w| w.map(show));
+        let mut cells = vec![show(before)];
+        if updated.is_some() {
+            cells.extend([show(after), closed(before, after)]);
+        }
+        let shown = if updated.is_some() { 2 } else { 1 };
+        cells.extend(whole.into_iter().take(shown));
+        let cells: String = cells.iter().map(|c| format!("<td class=\"number\">{c}</td>")).collect();
+        format!("<tr><td>{name}</td>{cells}</tr>\n")
     };
-    for run in &gap.runs {
-        let whole = Some([run.full_before, run.full_after]);
-        row(&escape_xml(&run.run), [run.before, run.after], whole);
-    }
+    let of_run =
+        |r: &RunGap| row(&escape_xml(&r.run), [r.before, r.after], Some([r.full_before, r.full_after]));
+    let mut rows: String = gap.runs.iter().map(of_run).collect();
     if gap.runs.len() > 1 {
-        row("all", [gap.before, gap.after], None);
+        rows.push_str(&row("all", [gap.before, gap.after], None));
     }
     let most = gap.before.max(gap.after).max(gap.noise_floor).max(1e-300);
     let bar = |name: &str, x: f64, class: &str| {
@@ -147,18 +147,19 @@ pub fn gap_table(joint: &JointReport, gap: &Gap, updated: &str) -> String {
             show(x)
         )
     };
-    let bars = [
-        bar("twin", gap.before, "twin-bar"),
-        bar(updated, gap.after, "updated-bar"),
-        bar("noise floor", gap.noise_floor, "noise-bar"),
-    ]
-    .concat();
+    let mut bars = bar("twin", gap.before, "twin-bar");
+    bars.extend(updated.map(|name| bar(name, gap.after, "updated-bar")));
+    bars.push_str(&bar("noise floor", gap.noise_floor, "noise-bar"));
+    let mut head = vec!["Held-out run".to_owned(), "Twin".to_owned()];
+    head.extend(updated.into_iter().flat_map(|name| [capital(name), "Closed".to_owned()]));
+    head.push("Whole run: twin".to_owned());
+    head.extend(updated.map(|name| format!("Whole run: {name}")));
+    let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
     format!(
-        "<section>\n<h3>Gap on held-out runs, root mean square</h3>\n<div class=\"bars\">\n{bars}</div>\n<div \
-         class=\"scroll\"><table>\n<tr><th>Held-out \
-         run</th><th>Twin</th><th>{}</th><th>Closed, of what is no noise</th><th>Whole run: twin</th><th>Whole \
-         run: {updated}</th></tr>\n{rows}</table></div>\n</section>\n",
-        capital(updated)
+        "<section>\n<h3>Gap on held-out runs, root mean square of the residuals</h3>\n<div \
+         class=\"bars\">\n{bars}</div>\n<div \
+         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">By windows; \
+         closed: of what is more than noise. A whole run is predicted from its first state.</p>\n</section>\n"
     )
 }
 

@@ -88,6 +88,12 @@ impl View {
         (self.right.dot(v), -self.up.dot(v))
     }
 
+    /// Down on the sheet.
+    #[must_use]
+    pub fn down(&self) -> Vector3<f64> {
+        -self.up
+    }
+
     /// To the light: the viewer's upper left.
     #[must_use]
     pub fn light(&self) -> Vector3<f64> {

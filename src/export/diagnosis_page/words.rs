@@ -1,6 +1,6 @@
 //! Numbers and names of a diagnosis as a page shows them.
 
-use crate::{export::page::minus, model::escape_xml};
+use crate::{export::page::minus, gap::judge::locate::Variable, model::escape_xml};
 
 /// A name of the catalogue in words.
 #[must_use]
@@ -18,33 +18,38 @@ pub fn unit_text(unit: &str) -> String {
 }
 
 /// Digits after the point with which a number whose interval has this half width is written: two of the half
-/// width, and three of the number where there is no interval.
+/// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below zero
+/// for numbers whose last digits say nothing.
 #[must_use]
-pub fn places(value: f64, half: f64) -> usize {
-    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(0, 9) as usize;
+pub fn places(value: f64, half: f64) -> i32 {
+    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 9);
+    let digits = |half: f64| if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
         // Never fewer than show one digit of the value: an interval may be wider than that.
-        (true, true) => of(half, 2).max(of(value, 1)),
-        (true, false) => of(half, 2),
-        (false, true) => of(value, 3),
+        (true, true) => of(half, digits(half)).max(of(value, 1)),
+        (true, false) => of(half, digits(half)),
+        (false, true) => of(value, 3).max(0),
         (false, false) => 2,
     }
 }
 
-/// A number with so many digits after the point; with an exponent where these are too many to read.
+/// A number rounded to so many digits after the point; with an exponent where these are too many to read.
 #[must_use]
-pub fn fixed(value: f64, places: usize) -> String {
+pub fn fixed(value: f64, places: i32) -> String {
     if !value.is_finite() {
         return "\u{2013}".into();
     }
     let exponent = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     if places > 6 && exponent < -4 {
-        let digits = (places as i32 + exponent).max(0) as usize;
+        let digits = (places + exponent).max(0) as usize;
         let text = format!("{value:.digits$e}");
         let (mantissa, power) = text.split_once('e').unwrap_or((&text, "0"));
         return minus(&format!("{mantissa}\u{b7}10<sup>{power}</sup>"));
     }
-    let text = format!("{value:.places$}");
+    let last = 10f64.powi(-places.min(0));
+    // Of a point, text rounds exactly.
+    let value = if places < 0 { (value / last).round() * last } else { value };
+    let text = format!("{value:.0$}", places.max(0) as usize);
     // The sign of what rounds to zero is noise.
     let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
     minus(if is_zero { text.trim_start_matches('-') } else { &text })
@@ -70,7 +75,20 @@ pub fn position(value: f64, turns: bool) -> String {
     }
 }
 
-/// The effort of a joint.
+/// A number with its unit, where it has one.
+#[must_use]
+pub fn with_unit(number: &str, unit: &str) -> String {
+    let unit = unit_text(unit);
+    if unit.is_empty() { number.to_owned() } else { format!("{number}\u{a0}{unit}") }
+}
+
+/// A variable in words.
+#[must_use]
+pub fn variable(variable: Variable) -> &'static str {
+    if variable == Variable::Effort { "measured effort" } else { variable.name() }
+}
+
+/// The unit of the effort of a joint.
 #[must_use]
 pub fn effort_unit(turns: bool) -> &'static str {
     if turns { "N\u{a0}m" } else { "N" }
@@ -83,11 +101,14 @@ mod tests {
     #[test]
     fn numbers_have_the_digits_of_their_intervals() {
         for (value, half, text) in [
-            (0.2304, 0.004, "0.2304"),
-            (0.2304, 0.04, "0.230"),
+            (0.2304, 0.004, "0.230"),
+            (0.2304, 0.0021, "0.2304"),
+            (0.2304, 0.04, "0.23"),
             (12.0, 3.0, "12.0"),
+            (26_948.0, 13_155.0, "27000"),
+            (26_948.0, 555.0, "26900"),
             (-0.2, 0.0, "\u{2212}0.200"),
-            (-1e-9, 0.04, "0.000000000"),
+            (-1e-9, 0.0, "\u{2212}1.00\u{b7}10<sup>\u{2212}9</sup>"),
             (0.0, 0.0, "0.00"),
         ] {
             assert_eq!(fixed(value, places(value, half)), text, "{value} {half}");

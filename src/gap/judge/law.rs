@@ -92,8 +92,8 @@ pub struct Point {
     pub half: f64,
 }
 
-/// Laws of what was found, or of what comes nearest; without either what the twin lacks over the variable that
-/// the residual depends on most.
+/// Laws of what was found, or of what comes nearest; without either what the twin lacks over velocity and
+/// position, and over the variable that the residual depends on most.
 #[must_use]
 pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
     let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
@@ -113,7 +113,9 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
     }
     if by_variable.is_empty() {
         let strongest = diagnosis.before.first().map_or(Variable::Velocity, |d| axis_of(d.variable));
-        by_variable.insert((strongest, 0), Vec::new());
+        for variable in [strongest, Variable::Velocity, Variable::Position] {
+            by_variable.insert((variable, 0), Vec::new());
+        }
     }
     let law = |((variable, run), terms)| {
         Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) }
@@ -124,7 +126,7 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
 
 /// The axis on which a dependence is drawn.
 #[must_use]
-pub fn axis_of(variable: Variable) -> Variable {
+fn axis_of(variable: Variable) -> Variable {
     match variable {
         Variable::PositionRising | Variable::PositionFalling => Variable::Position,
         Variable::Direction => Variable::Velocity,
@@ -185,7 +187,8 @@ impl Sum<'_> {
         let names = self.terms.iter().map(|(_, t)| self.problem.catalogue[t.effect].name().to_owned());
         let mut law =
             Law { variable: self.variable, effects: names.collect(), curves: vec![], points: vec![] };
-        let mut x: Vec<f64> = seen.iter().flatten().filter(|o| self.shows(o)).map(|o| self.x(o)).collect();
+        let mut x: Vec<f64> =
+            seen.iter().flatten().filter(|o| self.shows(o)).map(|o| self.sorted_by(o)).collect();
         x.sort_by(f64::total_cmp);
         let cut = (OUTLYING * x.len() as f64) as usize;
         let (Some(&low), Some(&high)) = (x.get(cut), x.get(x.len().saturating_sub(1 + cut))) else {
@@ -193,15 +196,20 @@ impl Sum<'_> {
         };
         let edges = self.edges(low, high);
         for way in self.ways() {
-            if !self.terms.is_empty() {
-                law.curves.extend(self.curves(way, &edges, spread));
-            }
             for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
                 // A push belongs to a run that was fitted.
                 if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
                     law.points.extend(self.points(way, is_held_out, seen, &edges));
                 }
             }
+        }
+        // A law is shown where it was seen, and a bin more.
+        let bin = (high - low) / BINS as f64;
+        let ends = law.points.iter().map(|p| p.x).fold((high, low), |(l, h), x| (l.min(x), h.max(x)));
+        let (low, high) = (low.max(ends.0 - bin), high.min(ends.1 + bin));
+        if !self.terms.is_empty() && high > low {
+            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, (low, high), spread));
+            law.curves = curves.collect();
         }
         law
     }
@@ -241,6 +249,12 @@ impl Sum<'_> {
         }
     }
 
+    /// What samples are sorted into bins by: an acceleration errs as the effort over it does, and large ones
+    /// would be those with large errors.
+    fn sorted_by(&self, o: &Observed) -> f64 {
+        if self.variable == Variable::Acceleration { o.about } else { self.x(o) }
+    }
+
     /// Edges of the bins; none reaches over rest.
     fn edges(&self, low: f64, high: f64) -> Vec<f64> {
         let even = |from: f64, to: f64, n: usize| -> Vec<f64> {
@@ -255,8 +269,7 @@ impl Sum<'_> {
         even(low, high, BINS)
     }
 
-    fn curves(&self, way: Way, edges: &[f64], spread: Option<&Spread>) -> Vec<Curve> {
-        let (low, high) = (edges[0], edges[edges.len() - 1]);
+    fn curves(&self, way: Way, (low, high): (f64, f64), spread: Option<&Spread>) -> Vec<Curve> {
         let grid = |from: f64, to: f64| -> Vec<f64> {
             (0..=GRID).map(|i| from + (to - from) * i as f64 / GRID as f64).collect()
         };
@@ -328,7 +341,7 @@ impl Sum<'_> {
         let mut bins: Vec<Bin> = vec![Bin::new(); edges.len() - 1];
         for o in seen.iter().filter(|o| self.shows(o)) {
             let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
-            let (x, bin) = (self.x(o), edges.partition_point(|e| *e <= self.x(o)));
+            let (x, bin) = (self.x(o), edges.partition_point(|e| *e <= self.sorted_by(o)));
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }

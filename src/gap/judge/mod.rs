@@ -8,6 +8,8 @@ mod format_model_tests;
 pub mod format_note;
 pub mod given;
 pub mod law;
+#[cfg(test)]
+mod law_tests;
 pub mod locate;
 pub mod name_weight;
 #[cfg(test)]
