@@ -269,14 +269,7 @@ pub(super) fn find(
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
     warnings.extend(less(&joints, &exports));
-    let page = diagnosis_page(&DiagnosisFacts {
-        joints: &joints,
-        effects: &effects,
-        tree,
-        urdf: text,
-        exports: &exports,
-        warnings: &warnings,
-    });
+    let page = page((tree, text), &joints, &effects, &exports, &warnings);
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -296,6 +289,17 @@ pub(super) fn find(
         summary: report::summary(&joints),
         warnings,
     })
+}
+
+/// The page; the twin comes with its URDF.
+fn page(
+    (tree, urdf): (&TwinTree, &str),
+    joints: &[JointReport],
+    effects: &Catalogue,
+    exports: &[ExportNote],
+    warnings: &[Note],
+) -> String {
+    diagnosis_page(&DiagnosisFacts { joints, effects, tree, urdf, exports, warnings })
 }
 
 /// What to know of files that hold less than was found.

@@ -9,12 +9,26 @@ use crate::{
     model::escape_xml,
 };
 
+/// How the status of a file that is not there begins.
+const NOT_WRITTEN: &str = "not written";
+
 /// The table of all formats.
 #[must_use]
 pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let mut rows = String::new();
     let mut last = (String::new(), String::new());
+    let mut absent = "";
     for note in notes {
+        if note.file.is_empty() && note.status.starts_with(NOT_WRITTEN) {
+            // One row says it for all joints and effects.
+            let is_new = note.format != last.0 || note.status != absent;
+            (last, absent) = ((note.format.clone(), String::new()), note.status.as_str());
+            if is_new {
+                let (format, status) = (note.format.to_uppercase(), escape_xml(&note.status));
+                writeln!(rows, "<tr><td>{format}</td><td colspan=\"5\">{status}</td></tr>").ok();
+            }
+            continue;
+        }
         let turns = joints.iter().any(|j| j.joint == note.joint && j.turns);
         let own = (note.format.clone(), note.joint.clone());
         // The residuals are those of the joint in the file, with all of its effects.

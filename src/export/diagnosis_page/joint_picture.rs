@@ -231,13 +231,10 @@ impl Drawn<'_> {
         if extent < SMALL * center.coords.norm() || shapes.is_empty() {
             let ends = [poses[link] * Point3::origin(), poses[link] * center].map(|p| view.paper(&p));
             writeln!(svg, "<path class=\"rod\" d=\"{}\"/>", line(&ends)).ok();
-            if let Some([at]) = (self.tree.links[link].mass_kg > 0.0).then_some([ends[1]]) {
-                writeln!(
-                    svg,
-                    "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"7\" fill=\"#96bae4\" stroke=\"#5b6776\"/>",
-                    at.0, at.1
-                )
-                .ok();
+            if self.tree.links[link].mass_kg > 0.0 {
+                let (x, y) = ends[1];
+                let look = "r=\"7\" fill=\"#96bae4\" stroke=\"#5b6776\"";
+                writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" {look}/>").ok();
             }
         }
     }

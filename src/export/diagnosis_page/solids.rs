@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
+use roxmltree::Node;
 
 use crate::{gap::twin_tree::TwinLink, geometry::Pose, limits::parse_xml};
 
@@ -44,20 +45,18 @@ pub fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     all
 }
 
-fn visual(node: roxmltree::Node) -> Option<Solid> {
-    let child = |parent: roxmltree::Node<'_, '_>, name: &str| {
-        parent.children().find(|n| n.has_tag_name(name)).map(|n| n.id())
-    };
-    let tree = node.document();
-    let pose =
-        child(node, "origin").and_then(|id| tree.get_node(id)).map_or(Some(Pose::identity()), |o| {
-            let xyz = o.attribute("xyz").map_or(Some([0.0; 3]), numbers)?;
-            let [r, p, y] = o.attribute("rpy").map_or(Some([0.0; 3]), numbers)?;
-            Some(Pose::from_parts(Vector3::from(xyz).into(), UnitQuaternion::from_euler_angles(r, p, y)))
-        })?;
-    let geometry = tree.get_node(child(node, "geometry")?)?;
-    let shape = geometry.children().find(roxmltree::Node::is_element)?;
-    let number = |name: &str| shape.attribute(name).and_then(|t| numbers::<1>(t)).map(|[x]| x);
+fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
+    node.children().find(|n| n.has_tag_name(name))
+}
+
+fn visual(node: Node) -> Option<Solid> {
+    let pose = child(node, "origin").map_or(Some(Pose::identity()), |o| {
+        let xyz = o.attribute("xyz").map_or(Some([0.0; 3]), numbers)?;
+        let [r, p, y] = o.attribute("rpy").map_or(Some([0.0; 3]), numbers)?;
+        Some(Pose::from_parts(Vector3::from(xyz).into(), UnitQuaternion::from_euler_angles(r, p, y)))
+    })?;
+    let shape = child(node, "geometry")?.children().find(Node::is_element)?;
+    let number = |name: &str| shape.attribute(name).and_then(numbers::<1>).map(|[x]| x);
     let solid = match shape.tag_name().name() {
         "box" => cuboid(Vector3::from(numbers::<3>(shape.attribute("size")?)?)),
         "cylinder" => cylinder(number("radius")?, number("length")?),

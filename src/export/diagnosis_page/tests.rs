@@ -193,7 +193,7 @@ fn values_are_twin_and_found_and_their_sum() {
         "Next experiment:",
         "reverse slowly six times or more, at two speeds",
         "coulomb friction (weight 1.00), or stribeck friction (0.20)",
-        "10.0\u{a0}|mrad",
+        "10.0|mrad",
         "beyond bounds",
         "95\u{a0}%|",
         "URDF",

@@ -18,11 +18,11 @@ pub fn unit_text(unit: &str) -> String {
 }
 
 /// Digits after the point with which a number whose interval has this half width is written: two of the half
-/// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below zero
-/// for numbers whose last digits say nothing.
+/// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below
+/// zero for numbers whose last digits say nothing.
 #[must_use]
 pub fn places(value: f64, half: f64) -> i32 {
-    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 9);
+    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 12);
     let digits = |half: f64| if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
         // Never fewer than show one digit of the value: an interval may be wider than that.
@@ -38,6 +38,9 @@ pub fn places(value: f64, half: f64) -> i32 {
 pub fn fixed(value: f64, places: i32) -> String {
     if !value.is_finite() {
         return "\u{2013}".into();
+    }
+    if value == 0.0 && places > 6 {
+        return "0".into();
     }
     let exponent = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     if places > 6 && exponent < -4 {
