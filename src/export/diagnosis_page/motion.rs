@@ -111,7 +111,7 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
         curves(&mut chart, s, is_updated);
         chart.svg()
     };
-    let mut out = format!("<section>\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
+    let mut out = format!("<section class=\"tall\">\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
     let measured = ("key measured", "measured");
     let window = ("key window", "held-out windows: each begins in the state that fits it best");
     out.push_str(&picture("measured, twin and updated position over time", windows, true));
