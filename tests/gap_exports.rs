@@ -155,3 +155,39 @@ fn of_a_class_the_member_that_a_format_holds_is_written() {
     let text = std::fs::read_to_string(folder.join("out").join("twin.urdf")).unwrap();
     assert!(text.contains("<gap:effect name=\"encoder_scale\" status=\"not expressible\">"), "{text}");
 }
+
+#[test]
+fn the_page_shows_what_was_found_and_what_is_proven() {
+    let folder = TempDir::new("gap-exports-page");
+    let (report, _) = diagnose(&folder, 1.0, &[]);
+    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap();
+    let found = &report["findings"][0];
+    assert_eq!(found["effect"], "viscous_friction", "{report:#}");
+    // The twin damps by 0.4, and nothing less than the sum of both is what the joint has.
+    let value = found["parameters"][0]["value"].as_f64().unwrap();
+    let sums = [1, 2, 3, 4].map(|places| {
+        let [twin, found, sum] = [DAMPING, value, DAMPING + value].map(|x| format!("{x:.places$}"));
+        format!("viscous friction {twin} + {found} = {sum}\u{a0}N\u{a0}m\u{a0}s/rad")
+    });
+    assert!(sums.iter().any(|s| page.contains(s.as_str())), "{sums:?}");
+    for part in [
+        "Next experiment:</b> To know viscous friction",
+        "viscous friction: effort against velocity",
+        "door turns on base",
+        "Gap on held-out runs",
+        "held out: run_2",
+        "Held-out run run_2",
+        "What each file holds",
+        "twin.urdf",
+    ] {
+        assert!(page.contains(part), "'{part}' is not in the page");
+    }
+    // The windows of the proof are shaded, in the charts of positions and of residuals.
+    let windows: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("out/replay.json")).unwrap()).unwrap();
+    assert_eq!(page.matches("class=\"window\"").count(), 2 * windows.as_array().unwrap().len());
+    for loaded in ["http:", "https:", "<script", "<link", "url(", "src="] {
+        assert!(!page.contains(loaded), "{loaded}");
+    }
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+}

@@ -4,6 +4,7 @@
 mod camera_poses;
 mod check;
 pub mod diagnosed;
+mod diagnosis_page;
 mod look;
 mod mjcf;
 #[cfg(test)]
@@ -11,6 +12,7 @@ mod names_tests;
 pub mod number;
 mod obj;
 mod package;
+mod page;
 mod part_count;
 mod picture;
 mod preview;
@@ -25,6 +27,7 @@ mod viewer;
 
 pub use camera_poses::{CameraPosesReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 #[cfg(test)]
 pub use look::look;
 pub use look::{LookConfig, looks};

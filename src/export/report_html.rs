@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     number::{decimal, significant},
+    page::{self, count, minus, push_list, push_table, unit},
     picture::{Picture, PictureError, part_color},
     report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
 };
@@ -11,7 +12,6 @@ use crate::model::escape_xml as escape;
 
 /// In place of a deviation that no guess would exceed.
 const NOT_DETERMINED: &str = "not determined";
-const STYLE: &str = include_str!("report.css");
 
 /// The pictures of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,15 +47,7 @@ pub struct PhotoAndTwin {
 /// A picture that cannot be encoded.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
-    // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
-    // can make the page load or run something.
-    let mut out = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
-         style-src 'unsafe-inline'\">\n\
-         <title>{name}: articulated twin</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n"
-    );
+    let mut out = page::head(&format!("{name}: articulated twin"), "");
     push_header(&mut out, report);
     push_warnings(&mut out, report);
     let pairs: Vec<&Picture> = pictures.states.iter().flat_map(|s| [&s.photo, &s.twin]).collect();
@@ -71,7 +63,8 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
     push_times(&mut out, report);
     push_start(&mut out, report);
     push_run(&mut out, report);
-    out.push_str("</div>\n</main>\n</body>\n</html>\n");
+    out.push_str("</div>\n");
+    out.push_str(page::TAIL);
     Ok(out)
 }
 
@@ -109,14 +102,6 @@ fn push_warnings(out: &mut String, report: &Report) {
     // Those of the joints are among them.
     let all: Vec<String> = report.run.warnings.iter().map(ToString::to_string).collect();
     push_list(out, "warnings", "Warnings", &all);
-}
-
-fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
-    if sentences.is_empty() {
-        return;
-    }
-    let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", escape(s))).collect();
-    writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
 }
 
 fn push_pictures(
@@ -193,19 +178,6 @@ fn push_joints(out: &mut String, report: &Report) {
         }
     }
     push_table(out, "Joints", &head, &rows);
-}
-
-fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
-    if rows.is_empty() {
-        return;
-    }
-    let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
-    writeln!(
-        out,
-        "<section>\n<h2>{title}</h2>\n<div \
-        class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>"
-    )
-    .ok();
 }
 
 /// What is not observable of each joint, and how the parts were counted.
@@ -352,23 +324,9 @@ fn vector(v: [f64; 3]) -> String {
     minus(&format!("({})", v.map(|x| decimal(x, 3)).join(", ")))
 }
 
-/// Text with true minus signs.
-fn minus(text: &str) -> String {
-    text.replace('-', "\u{2212}")
-}
-
-fn unit(number: &str, unit: &str) -> String {
-    let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
-    format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
-}
-
 fn dot(part: usize) -> String {
     let [r, g, b] = part_color(part);
     format!("<span class=\"dot\" style=\"background: rgb({r} {g} {b})\"></span>")
-}
-
-fn count(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 fn duration(seconds: f64) -> String {

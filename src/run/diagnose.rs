@@ -9,7 +9,11 @@ use serde::Serialize;
 
 use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE};
 use crate::{
-    export::diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
+    export::{
+        DiagnosisFacts,
+        diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
+        diagnosis_page,
+    },
     files,
     gap::{
         fit::actuation::actuated,
@@ -275,6 +279,7 @@ pub(super) fn find(
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
     warnings.extend(less(&joints, &exports));
+    let page = page((tree, text), &joints, &effects, &exports, &warnings);
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -284,7 +289,7 @@ pub(super) fn find(
         ("twin.xml", mjcf),
         ("report.json", json.clone()),
         ("replay.json", replay + "\n"),
-        ("report.html", report::html(&joints)),
+        ("report.html", page),
     ]);
     let files = more.into_iter().map(|(path, content)| (path.to_owned(), content)).collect();
     Ok(Found {
@@ -294,6 +299,17 @@ pub(super) fn find(
         summary: report::summary(&joints),
         warnings,
     })
+}
+
+/// The page; the twin comes with its URDF.
+fn page(
+    (tree, urdf): (&TwinTree, &str),
+    joints: &[JointReport],
+    effects: &Catalogue,
+    exports: &[ExportNote],
+    warnings: &[Note],
+) -> String {
+    diagnosis_page(&DiagnosisFacts { joints, effects, tree, urdf, exports, warnings })
 }
 
 /// What to know of files that hold less than was found.

@@ -12,8 +12,9 @@ use crate::gap::{
     judge::{
         cross_validation::{bears_out, predicts_better},
         format_model::format_models,
+        law::laws,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
-        report::{JointReport, REPORTED_NOISES, ReplayWindow},
+        report::{JointReport, REPORTED_NOISES, ReplayWindow, Track},
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
@@ -46,6 +47,7 @@ pub struct Runs {
 #[must_use]
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
     let turns = runs.turns;
+    let tracks = tracks(&runs);
     let recorded = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
     let held_out = Problem::held_out(&recorded, runs.held_out);
     let problem = recorded.at_steps();
@@ -59,6 +61,9 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         diagnosis: diagnosis.clone(),
         gap: None,
         series: Vec::new(),
+        laws: Vec::new(),
+        tracks,
+        coverage: problem.coverage.clone(),
         in_format: Vec::new(),
         replay: Vec::new(),
         nearest: None,
@@ -90,7 +95,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         proof = prove(&held_out, &twin, &twin);
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
-        let whole = prove(&held_out, &twin, &nearest.model).0;
+        let whole = prove(&held_out, &twin, &nearest.model);
         let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
         let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
@@ -100,15 +105,29 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };
             }
-            None => report.nearest = Some(whole),
+            None => (report.nearest, proof.1) = (Some(whole.0), whole.1),
         }
     }
     if !updated.terms.is_empty() {
         report.in_format = format_models(&problem, &held_out, &diagnosis, &updated, &proof.0);
     }
+    report.laws = laws(&problem, &held_out, &diagnosis);
     report.replay = replay(name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
+}
+
+/// Measured positions of all runs.
+fn tracks(runs: &Runs) -> Vec<Track> {
+    let track = |is_held_out| {
+        move |log: &JointLog| Track {
+            run: log.run.clone(),
+            is_held_out,
+            time_s: log.time_s.clone(),
+            position: log.position.clone(),
+        }
+    };
+    runs.fitted.iter().map(track(false)).chain(runs.held_out.iter().map(track(true))).collect()
 }
 
 /// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor

@@ -7,10 +7,14 @@ pub mod format_model;
 mod format_model_tests;
 pub mod format_note;
 pub mod given;
+pub mod law;
+#[cfg(test)]
+mod law_tests;
 pub mod locate;
 pub mod name_weight;
 #[cfg(test)]
 mod new_effect_tests;
+pub mod observed;
 #[cfg(test)]
 mod one_way_damping;
 pub mod orthogonal;

@@ -8,7 +8,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     model::joint_model::JointModel,
-    record::log::{Span, rms},
+    record::log::{JointLog, Span, rms},
 };
 
 /// Root mean square residuals of one held-out run, rad or m.
@@ -56,7 +56,8 @@ pub fn left_of(before: f64, after: f64, noise_floor: f64) -> f64 {
     ((after - noise_floor) / (before - noise_floor).max(1e-300)).max(0.0)
 }
 
-/// Residual of each sample of a held-out log before and after, and the measured position; for plots.
+/// Residual of each sample of stretches of a held-out log before and after, and the measured position; for
+/// plots.
 #[derive(Clone, Debug, Default)]
 pub struct ResidualSeries {
     /// Seconds.
@@ -67,6 +68,32 @@ pub struct ResidualSeries {
     pub before: Vec<f64>,
     /// Residual of the updated twin.
     pub after: Vec<f64>,
+    /// Index of the first sample of each stretch.
+    pub starts: Vec<usize>,
+}
+
+/// A held-out run for plots.
+#[derive(Clone, Debug, Default)]
+pub struct RunSeries {
+    /// Its windows, each from a start state of its own.
+    pub windows: ResidualSeries,
+    /// Its segments from their first state to their end.
+    pub whole: ResidualSeries,
+}
+
+/// Residuals of stretches of a log under two models.
+fn series_of(log: &JointLog, index: usize, both: [&[(Span, Vec<f64>)]; 2]) -> ResidualSeries {
+    let [before, after] = both.map(|all| all.iter().filter(|(s, _)| s.log == index));
+    let mut series = ResidualSeries::default();
+    for (span, residual) in before {
+        let samples = span.start..span.start + span.len;
+        series.starts.push(series.time_s.len());
+        series.time_s.extend(&log.time_s[samples.clone()]);
+        series.position.extend(&log.position[samples]);
+        series.before.extend(residual);
+    }
+    series.after = after.flat_map(|(_, r)| r.clone()).collect();
+    series
 }
 
 /// A model without the nuisance lag, and its start state of each window by plain least squares.
@@ -95,7 +122,7 @@ pub fn prove(
     held_out: &Problem,
     before: &JointModel,
     after: &JointModel,
-) -> (Gap, Vec<ResidualSeries>, Vec<Start>) {
+) -> (Gap, Vec<RunSeries>, Vec<Start>) {
     // Each model starts where it fits best; else one would pay for start states of the other.
     let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
     let (one, other) =
@@ -108,8 +135,6 @@ pub fn prove(
         let of = |all: &[(Span, Vec<f64>)]| -> Vec<f64> {
             all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect()
         };
-        let spans = one.iter().filter(|(s, _)| s.log == index);
-        let samples: Vec<usize> = spans.flat_map(|(s, _)| s.start..s.start + s.len).collect();
         runs.push(RunGap {
             run: log.run.clone(),
             before: rms(&of(&one)),
@@ -117,11 +142,9 @@ pub fn prove(
             full_before: rms(&of(&full_one)),
             full_after: rms(&of(&full_other)),
         });
-        series.push(ResidualSeries {
-            time_s: samples.iter().map(|k| log.time_s[*k]).collect(),
-            position: samples.iter().map(|k| log.position[*k]).collect(),
-            before: of(&one),
-            after: of(&other),
+        series.push(RunSeries {
+            windows: series_of(log, index, [&one, &other]),
+            whole: series_of(log, index, [&full_one, &full_other]),
         });
     }
     let windows =

@@ -1,16 +1,17 @@
-//! The report of a diagnosis: JSON with fixed keys, a short text, one page of HTML.
+//! The report of a diagnosis: JSON with fixed keys, and a short text.
 
 use serde::Serialize;
 
 use crate::gap::{
     judge::{
         format_model::FormatModel,
-        proof::{Gap, ResidualSeries, left_of},
+        law::Law,
+        proof::{Gap, RunSeries, left_of},
         verdict::{Diagnosis, ParameterEstimate, Verdict},
     },
+    model::effect::Coverage,
     record::off_axis::{Across, OffAxis},
 };
-use crate::model::{escape_lines, escape_xml};
 
 /// A joint's diagnosis with its proof.
 #[derive(Debug)]
@@ -23,8 +24,14 @@ pub struct JointReport {
     pub diagnosis: Diagnosis,
     /// Before and after on held-out runs, where there are any.
     pub gap: Option<Gap>,
-    /// Residuals of the held-out runs.
-    pub series: Vec<ResidualSeries>,
+    /// Residuals of the held-out runs, under what comes nearest where nothing is named; for plots.
+    pub series: Vec<RunSeries>,
+    /// What was found as laws; for plots.
+    pub laws: Vec<Law>,
+    /// Positions of all runs; for plots.
+    pub tracks: Vec<Track>,
+    /// What the fitted motion covers.
+    pub coverage: Coverage,
     /// The joint in the file of each format, where effects were named.
     pub in_format: Vec<FormatModel>,
     /// Windows of the held-out runs and the states that the updated twin starts them in.
@@ -33,6 +40,19 @@ pub struct JointReport {
     pub nearest: Option<Gap>,
     /// What poses of the part show that the joint cannot make, where poses were read.
     pub off_axis: Option<OffAxis>,
+}
+
+/// Measured positions of a run, or of a part of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Run.
+    pub run: String,
+    /// Only the proof reads it.
+    pub is_held_out: bool,
+    /// Seconds.
+    pub time_s: Vec<f64>,
+    /// Position, rad or m.
+    pub position: Vec<f64>,
 }
 
 /// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the
@@ -287,12 +307,20 @@ const REPORTED_SHARE: f64 = 0.05;
 /// derived: three standard deviations.
 pub const REPORTED_NOISES: f64 = 3.0;
 
+impl JointReport {
+    /// What names leave and is no noise: its share of the gap, and how many times the noise it is.
+    #[must_use]
+    pub fn remainder(&self) -> Option<(f64, f64)> {
+        let gap = self.gap.as_ref().filter(|_| !self.diagnosis.findings.is_empty())?;
+        let (share, noises) =
+            (left_of(gap.before, gap.after, gap.noise_floor), gap.after / gap.noise_floor.max(1e-300));
+        (share > REPORTED_SHARE && noises > REPORTED_NOISES).then_some((share, noises))
+    }
+}
+
 fn remainder(joint: &JointReport) -> Option<RemainderJson> {
-    let gap = joint.gap.as_ref().filter(|_| !joint.diagnosis.findings.is_empty())?;
-    let (share_of_gap, times_noise) =
-        (left_of(gap.before, gap.after, gap.noise_floor), gap.after / gap.noise_floor.max(1e-300));
-    let is_reported = share_of_gap > REPORTED_SHARE && times_noise > REPORTED_NOISES;
-    is_reported.then(|| RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
+    let (share_of_gap, times_noise) = joint.remainder()?;
+    Some(RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
 }
 
 fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
@@ -444,66 +472,4 @@ fn bar(gap: &Gap) -> String {
     let left = ((gap.after / gap.noise_floor.max(1e-12)).max(1.0).ln() / top * 30.0).round().clamp(0.0, 30.0)
         as usize;
     format!("|{}{}|", "#".repeat(left), ".".repeat(30 - left))
-}
-
-/// One self-contained page.
-#[must_use]
-pub fn html(joints: &[JointReport]) -> String {
-    let mut page = String::from(
-        "<!doctype html><meta charset=\"utf-8\"><title>diagnosis</title><style>body{font:14px \
-         sans-serif;max-width:60em;margin:2em auto}\
-         pre{background:#f4f4f4;padding:1em;white-space:pre-wrap;overflow-wrap:anywhere}\
-         svg{width:100%;height:auto;border:1px solid #ddd}</style><h1>Diagnosis</h1><pre>",
-    );
-    page.push_str(&escape_lines(&summary(joints)));
-    page.push_str("</pre>");
-    for j in joints {
-        page.push_str(&format!("<h2>{}</h2>", escape_xml(&j.joint)));
-        for (series, run) in j.series.iter().zip(j.gap.iter().flat_map(|g| &g.runs)) {
-            page.push_str(&format!(
-                "<h3>held-out run {}: residual over time, twin gray, updated twin blue</h3>",
-                escape_xml(&run.run)
-            ));
-            page.push_str(&scatter(&series.time_s, &[(&series.before, "#999"), (&series.after, "#06c")]));
-            page.push_str("<h3>over position</h3>");
-            page.push_str(&scatter(&series.position, &[(&series.before, "#999"), (&series.after, "#06c")]));
-        }
-        for d in j.diagnosis.before.iter().take(4) {
-            let name = format!("{} ({}), p {:.3}", d.variable.name(), d.variable.unit(j.turns), d.p);
-            page.push_str(&format!("<h3>residual effort of the twin over {}</h3>", escape_xml(&name)));
-            let x: Vec<f64> = d.bins.iter().map(|b| 0.5 * (b.edges.0 + b.edges.1)).collect();
-            let y: Vec<f64> = d.bins.iter().map(|b| b.effort).collect();
-            page.push_str(&scatter(&x, &[(&y, "#c30")]));
-        }
-    }
-    page
-}
-
-/// Points over x, each series in its color.
-fn scatter(x: &[f64], series: &[(&[f64], &str)]) -> String {
-    let bounds = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values
-            .filter(|v| v.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
-    };
-    let (x0, x1) = bounds(&mut x.iter().copied());
-    let (y0, y1) = bounds(&mut series.iter().flat_map(|(y, _)| y.iter().copied()));
-    let step = (x.len() / 1500).max(1);
-    let mut svg = String::from("<svg viewBox=\"0 0 800 200\">");
-    for (y, color) in series {
-        for (x, y) in x.iter().zip(*y).step_by(step) {
-            let (px, py) = (60.0 + 730.0 * (x - x0) / (x1 - x0), 185.0 - 175.0 * (y - y0) / (y1 - y0));
-            if px.is_finite() && py.is_finite() {
-                svg.push_str(&format!("<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"1.2\" fill=\"{color}\"/>"));
-            }
-        }
-    }
-    svg.push_str(&format!(
-        "<text x=\"2\" y=\"12\" font-size=\"10\">{y1:.3e}</text><text x=\"2\" y=\"188\" \
-         font-size=\"10\">{y0:.3e}</text>\
-         <text x=\"60\" y=\"198\" font-size=\"10\">{x0:.3}</text><text x=\"750\" y=\"198\" \
-         font-size=\"10\">{x1:.3}</text></svg>"
-    ));
-    svg
 }

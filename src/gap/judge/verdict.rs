@@ -107,6 +107,9 @@ pub struct Diagnosis {
     pub actuator: Vec<ParameterEstimate>,
     /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
     pub nearest: Option<Nearest>,
+    /// How well the parameters of the model, or of what comes nearest, are known; `None` where there are
+    /// none.
+    pub spread: Option<Spread>,
 }
 
 /// Effects that come nearest to an explanation.
@@ -170,6 +173,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
             noise: EffortNoise::default(),
             actuator: Vec::new(),
             nearest: None,
+            spread: None,
         };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
@@ -204,6 +208,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         noise: chosen.fit.noise,
         actuator: actuator_estimates(&chosen.fit, problem.turns),
         nearest: None,
+        spread: None,
     };
     if chosen.fit.model.terms.is_empty() {
         // Something depends on a variable, and no effect of the catalog explains it.
@@ -220,7 +225,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
     let (model, spread) = refined(problem, &chosen.fit);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
-    diagnosis.model = model;
+    (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
         && (diagnosis.left > MAX_LEFT
@@ -403,11 +408,31 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
 }
 
 /// How well parameters are known.
-struct Spread {
+#[derive(Clone, Debug)]
+pub struct Spread {
     /// Covariance of all free parameters.
-    covariance: DMatrix<f64>,
+    pub covariance: DMatrix<f64>,
     /// Number of windows that each rests on.
-    witnesses: Vec<f64>,
+    pub witnesses: Vec<f64>,
+}
+
+impl Spread {
+    /// Half width of the 95 % interval of a number with this gradient by the parameters from `first` on.
+    #[must_use]
+    pub fn half_width(&self, first: usize, gradient: &[f64]) -> f64 {
+        let n = gradient.len();
+        let covariance = self.covariance.view((first, first), (n, n));
+        let variance: f64 = (0..n)
+            .flat_map(|i| (0..n).map(move |j| (i, j)))
+            .map(|(i, j)| gradient[i] * covariance[(i, j)] * gradient[j])
+            .sum();
+        // An interval is as good as the parameter that the fewest windows show.
+        let fewest = (0..n)
+            .filter(|i| gradient[*i] != 0.0)
+            .map(|i| self.witnesses[first + i])
+            .fold(f64::INFINITY, f64::min);
+        half_width(fewest - 1.0) * variance.max(0.0).sqrt()
+    }
 }
 
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
@@ -438,17 +463,8 @@ fn findings(
     for (at, term) in model.placed() {
         let effect = &problem.catalogue[term.effect];
         let n = term.p.len();
-        let (covariance, witnesses) =
-            (spread.covariance.view((at, at), (n, n)), &spread.witnesses[at..at + n]);
         let estimate = |r: crate::gap::model::effect::Reported| {
-            let variance: f64 = (0..n)
-                .flat_map(|i| (0..n).map(move |j| (i, j)))
-                .map(|(i, j)| r.gradient[i] * covariance[(i, j)] * r.gradient[j])
-                .sum();
-            // An interval is as good as the parameter that the fewest windows show.
-            let fewest =
-                (0..n).filter(|i| r.gradient[*i] != 0.0).map(|i| witnesses[i]).fold(f64::INFINITY, f64::min);
-            let half = half_width(fewest - 1.0) * variance.max(0.0).sqrt();
+            let half = spread.half_width(at, &r.gradient[..n]);
             let value =
                 if r.name == "time" { r.value % crate::gap::model::effect::RUN_SPACING_S } else { r.value };
             // What is never negative is not reported to be.

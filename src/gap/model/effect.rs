@@ -285,6 +285,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn fall(&self, _p: &[f64]) -> f64 {
         0.0
     }
+    /// What the twin has of an amplitude already; the updated twin has both, their product of a factor.
+    fn in_twin(&self, index: usize, _plant: &Plant) -> f64 {
+        self.parameters()[index].neutral.unwrap_or_default()
+    }
     /// What a format holds of it at a joint of the twin.
     fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {
         Expression::NotExpressible

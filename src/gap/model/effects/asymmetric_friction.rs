@@ -34,6 +34,10 @@ impl Effect for AsymmetricFriction {
         out.p[side] = 1.0;
     }
 
+    fn in_twin(&self, _index: usize, plant: &Plant) -> f64 {
+        plant.friction
+    }
+
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // One bound both ways, and where a constant effort can be had, one that makes up the difference.
         let mean = Nearest::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);

@@ -28,6 +28,10 @@ impl Effect for CoulombFriction {
         out.p[0] = 1.0;
     }
 
+    fn in_twin(&self, _index: usize, plant: &Plant) -> f64 {
+        plant.friction
+    }
+
     fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {
         Expression::Native
     }

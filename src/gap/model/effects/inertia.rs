@@ -28,6 +28,10 @@ impl Effect for Inertia {
         (-0.9 * coverage.inertia, 1e9)
     }
 
+    fn in_twin(&self, _index: usize, plant: &Plant) -> f64 {
+        plant.inertia
+    }
+
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // Armature only adds.
         match format {

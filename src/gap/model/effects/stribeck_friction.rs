@@ -55,6 +55,10 @@ impl Effect for StribeckFriction {
         p[1]
     }
 
+    fn in_twin(&self, index: usize, plant: &Plant) -> f64 {
+        if index == 0 { plant.friction } else { 0.0 }
+    }
+
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         match format {
             Format::Urdf => Expression::NotExpressible,

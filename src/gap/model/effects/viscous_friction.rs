@@ -44,6 +44,10 @@ impl Effect for ViscousFriction {
         true
     }
 
+    fn in_twin(&self, _index: usize, plant: &Plant) -> f64 {
+        plant.damping
+    }
+
     fn in_format(&self, _format: Format, p: &[f64], plant: &Plant) -> Expression {
         Expression::native_if(plant.damping + p[0] >= 0.0)
     }

@@ -1,0 +1,73 @@
+//! What each file holds of what was found.
+
+use std::fmt::Write as _;
+
+use super::words::{fixed, places, residual, with_unit, words};
+use crate::{
+    export::page::push_table,
+    gap::judge::report::{ExportNote, Held, JointReport},
+    model::escape_xml,
+};
+
+/// How the status of a file that is not there begins.
+const NOT_WRITTEN: &str = "not written";
+
+/// The table of all formats.
+#[must_use]
+pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
+    let mut rows = String::new();
+    let mut last = (String::new(), String::new());
+    let mut absent = "";
+    for note in notes {
+        if note.file.is_empty() && note.status.starts_with(NOT_WRITTEN) {
+            // One row says it for all joints and effects.
+            let is_new = note.format != last.0 || note.status != absent;
+            (last, absent) = ((note.format.clone(), String::new()), note.status.as_str());
+            if is_new {
+                let (format, status) = (note.format.to_uppercase(), escape_xml(&note.status));
+                writeln!(rows, "<tr><td>{format}</td><td colspan=\"5\">{status}</td></tr>").ok();
+            }
+            continue;
+        }
+        let turns = joints.iter().any(|j| j.joint == note.joint && j.turns);
+        let own = (note.format.clone(), note.joint.clone());
+        // The residuals are those of the joint in the file, with all of its effects.
+        let (file, gap) = if own == last {
+            (String::new(), String::new())
+        } else {
+            let file = if note.file.is_empty() { String::new() } else { escape_xml(&note.file) };
+            let gap = match (note.before, note.rmse) {
+                (Some(before), Some(after)) if !note.file.is_empty() => {
+                    format!("{} \u{2192} {}", residual(before, turns), residual(after, turns))
+                }
+                _ => "\u{2013}".into(),
+            };
+            (format!("{} <span class=\"soft\">{file}</span>", note.format.to_uppercase()), gap)
+        };
+        last = own;
+        let by = note.by.iter().map(held).collect::<Vec<_>>().join("; ");
+        let by = if by.is_empty() { "\u{2013}".into() } else { by };
+        writeln!(
+            rows,
+            "<tr><td class=\"number\">{file}</td><td>{}</td><td>{}</td><td>{}</td><td>{by}</td><td \
+             class=\"number\">{gap}</td></tr>",
+            escape_xml(&note.joint),
+            words(&note.effect),
+            escape_xml(&note.status)
+        )
+        .ok();
+    }
+    let head =
+        ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
+    let mut out = String::new();
+    push_table(&mut out, "What each file holds", &head, &rows);
+    out
+}
+
+fn held(held: &Held) -> String {
+    let one = |p: &crate::gap::judge::report::HeldParameter| {
+        format!("{} {}", words(&p.name), with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit))
+    };
+    let parameters = held.parameters.iter().map(one).collect::<Vec<_>>().join(", ");
+    format!("{}: {parameters}", words(&held.effect))
+}

@@ -1,0 +1,419 @@
+//! A drawing of a joint: links, axis, and the range that it was recorded over.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use super::{
+    solids::{Solid, box_of_inertia, cuboid, normal},
+    view::View,
+    words::position,
+};
+use crate::{
+    gap::twin_tree::{Motion, TwinTree},
+    geometry::Pose,
+    model::escape_xml,
+};
+
+/// Width and height of the drawing.
+const SIZE: (f64, f64) = (620.0, 440.0);
+/// Border for labels.
+const BORDER: f64 = 50.0;
+/// Points of an arc.
+const ARC: usize = 64;
+/// Side of the block that stands for a parent without a shape, as a share of the moved part.
+const BLOCK: f64 = 0.08;
+/// Length of the axis on either side, as a share of the moved part, and beyond that.
+const AXIS: (f64, f64) = (0.4, 0.18);
+/// Distance of a slide's way below the part, as a share of the part's height.
+const BELOW: f64 = 1.2;
+/// Width of a letter of the labels.
+const LETTER: f64 = 6.6;
+/// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
+const SMALL: f64 = 0.25;
+
+/// What of a joint is drawn.
+pub struct Drawn<'a> {
+    /// The twin.
+    pub tree: &'a TwinTree,
+    /// Index of the joint.
+    pub joint: usize,
+    /// Shapes by link.
+    pub visuals: &'a BTreeMap<String, Vec<Solid>>,
+    /// Lowest and highest recorded position.
+    pub range: (f64, f64),
+    /// Positions of all joints between which the others stand, order of the tree's.
+    pub others: &'a [f64],
+}
+
+/// A face on paper.
+struct Face {
+    corners: Vec<(f64, f64)>,
+    depth: f64,
+    style: String,
+}
+
+// Writing to a string cannot fail: the results below are dropped.
+
+impl Drawn<'_> {
+    /// Poses of all links with the joint at a position.
+    fn poses(&self, q: f64) -> Vec<Pose> {
+        let mut all = self.others.to_vec();
+        all[self.joint] = q;
+        self.tree.link_poses(&all)
+    }
+
+    fn moves(&self, link: usize) -> bool {
+        self.tree.carries(self.joint, link)
+    }
+
+    /// Shapes of a link: those of the twin, else the box of its mass and inertia.
+    fn shapes(&self, link: usize) -> Vec<Solid> {
+        let link = &self.tree.links[link];
+        match self.visuals.get(&link.name) {
+            Some(shapes) if !shapes.is_empty() => shapes.clone(),
+            _ => box_of_inertia(link).into_iter().collect(),
+        }
+    }
+
+    /// Corners of all moved links with the joint at a position.
+    fn moved_corners(&self, q: f64) -> Vec<Point3<f64>> {
+        let poses = self.poses(q);
+        let links = (0..poses.len()).filter(|l| self.moves(*l));
+        links
+            .flat_map(|l| {
+                let corners = self.shapes(l).into_iter().flat_map(|s| s.faces).flatten();
+                let center = self.tree.links[l].center_of_mass;
+                corners.chain([center]).map(|p| poses[l] * p).collect::<Vec<_>>()
+            })
+            .collect()
+    }
+
+    /// Origin and axis in the root's frame.
+    fn axis(&self) -> (Point3<f64>, Unit<Vector3<f64>>) {
+        let joint = &self.tree.joints[self.joint];
+        let frame = self.poses(0.0)[joint.child];
+        (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
+    }
+
+    /// A point of the moved part, at position 0, whose way is drawn: where it reaches farthest from the axis,
+    /// at the height of its mass.
+    fn tracer(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
+        let poses = self.poses(0.0);
+        let links: Vec<usize> = (0..poses.len()).filter(|l| self.moves(*l)).collect();
+        let mass: f64 = links.iter().map(|l| self.tree.links[*l].mass_kg).sum();
+        let weighted =
+            |l: &usize| (poses[*l] * self.tree.links[*l].center_of_mass).coords * self.tree.links[*l].mass_kg;
+        let center = links.iter().map(weighted).sum::<Vector3<f64>>() / mass.max(1e-300);
+        let across = |p: &Vector3<f64>| p - axis.into_inner() * axis.dot(p);
+        let arm = across(&(center - origin.coords));
+        if self.tree.joints[self.joint].motion == Motion::Slide {
+            return Point3::from(center);
+        }
+        let corners = self.moved_corners(0.0);
+        let reach = corners.iter().map(|p| across(&(p - origin)).norm()).fold(0.0, f64::max);
+        let way = arm.try_normalize(1e-3 * reach).unwrap_or_else(|| {
+            let far = corners.iter().map(|p| across(&(p - origin)));
+            let far = far.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_else(Vector3::x);
+            far.try_normalize(0.0).unwrap_or_else(Vector3::x)
+        });
+        origin + axis.into_inner() * axis.dot(&(center - origin.coords)) + way * reach
+    }
+
+    /// A point of a slide, moved on the sheet to below the part, where nothing hides its way.
+    fn below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
+        let down = view.down() - axis.into_inner() * axis.dot(&view.down());
+        let Some(down) = down.try_normalize(1e-6) else { return point };
+        let corners = self.moved_corners(0.0);
+        let depth = corners.iter().map(|p| down.dot(&(p - point))).fold(0.0, f64::max);
+        point + down * (BELOW * depth)
+    }
+
+    /// The drawing, as SVG.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        let joint = &self.tree.joints[self.joint];
+        let (origin, axis) = self.axis();
+        let (low, high) = self.range;
+        let shown = 0.5 * (low + high);
+        let tracer = self.tracer(&origin, &axis);
+        let reach = (tracer - origin).norm().max(1e-6);
+        let size = self.moved_corners(shown).iter().map(|p| (p - origin).norm()).fold(reach, f64::max);
+        let arm = self.along(&origin, &axis, shown) * tracer - origin;
+        let view = View::of(joint.motion, &axis, &arm, &self.tree.gravity);
+        let tracer = if joint.motion == Motion::Slide { self.below(tracer, &axis, &view) } else { tracer };
+        let at = |q: f64| self.along(&origin, &axis, q) * tracer;
+        let along = self.moved_corners(shown).into_iter().map(|p| axis.dot(&(p - origin)));
+        let (least, most) = along.fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
+        let (least, most) = (least.min((AXIS.1 - AXIS.0) * size), most.max((AXIS.0 - AXIS.1) * size));
+        let ends = [least - AXIS.1 * size, most + AXIS.1 * size].map(|x| origin + axis.into_inner() * x);
+        let sweep: Vec<Point3<f64>> =
+            (0..=ARC).map(|i| at(low + (high - low) * i as f64 / ARC as f64)).collect();
+        let mut seen: Vec<Point3<f64>> = sweep.iter().copied().chain(ends).chain([origin]).collect();
+        for q in [low, shown, high] {
+            seen.extend(self.moved_corners(q));
+        }
+        let still = self.still(size);
+        seen.extend(still.iter().flat_map(|(_, s)| s.faces.iter().flatten()));
+        let view = view.fitted(&seen, SIZE, BORDER);
+        let mut svg = format!(
+            "<svg class=\"joint\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"the joint {}\">\n",
+            SIZE.0,
+            SIZE.1,
+            escape_xml(&joint.name)
+        );
+        self.push_bodies(&mut svg, &view, &still, shown);
+        for q in [low, high] {
+            self.push_ghost(&mut svg, &view, q);
+        }
+        self.push_sweep(&mut svg, &view, &sweep, (origin, &at));
+        push_axis(&mut svg, &view, ends, &joint.name);
+        push_directions(&mut svg, &view, &self.tree.gravity);
+        svg.push_str("</svg>");
+        svg
+    }
+
+    /// How a point of the moved part at position 0 stands at another position.
+    fn along(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>, q: f64) -> Pose {
+        match self.tree.joints[self.joint].motion {
+            Motion::Turn => {
+                Pose::rotation_wrt_point(nalgebra::UnitQuaternion::from_axis_angle(axis, q), *origin)
+            }
+            Motion::Slide | Motion::Fixed => Pose::from(axis.into_inner() * q),
+        }
+    }
+
+    /// Shapes of the links that stay, in the root's frame; a block for a parent without any.
+    fn still(&self, size: f64) -> Vec<(usize, Solid)> {
+        let poses = self.poses(0.0);
+        let parent = self.tree.joints[self.joint].parent;
+        let frame = self.poses(0.0)[self.tree.joints[self.joint].child];
+        let mut all = Vec::new();
+        for link in (0..poses.len()).filter(|l| !self.moves(*l)) {
+            let shapes = self.shapes(link);
+            if shapes.is_empty() && link == parent {
+                all.push((link, placed(cuboid(Vector3::repeat(BLOCK * size)), &frame)));
+            }
+            all.extend(shapes.into_iter().map(|s| (link, placed(s, &poses[link]))));
+        }
+        all
+    }
+
+    fn push_bodies(&self, svg: &mut String, view: &View, still: &[(usize, Solid)], shown: f64) {
+        let poses = self.poses(shown);
+        let mut faces = Vec::new();
+        for (_, solid) in still {
+            faces.extend(drawn(solid, view, [196.0, 202.0, 209.0]));
+        }
+        for link in (0..poses.len()).filter(|l| self.moves(*l)) {
+            let shapes = self.shapes(link);
+            self.push_rod(svg, view, link, &poses, &shapes);
+            for solid in shapes {
+                faces.extend(drawn(&placed(solid, &poses[link]), view, [150.0, 186.0, 228.0]));
+            }
+        }
+        // The farthest first: nearer faces cover them.
+        faces.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+        for face in faces {
+            writeln!(svg, "<path {} d=\"{}Z\"/>", face.style, line(&face.corners)).ok();
+        }
+    }
+
+    /// A rod from the joint of a link to a mass that does not reach it.
+    fn push_rod(&self, svg: &mut String, view: &View, link: usize, poses: &[Pose], shapes: &[Solid]) {
+        let center = self.tree.links[link].center_of_mass;
+        let extent = shapes
+            .iter()
+            .flat_map(|s| s.faces.iter().flatten())
+            .map(|p| (p - center).norm())
+            .fold(0.0, f64::max);
+        if extent < SMALL * center.coords.norm() || shapes.is_empty() {
+            let ends = [poses[link] * Point3::origin(), poses[link] * center].map(|p| view.paper(&p));
+            writeln!(svg, "<path class=\"rod\" d=\"{}\"/>", line(&ends)).ok();
+            if self.tree.links[link].mass_kg > 0.0 {
+                let (x, y) = ends[1];
+                let look = "r=\"7\" fill=\"#96bae4\" stroke=\"#5b6776\"";
+                writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" {look}/>").ok();
+            }
+        }
+    }
+
+    /// The outline of the moved part at a position.
+    fn push_ghost(&self, svg: &mut String, view: &View, q: f64) {
+        let poses = self.poses(q);
+        for link in (0..poses.len()).filter(|l| self.moves(*l)) {
+            let shapes = self.shapes(link);
+            let center = self.tree.links[link].center_of_mass;
+            let mut corners: Vec<Point3<f64>> =
+                shapes.iter().flat_map(|s| s.faces.iter().flatten().copied()).collect();
+            let extent = corners.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+            if extent < SMALL * center.coords.norm() {
+                corners.extend([Point3::origin(), center]);
+            }
+            let paper: Vec<(f64, f64)> = corners.iter().map(|p| view.paper(&(poses[link] * p))).collect();
+            writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line(&hull(paper))).ok();
+        }
+    }
+
+    /// The way of the tracer, its ends and its zero.
+    fn push_sweep(
+        &self,
+        svg: &mut String,
+        view: &View,
+        sweep: &[Point3<f64>],
+        (origin, at): (Point3<f64>, &dyn Fn(f64) -> Point3<f64>),
+    ) {
+        let turns = self.tree.joints[self.joint].motion == Motion::Turn;
+        let (low, high) = self.range;
+        let (_, axis) = self.axis();
+        let paper: Vec<(f64, f64)> = sweep.iter().map(|p| view.paper(p)).collect();
+        writeln!(svg, "<path class=\"sweep\" d=\"{}\"/>", line(&paper)).ok();
+        push_head(svg, paper[ARC - 2], paper[ARC], "sweep-head");
+        let foot = origin + axis.into_inner() * axis.dot(&(sweep[0] - origin));
+        let middle = view.paper(if turns { &foot } else { &sweep[ARC / 2] });
+        let mut ray = |q: f64, text: String| {
+            let end = view.paper(&at(q));
+            if turns {
+                writeln!(svg, "<path class=\"ray\" d=\"{}\"/>", line(&[view.paper(&foot), end])).ok();
+            }
+            let away = (end.0 - middle.0, end.1 - middle.1);
+            let norm = away.0.hypot(away.1).max(1.0);
+            let (x, y) = (end.0 + 14.0 * away.0 / norm, end.1 + 14.0 * away.1 / norm + 4.0);
+            let class = match away.0 / norm {
+                x if x > 0.4 => "",
+                x if x < -0.4 => "end",
+                _ => "mid",
+            };
+            let x = within(x, class, text.chars().count());
+            let class = format!("range-name {class}");
+            writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
+        };
+        ray(low, position(low, turns));
+        ray(high, position(high, turns));
+        // Close to an end its label would cover the other.
+        if low + 0.12 * (high - low) < 0.0 && high - 0.12 * (high - low) > 0.0 {
+            ray(0.0, "0".into());
+        }
+    }
+}
+
+fn placed(solid: Solid, pose: &Pose) -> Solid {
+    let faces = solid.faces.into_iter().map(|f| f.into_iter().map(|p| pose * p).collect()).collect();
+    Solid { faces, ..solid }
+}
+
+/// Faces of a solid that are seen, lit from the viewer's upper left.
+fn drawn(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
+    let seen = |face: &&Vec<Point3<f64>>| normal(face).dot(&view.toward) > 0.0;
+    let one = |face: &Vec<Point3<f64>>| {
+        let light = view.light().dot(&normal(face).try_normalize(0.0).unwrap_or_else(Vector3::zeros));
+        let shade = 0.74 + 0.26 * light.max(0.0);
+        let [r, g, b] = color.map(|c| (c * shade + 30.0 * light.max(0.0)).min(255.0) as u8);
+        // A round solid shows no edges, and no gaps between its faces either.
+        let edge = if solid.has_edges { "#5b6776".to_owned() } else { format!("rgb({r} {g} {b})") };
+        Face {
+            corners: face.iter().map(|p| view.paper(p)).collect(),
+            depth: face.iter().map(|p| view.toward.dot(&p.coords)).sum::<f64>() / face.len() as f64,
+            style: format!("style=\"fill: rgb({r} {g} {b}); stroke: {edge}; stroke-width: 0.8\""),
+        }
+    };
+    solid.faces.iter().filter(seen).map(one).collect()
+}
+
+fn line(points: &[(f64, f64)]) -> String {
+    let one = |(i, (x, y)): (usize, &(f64, f64))| format!("{}{x:.1} {y:.1}", if i == 0 { 'M' } else { 'L' });
+    points.iter().enumerate().map(one).collect()
+}
+
+/// The head of an arrow at `to`.
+fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let norm = dx.hypot(dy);
+    if norm < 1e-6 {
+        return;
+    }
+    let (x, y) = (dx / norm, dy / norm);
+    let corner = |side: f64| (to.0 - 10.0 * x - side * 4.5 * y, to.1 - 10.0 * y + side * 4.5 * x);
+    writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line(&[to, corner(1.0), corner(-1.0)])).ok();
+}
+
+/// Where a text of so many letters begins, is centered or ends, so that it stays on the sheet.
+fn within(x: f64, anchor: &str, letters: usize) -> f64 {
+    let width = LETTER * letters as f64;
+    match anchor {
+        "end" => x.max(width),
+        "mid" => x.clamp(0.5 * width, (SIZE.0 - 0.5 * width).max(0.5 * width)),
+        _ => x.min(SIZE.0 - width),
+    }
+}
+
+/// The axis with its name.
+fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) {
+    let [from, to] = ends.map(|p| view.paper(&p));
+    writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line(&[from, to])).ok();
+    push_head(svg, from, to, "head");
+    let short: String = name.chars().take(28).collect();
+    // Beyond the tip, on the side that it points to.
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let norm = dx.hypot(dy).max(1.0);
+    let class = if dx / norm > 0.4 {
+        ""
+    } else if dx / norm < -0.4 {
+        "end"
+    } else {
+        "mid"
+    };
+    let x = within(to.0 + 8.0 * dx / norm, class, short.chars().count());
+    writeln!(
+        svg,
+        "<text class=\"axis-name {class}\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
+        (to.1 + 12.0 * dy / norm + 2.0).max(12.0),
+        escape_xml(&short)
+    )
+    .ok();
+}
+
+/// The root's axes and gravity, in the lower left corner.
+fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
+    let foot = (46.0, SIZE.1 - 40.0);
+    let mut arrow = |way: Vector3<f64>, foot: (f64, f64), text: &str| {
+        let (x, y) = view.direction(&way);
+        let to = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);
+        writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line(&[foot, to])).ok();
+        let (x, y) = (foot.0 + 36.0 * x, foot.1 + 36.0 * y + 4.0);
+        writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
+        to
+    };
+    arrow(Vector3::x(), foot, "x");
+    arrow(Vector3::y(), foot, "y");
+    arrow(Vector3::z(), foot, "z");
+    if let Some(down) = gravity.try_normalize(1e-9) {
+        let foot = (SIZE.0 - 24.0, SIZE.1 - 62.0);
+        let to = arrow(down, foot, "g");
+        push_head(svg, foot, to, "head");
+    }
+}
+
+/// The outline of points, counterclockwise (monotone chain).
+fn hull(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    points.dedup();
+    let turn = |a: &(f64, f64), b: &(f64, f64), c: &(f64, f64)| {
+        (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0)
+    };
+    let half = |points: &mut dyn Iterator<Item = &(f64, f64)>| {
+        let mut chain: Vec<(f64, f64)> = Vec::new();
+        for p in points {
+            while chain.len() > 1 && turn(&chain[chain.len() - 2], &chain[chain.len() - 1], p) <= 0.0 {
+                chain.pop();
+            }
+            chain.push(*p);
+        }
+        chain.pop();
+        chain
+    };
+    let mut all = half(&mut points.iter());
+    all.extend(half(&mut points.iter().rev()));
+    all
+}

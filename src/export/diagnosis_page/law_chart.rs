@@ -1,0 +1,105 @@
+//! What was found as a law, drawn through what the twin lacks.
+
+use super::{
+    chart::{Axis, Chart, keys_of},
+    words::{effort_unit, unit_text, variable, words},
+};
+use crate::gap::judge::{
+    law::{Law, Way},
+    report::JointReport,
+};
+
+/// Share of the points' range by which intervals may widen the axis.
+const ROOM: f64 = 0.25;
+/// Least half range of the efforts, as a share of those recorded.
+const LEAST: f64 = 0.05;
+
+/// A law of a joint; dashed where it is not `is_named`.
+#[must_use]
+pub fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
+    let unit = law.variable.unit(joint.turns);
+    let name = if law.effects.is_empty() {
+        "What the twin lacks".to_owned()
+    } else {
+        law.effects.iter().map(|e| words(e)).collect::<Vec<_>>().join(" + ")
+    };
+    let x = Axis {
+        label: format!("{}, {}", variable(law.variable), unit_text(unit)),
+        ..Axis::over("", law.points.iter().map(|p| &p.x).chain(law.curves.iter().flat_map(|c| &c.x)))
+    };
+    let title = format!("{name}: effort against {}", variable(law.variable));
+    let mut chart = Chart::new(title.clone(), (620.0, 400.0), x, effort_axis(joint, law));
+    let dashed = if is_named { "" } else { " dashed" };
+    for curve in &law.curves {
+        let ends =
+            |sign: f64| curve.effort.iter().zip(&curve.half).map(|(y, h)| y + sign * h).collect::<Vec<_>>();
+        chart.between(&curve.x, &ends(-1.0), &ends(1.0), &format!("interval {}", class(curve.way)));
+    }
+    // Friction at rest is anything between its two sides.
+    if let [a, b] = &law.curves[..]
+        && a.way == Way::Both
+    {
+        chart.curve(&[0.0, 0.0], &[a.effort[0], b.effort[0]], &[0], &format!("law{dashed}"));
+    }
+    for curve in &law.curves {
+        chart.curve(&curve.x, &curve.effort, &[0], &format!("law {}{dashed}", class(curve.way)));
+    }
+    for p in &law.points {
+        chart.point(p.x, p.effort, p.half, &format!("seen {}", class(p.way)), p.is_held_out);
+    }
+    format!("<section>\n<h3>{title}</h3>\n{}\n{}\n</section>\n", chart.svg(), legend(law, is_named))
+}
+
+fn class(way: Way) -> &'static str {
+    match way {
+        Way::Both => "both",
+        Way::Rising => "rising",
+        Way::Falling => "falling",
+    }
+}
+
+/// The range of points and law; an interval that is far wider is cut off.
+fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
+    let middle: Vec<f64> = law
+        .points
+        .iter()
+        .map(|p| p.effort)
+        .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied()))
+        .chain([0.0])
+        .collect();
+    let (low, high) = super::chart::extent(middle.iter());
+    let room = ROOM * (high - low);
+    let bound = |x: f64| x.clamp(low - room, high + room);
+    let ends = law
+        .points
+        .iter()
+        .map(|p| (p.effort, p.half))
+        .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied().zip(c.half.iter().copied())));
+    // Efforts that are next to nothing beside those recorded look like it.
+    let least = LEAST * joint.coverage.effort_rms;
+    let all: Vec<f64> =
+        ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high, -least, least]).collect();
+    Axis::over(format!("effort that the twin lacks, {}", effort_unit(joint.turns)), all.iter())
+}
+
+fn legend(law: &Law, is_named: bool) -> String {
+    let mut keys: Vec<(&str, &str)> = Vec::new();
+    if !law.curves.is_empty() {
+        keys.push(if is_named {
+            ("key law", "law found, 95\u{a0}% interval shaded")
+        } else {
+            ("key law dashed", "what comes nearest; no name")
+        });
+    }
+    keys.push(("dot-key", "motion of the fitted runs"));
+    if law.points.iter().any(|p| p.is_held_out) {
+        keys.push(("square-key", "of the held-out runs"));
+    }
+    if law.points.iter().any(|p| p.way != Way::Both) {
+        keys.extend([("dot-key rising", "position rising"), ("dot-key falling", "falling")]);
+    }
+    format!(
+        "{}<p class=\"soft\">Points: means, with 95\u{a0}% by the scatter of windows.</p>",
+        keys_of(&keys)
+    )
+}

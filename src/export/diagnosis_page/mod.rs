@@ -1,0 +1,267 @@
+//! The diagnosis by motion as one page that needs nothing else: what was found, how it was seen, what is
+//! proven, what to record next.
+
+mod chart;
+mod exports;
+mod joint_picture;
+mod law_chart;
+mod motion;
+mod next;
+mod solids;
+#[cfg(test)]
+mod tests;
+mod ticks;
+mod values;
+mod view;
+mod words;
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use joint_picture::Drawn;
+use motion::Names;
+use solids::{Solid, visuals};
+use words::{effort_unit, fixed, places, position, residual, words};
+
+use super::page::{TAIL, count, head, push_list};
+use crate::{
+    gap::{
+        judge::{
+            report::{ExportNote, JointReport, overall},
+            verdict::Verdict,
+        },
+        model::joint_model::Catalogue,
+        twin_tree::{Motion, TwinTree},
+    },
+    model::escape_xml,
+    note::Note,
+};
+
+const STYLE: &str = include_str!("diagnosis.css");
+/// Most joints that are shown in full.
+const MAX_JOINTS: usize = 12;
+
+/// Most laws of a joint.
+const MAX_LAWS: usize = 7;
+
+/// What a page is made of.
+pub struct DiagnosisFacts<'a> {
+    /// Joints with what was found.
+    pub joints: &'a [JointReport],
+    /// The effects that were looked for.
+    pub effects: &'a Catalogue,
+    /// The twin.
+    pub tree: &'a TwinTree,
+    /// Its URDF.
+    pub urdf: &'a str,
+    /// What became of each effect in each format.
+    pub exports: &'a [ExportNote],
+    /// What was odd.
+    pub warnings: &'a [Note],
+}
+
+/// The page of a diagnosis.
+#[must_use]
+pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
+    let name = escape_xml(&facts.tree.name);
+    let mut out = head(&format!("{name}: diagnosis"), STYLE);
+    push_header(&mut out, facts);
+    let warnings: Vec<String> = facts.warnings.iter().map(ToString::to_string).collect();
+    push_list(&mut out, "warnings", "Warnings", &warnings);
+    let shapes = visuals(facts.urdf);
+    let middles = middles(facts);
+    // What was found comes before what was not, else the order of the twin.
+    let mut order: Vec<&JointReport> = facts.joints.iter().collect();
+    order.sort_by_key(|j| matches!(j.diagnosis.verdict, Verdict::None | Verdict::Insufficient));
+    for joint in order.iter().take(MAX_JOINTS) {
+        push_joint(&mut out, joint, facts, &shapes, &middles);
+    }
+    if order.len() > MAX_JOINTS {
+        let more = order.len() - MAX_JOINTS;
+        writeln!(out, "<p>{more} more joints are in report.json.</p>").ok();
+    }
+    out.push_str(&exports::exports(facts.joints, facts.exports));
+    out.push_str(TAIL);
+    out
+}
+
+// Writing to a string cannot fail: the results below are dropped.
+
+fn push_header(out: &mut String, facts: &DiagnosisFacts) {
+    let verdict = overall(facts.joints);
+    let class = match verdict {
+        Verdict::None | Verdict::Named => "pill",
+        Verdict::Ambiguous | Verdict::Insufficient => "pill check",
+        Verdict::Unknown => "pill unknown",
+    };
+    writeln!(out, "<header>\n<h1>Diagnosis of {}</h1>", escape_xml(&facts.tree.name)).ok();
+    let sentences: Vec<String> = facts.joints.iter().map(|j| sentence(j, facts.effects)).collect();
+    writeln!(
+        out,
+        "<p class=\"verdict\"><span class=\"{class}\">{}</span>{}.</p>",
+        verdict.name(),
+        sentences.join("; ")
+    )
+    .ok();
+    let mut runs: BTreeMap<&str, [bool; 2]> = BTreeMap::new();
+    for track in facts.joints.iter().flat_map(|j| &j.tracks) {
+        runs.entry(&track.run).or_default()[usize::from(track.is_held_out)] = true;
+    }
+    let of = |i: usize| runs.values().filter(|r| r[i]).count();
+    writeln!(
+        out,
+        "<p class=\"facts\">{} \u{b7} fitted to {} \u{b7} proven on {} held out</p>\n</header>",
+        count(facts.joints.len(), "joint"),
+        count(of(0), "run"),
+        count(of(1), "run")
+    )
+    .ok();
+}
+
+/// What there is to say of a joint.
+fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
+    let d = &joint.diagnosis;
+    let found: Vec<String> = d.findings.iter().map(|f| values::sentence(joint, f, effects)).collect();
+    let name = escape_xml(&joint.joint);
+    match d.verdict {
+        Verdict::None => format!("{name}: the twin agrees with the runs"),
+        Verdict::Unknown => format!("{name}: something that no effect of the catalog explains well enough"),
+        Verdict::Insufficient => format!("{name}: the runs lack what a diagnosis needs"),
+        Verdict::Named => format!("{name}: {}", found.join(", ")),
+        Verdict::Ambiguous => format!("{name}: {}, or another of its class", found.join(", ")),
+    }
+}
+
+/// Middles of the joints' recorded ranges, in the order of the tree; zero where nothing was recorded.
+fn middles(facts: &DiagnosisFacts) -> Vec<f64> {
+    let of = |name: &String| {
+        let joint = facts.joints.iter().find(|j| j.joint == *name)?;
+        let (low, high) = range(joint);
+        Some(0.5 * (low + high))
+    };
+    facts.tree.joints.iter().map(|j| of(&j.name).unwrap_or(0.0)).collect()
+}
+
+/// The range of all runs.
+fn range(joint: &JointReport) -> (f64, f64) {
+    chart::extent(joint.tracks.iter().flat_map(|t| &t.position))
+}
+
+fn push_joint(
+    out: &mut String,
+    joint: &JointReport,
+    facts: &DiagnosisFacts,
+    shapes: &BTreeMap<String, Vec<Solid>>,
+    middles: &[f64],
+) {
+    let d = &joint.diagnosis;
+    writeln!(
+        out,
+        "<h2 class=\"joint\">{}: {}</h2>\n{}",
+        escape_xml(&joint.joint),
+        d.verdict.name(),
+        remarks(joint)
+    )
+    .ok();
+    let spec = facts.tree.joints.iter().position(|j| j.name == joint.joint);
+    let text = next::next(joint, spec.map(|j| &facts.tree.joints[j]), range(joint));
+    writeln!(out, "<p class=\"next\"><b>Next experiment:</b> {text}</p>").ok();
+    let (names, title) = if joint.nearest.is_some() {
+        (
+            Names { updated: Some("twin with what comes nearest") },
+            "What comes nearest; it explains too little for a name",
+        )
+    } else {
+        (
+            Names { updated: (!d.model.terms.is_empty()).then_some("updated twin") },
+            "Values: twin + found = updated",
+        )
+    };
+    let nearest = d.nearest.as_ref().map(|n| n.findings.as_slice());
+    let is_named = nearest.is_none();
+    out.push_str(&values::values(joint, nearest.unwrap_or(&d.findings), title, facts.effects));
+    let mut cards: Vec<String> = Vec::new();
+    if let Some(index) = spec {
+        let (visuals, range) = (shapes, range(joint));
+        let drawn = Drawn { tree: facts.tree, joint: index, visuals, range, others: middles };
+        cards.push(picture(&drawn, facts.tree, index, shapes));
+    }
+    cards.extend(joint.laws.iter().take(MAX_LAWS).map(|law| law_chart::law_chart(joint, law, is_named)));
+    let gap = joint.nearest.as_ref().or(joint.gap.as_ref());
+    let gap = gap.map_or(String::new(), |gap| values::gap_table(joint, gap, names.updated));
+    // Two cards a row: the gap takes a place that is left.
+    let (beside, below) = if cards.len() % 2 == 1 { (gap, String::new()) } else { (String::new(), gap) };
+    writeln!(out, "<div class=\"pair\">\n{}{beside}</div>\n{below}", cards.concat()).ok();
+    out.push_str(&motion::motion(joint, &names));
+}
+
+fn picture(drawn: &Drawn, tree: &TwinTree, index: usize, shapes: &BTreeMap<String, Vec<Solid>>) -> String {
+    let joint = &tree.joints[index];
+    let kind = if joint.motion == Motion::Turn { "turns" } else { "slides" };
+    let turns = joint.motion == Motion::Turn;
+    let limit = joint.limit.map_or(String::new(), |(low, high)| {
+        format!(" The twin's limits: {} to {}.", position(low, turns), position(high, turns))
+    });
+    let is_drawn = |l: usize| shapes.get(&tree.links[l].name).is_some_and(|s| !s.is_empty());
+    let source = if is_drawn(joint.child) {
+        "Shapes are those of the URDF."
+    } else {
+        "Boxes have the mass and inertia of their links."
+    };
+    format!(
+        "<section>\n<h3>{} {kind} on {}</h3>\n{}\n<p class=\"soft\">Red: the axis, pointing in its positive \
+         sense. Blue: the recorded range; dashed: its ends. {source}{limit}</p>\n</section>\n",
+        escape_xml(&tree.links[joint.child].name),
+        escape_xml(&tree.links[joint.parent].name),
+        drawn.svg()
+    )
+}
+
+/// What stands beside the values: alternatives, what is left, where the twin fails, what the runs cover.
+fn remarks(joint: &JointReport) -> String {
+    let d = &joint.diagnosis;
+    let mut said = Vec::new();
+    for f in d.findings.iter().filter(|f| !f.alternatives.is_empty()) {
+        let others: Vec<String> =
+            f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
+        said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));
+    }
+    if d.verdict == Verdict::Unknown && joint.nearest.is_none() {
+        said.push("No effect of the catalog comes near.".into());
+    }
+    if let (Some(near), Some(gap)) = (&d.nearest, &joint.nearest) {
+        let names: Vec<String> = near.findings.iter().map(|f| words(&f.effect)).collect();
+        said.push(format!(
+            "Nearest, not enough for a name: {}; held-out residual {} \u{2192} {}.",
+            names.join(" + "),
+            residual(gap.before, joint.turns),
+            residual(gap.after, joint.turns)
+        ));
+    }
+    if d.verdict != Verdict::Insufficient {
+        said.push(next::disagreement(joint));
+    }
+    if let Some((share, noises)) = joint.remainder() {
+        said.push(format!(
+            "Beside it something unknown is left: {}\u{a0}% of the gap, {} times the noise.",
+            fixed(100.0 * share, 0),
+            fixed(noises, 0)
+        ));
+    }
+    if let Some(e) = &joint.off_axis {
+        said.push(escape_xml(&e.words()) + ".");
+    }
+    let (low, high) = range(joint);
+    let velocity = if joint.turns { "rad/s" } else { "m/s" };
+    let c = &joint.coverage;
+    said.push(format!(
+        "The runs cover {} to {}, speeds up to {}\u{a0}{velocity}, efforts of {}\u{a0}{} (root mean square).",
+        position(low, joint.turns),
+        position(high, joint.turns),
+        fixed(c.speed.1, 2),
+        fixed(c.effort_rms, places(c.effort_rms, 0.0)),
+        effort_unit(joint.turns)
+    ));
+    said.retain(|s| !s.is_empty());
+    format!("<p>{}</p>", said.join(" "))
+}

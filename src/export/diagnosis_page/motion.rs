@@ -1,0 +1,181 @@
+//! Positions over time: all runs, and the held-out ones as measured, as the twin and as the updated twin.
+
+use std::fmt::Write as _;
+
+use super::{
+    chart::{Axis, Chart, extent, keys_of},
+    words::effort_unit,
+};
+use crate::{
+    gap::judge::{
+        proof::{ResidualSeries, RunGap, RunSeries},
+        report::JointReport,
+    },
+    model::escape_xml,
+};
+
+/// Most runs in the picture of all runs.
+const MAX_RUNS: usize = 12;
+/// Most held-out runs that are drawn.
+const MAX_HELD_OUT: usize = 3;
+/// Most windows that are shaded one by one.
+const MAX_WINDOWS: usize = 120;
+/// Space between runs, as a share of all of them.
+const SPACE: f64 = 0.012;
+/// Width of the charts.
+const WIDTH: f64 = 1180.0;
+
+/// Names of the motions.
+#[derive(Clone, Copy)]
+pub struct Names {
+    /// That of the updated twin; `None` where it is the twin.
+    pub updated: Option<&'static str>,
+}
+
+/// The sections of a joint.
+#[must_use]
+pub fn motion(joint: &JointReport, names: &Names) -> String {
+    let mut out = all_runs(joint);
+    let Some(gap) = &joint.gap else { return out };
+    let drawn = joint.series.iter().zip(&gap.runs).take(MAX_HELD_OUT);
+    for (series, run) in drawn {
+        out.push_str(&held_out(joint, series, run, gap.noise_floor, names));
+    }
+    if gap.runs.len() > MAX_HELD_OUT {
+        let more = gap.runs.len() - MAX_HELD_OUT;
+        writeln!(out, "<p class=\"soft\">{more} more held-out runs are not drawn.</p>").ok();
+    }
+    out
+}
+
+fn unit(joint: &JointReport) -> &'static str {
+    if joint.turns { "rad" } else { "m" }
+}
+
+/// All runs one after the other, the held-out ones shaded.
+fn all_runs(joint: &JointReport) -> String {
+    let tracks: Vec<_> = joint.tracks.iter().filter(|t| t.time_s.len() > 1).collect();
+    // Held-out runs first where there are too many: the proof rests on them.
+    let mut shown: Vec<usize> = (0..tracks.len()).collect();
+    shown.sort_by_key(|i| !tracks[*i].is_held_out);
+    shown.truncate(MAX_RUNS);
+    shown.sort_unstable();
+    let tracks: Vec<_> = shown.iter().map(|i| tracks[*i]).collect();
+    let length = |t: &&crate::gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
+    let total: f64 = tracks.iter().map(length).sum();
+    if tracks.is_empty() || total <= 0.0 {
+        return String::new();
+    }
+    let space = SPACE * total;
+    let end = total + space * (tracks.len() - 1) as f64;
+    let y = Axis::over(format!("position, {}", unit(joint)), tracks.iter().flat_map(|t| t.position.iter()));
+    let x = Axis { label: "time of all runs, s".into(), range: (0.0, end) };
+    let mut chart = Chart::new("measured position of all runs", (WIDTH, 150.0), x, y);
+    let mut from = 0.0;
+    for track in &tracks {
+        let to = from + length(track);
+        if track.is_held_out {
+            chart.band(from, to, "held");
+        }
+        let time: Vec<f64> = track.time_s.iter().map(|t| from + t - track.time_s[0]).collect();
+        chart.curve(&time, &track.position, &[0], "measured");
+        let word = if track.is_held_out { "held out: " } else { "" };
+        // As many letters as the run is long.
+        let room = (WIDTH * 0.9 * (to - from) / end / 6.5) as usize;
+        let text: String = format!("{word}{}", track.run).chars().take(room.max(1)).collect();
+        chart.note(from, &escape_xml(&text), "over");
+        from = to + space;
+    }
+    format!(
+        "<section>\n<h3>Measured position, all runs</h3>\n{}\n{}</section>\n",
+        chart.svg(),
+        keys_of(&[("key held", "held out: no fit has read it")])
+    )
+}
+
+/// Charts of a held-out run.
+fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, names: &Names) -> String {
+    let windows = &series.windows;
+    let updated = names.updated.map(|name| ("key updated", name));
+    let legend = |first: &[(&'static str, &'static str)], last: &[(&'static str, &'static str)]| {
+        let all = first.iter().copied().chain([("key twin", "twin")]).chain(updated);
+        keys_of(&all.chain(last.iter().copied()).collect::<Vec<_>>())
+    };
+    let is_updated = updated.is_some();
+    let time = |s: &ResidualSeries| Axis { label: "time, s".into(), range: extent(s.time_s.iter()) };
+    let picture = |title: &str, s: &ResidualSeries, is_shaded: bool| {
+        let mut chart = Chart::new(title, (WIDTH, 230.0), time(s), position_axis(unit(joint), s));
+        if is_shaded {
+            shade(&mut chart, s);
+        }
+        curves(&mut chart, s, is_updated);
+        chart.svg()
+    };
+    let mut out = format!("<section class=\"tall\">\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
+    let measured = ("key measured", "measured");
+    let window = ("key window", "held-out windows: each begins in the state that fits it best");
+    out.push_str(&picture("measured, twin and updated position over time", windows, true));
+    out.push_str(&legend(&[measured], &[window]));
+    let milli = |values: &[f64]| values.iter().map(|r| 1e3 * r).collect::<Vec<_>>();
+    let (before, after) = (milli(&windows.before), milli(&windows.after));
+    let small = if joint.turns { "mrad" } else { "mm" };
+    let y = Axis::over(format!("residual, {small}"), before.iter().chain(&after));
+    let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time(windows), y);
+    shade(&mut chart, windows);
+    chart.level(-1e3 * noise, 1e3 * noise, "noise");
+    chart.curve(&windows.time_s, &before, &windows.starts, "twin");
+    if is_updated {
+        chart.curve(&windows.time_s, &after, &windows.starts, "updated");
+    }
+    out.push_str("<h3>Residual: measured less predicted</h3>\n");
+    out.push_str(&chart.svg());
+    out.push_str(&legend(&[], &[("key noise", "\u{b1} noise floor")]));
+    if !series.whole.time_s.is_empty() {
+        writeln!(
+            out,
+            "<h3>The same run predicted as a whole, from its first state by the recorded efforts ({}) alone\
+             </h3>\n{}\n{}",
+            effort_unit(joint.turns),
+            picture("the whole run from its first state", &series.whole, false),
+            legend(&[measured], &[])
+        )
+        .ok();
+    }
+    out.push_str("</section>\n");
+    out
+}
+
+fn predicted(s: &ResidualSeries, residual: &[f64]) -> Vec<f64> {
+    s.position.iter().zip(residual).map(|(y, r)| y - r).collect()
+}
+
+fn curves(chart: &mut Chart, s: &ResidualSeries, is_updated: bool) {
+    chart.curve(&s.time_s, &s.position, &s.starts, "measured");
+    chart.curve(&s.time_s, &predicted(s, &s.before), &s.starts, "twin");
+    if is_updated {
+        chart.curve(&s.time_s, &predicted(s, &s.after), &s.starts, "updated");
+    }
+}
+
+/// The range of what was measured, with room for a twin that runs away.
+fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
+    let (low, high) = extent(s.position.iter());
+    let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();
+    let (least, most) = extent(all.iter());
+    let (room, pad) = (0.6 * (high - low), 0.05 * (high - low));
+    let range = (least.clamp(low - room, low) - pad, most.clamp(high, high + room) + pad);
+    Axis { label: format!("position, {unit}"), range }
+}
+
+/// Shades the windows.
+fn shade(chart: &mut Chart, s: &ResidualSeries) {
+    let ends = s.starts.iter().skip(1).copied().chain([s.time_s.len()]);
+    let spans = s.starts.iter().copied().zip(ends).filter(|(a, b)| b > a);
+    let spans: Vec<(f64, f64)> = spans.map(|(a, b)| (s.time_s[a], s.time_s[b - 1])).collect();
+    if spans.len() > MAX_WINDOWS {
+        // Too many to be seen one by one: from the first to the last.
+        chart.band(spans[0].0, spans[spans.len() - 1].1, "window");
+    } else {
+        spans.iter().for_each(|(a, b)| chart.band(*a, *b, "window"));
+    }
+}

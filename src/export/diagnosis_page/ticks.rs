@@ -1,0 +1,48 @@
+//! Round numbers along an axis.
+
+use crate::export::page::minus;
+
+/// Round numbers within a range, `about` of them: steps of 1, 2 or 5 times a power of ten.
+#[must_use]
+pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
+    let width = high - low;
+    // Negated, so that a range that is not a number has none.
+    if !(width > 0.0 && width.is_finite()) {
+        return Vec::new();
+    }
+    let step = step(width / about.max(1) as f64);
+    let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
+    // Adding 0 takes the sign off a minus zero.
+    (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step + 0.0).collect()
+}
+
+/// The least round step that is no smaller, but for a fifth.
+fn step(wanted: f64) -> f64 {
+    let power = 10f64.powf(wanted.log10().floor());
+    let of = |factor: f64| factor * power;
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(of).find(|s| *s >= 0.8 * wanted).unwrap_or(of(10.0))
+}
+
+/// Labels of ticks, with the digits that their step needs.
+#[must_use]
+pub fn labels(ticks: &[f64]) -> Vec<String> {
+    let step = ticks.windows(2).map(|w| w[1] - w[0]).next().unwrap_or(1.0);
+    let places = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 12.0) as usize;
+    ticks.iter().map(|t| minus(&format!("{:.places$}", t + 0.0))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_within() {
+        let texts = |low, high, about| labels(&ticks(low, high, about));
+        assert_eq!(texts(0.0, 10.0, 5), ["0", "2", "4", "6", "8", "10"]);
+        assert_eq!(texts(-0.31, 0.27, 5), ["\u{2212}0.3", "\u{2212}0.2", "\u{2212}0.1", "0.0", "0.1", "0.2"]);
+        assert_eq!(texts(1e-4, 3.4e-4, 3), ["0.0001", "0.0002", "0.0003"]);
+        assert_eq!(texts(994.0, 1012.0, 4), ["995", "1000", "1005", "1010"]);
+        assert!(ticks(1.0, 1.0, 5).is_empty() && ticks(f64::NAN, 1.0, 5).is_empty());
+        assert!(ticks(0.0, f64::INFINITY, 5).is_empty());
+    }
+}

@@ -1,0 +1,170 @@
+//! Values as twin + found = updated, and the gap before and after.
+
+use std::fmt::Write as _;
+
+use super::words::{fixed, places, residual, unit_text, with_unit, words};
+use crate::{
+    gap::{
+        judge::{
+            proof::{Gap, RunGap, left_of},
+            report::JointReport,
+            verdict::{Finding, ParameterEstimate},
+        },
+        model::joint_model::Catalogue,
+    },
+    model::escape_xml,
+};
+
+/// Multiple of the noise up to which a gap is none.
+const AT_NOISE: f64 = 1.5;
+
+/// A parameter as the twin has it, as it was found, and as the updated twin has it.
+struct Value {
+    /// Twin, sign between, found, updated.
+    parts: Option<[String; 4]>,
+    /// What was found where the twin has nothing to compare.
+    alone: String,
+    interval: String,
+    unit: String,
+}
+
+fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogue: &Catalogue) -> Value {
+    let effect = &catalogue[finding.index];
+    let index = effect.parameters().iter().position(|own| own.name == p.name);
+    let neutral = index.and_then(|i| effect.parameters()[i].neutral);
+    // What happened once is nothing that a twin has.
+    let own = index.filter(|_| neutral.is_some() && !effect.is_of_one_run());
+    let twin = own.map_or(0.0, |i| effect.in_twin(i, &joint.diagnosis.model.plant));
+    let is_factor = own.is_some() && neutral == Some(1.0);
+    let with = |x: f64| if is_factor { twin * x } else { twin + x };
+    let half = 0.5 * (p.interval.1 - p.interval.0);
+    let digits = places(p.value, half);
+    let text = |x: f64| fixed(x, digits);
+    let (sign, found) = match (is_factor, p.value < 0.0) {
+        (true, _) => ("\u{d7}", p.value),
+        (false, true) => ("\u{2212}", -p.value),
+        (false, false) => ("+", p.value),
+    };
+    Value {
+        parts: own.map(|_| [text(twin), sign.to_owned(), text(found), text(with(p.value))]),
+        alone: text(p.value),
+        interval: format!("{} to {}", text(with(p.interval.0)), text(with(p.interval.1))),
+        unit: unit_text(&p.unit),
+    }
+}
+
+/// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
+#[must_use]
+pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
+    let one = |p: &ParameterEstimate| {
+        let v = value(joint, finding, p, catalogue);
+        let [twin, sign, found, sum] = v.parts?;
+        Some(with_unit(&format!("{twin} {sign} {found} = {sum}"), &p.unit))
+    };
+    let mut all: Vec<String> = finding.parameters.iter().filter_map(one).collect();
+    if let (true, Some(p)) = (all.is_empty(), finding.parameters.first()) {
+        all.push(with_unit(&value(joint, finding, p, catalogue).alone, &p.unit));
+    }
+    format!("{} {}", words(&finding.effect), all.join(" and "))
+}
+
+/// The table of values.
+#[must_use]
+pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue: &Catalogue) -> String {
+    let mut rows = String::new();
+    for finding in findings {
+        for (i, p) in finding.parameters.iter().enumerate() {
+            let v = value(joint, finding, p, catalogue);
+            let name = if i == 0 { words(&finding.effect) } else { String::new() };
+            let equation = match v.parts {
+                Some([twin, sign, found, sum]) => format!(
+                    "<td class=\"sum\">{twin}</td><td>{sign}</td><td class=\"sum\">{found}</td><td>=</td><td \
+                     class=\"sum\"><b>{sum}</b></td>"
+                ),
+                None => format!(
+                    "<td class=\"sum\">\u{2013}</td><td></td><td class=\"sum\">{0}</td><td></td><td \
+                     class=\"sum\"><b>{0}</b></td>",
+                    v.alone
+                ),
+            };
+            let (parameter, unit, interval) = (words(&p.name), v.unit, v.interval);
+            writeln!(
+                rows,
+                "<tr><td>{name}</td><td>{parameter}</td>{equation}<td class=\"unit\">{unit}</td><td \
+                 class=\"number\">{interval}</td></tr>"
+            )
+            .ok();
+        }
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section>\n<h3>{title}</h3>\n<div class=\"scroll\"><table \
+         class=\"values\">\n<tr><th>Effect</th><th>Value</th><th \
+         class=\"sum\">Twin</th><th></th><th class=\"sum\">Found</th><th></th><th \
+         class=\"sum\">Updated</th><th>Unit</th><th>Updated, 95\u{a0}% \
+         interval</th></tr>\n{rows}</table></div>\n</section>\n"
+    )
+}
+
+/// The residuals of held-out runs under the twin and, where there is one, the updated twin or what comes
+/// nearest.
+#[must_use]
+pub fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
+    let show = |x: f64| residual(x, joint.turns);
+    let closed = |before: f64, after: f64| {
+        // A twin at its noise has no gap to close.
+        if before <= AT_NOISE * gap.noise_floor {
+            return "\u{2013}".to_owned();
+        }
+        let share = 1.0 - left_of(before, after, gap.noise_floor);
+        format!("{}\u{a0}%", fixed(100.0 * share, 0))
+    };
+    let row = |name: &str, [before, after]: [f64; 2], whole: Option<[f64; 2]>| {
+        let whole = whole.map_or([String::new(), String::new()], |w| w.map(show));
+        let mut cells = vec![show(before)];
+        if updated.is_some() {
+            cells.extend([show(after), closed(before, after)]);
+        }
+        let shown = if updated.is_some() { 2 } else { 1 };
+        cells.extend(whole.into_iter().take(shown));
+        let cells: String = cells.iter().map(|c| format!("<td class=\"number\">{c}</td>")).collect();
+        format!("<tr><td>{name}</td>{cells}</tr>\n")
+    };
+    let of_run =
+        |r: &RunGap| row(&escape_xml(&r.run), [r.before, r.after], Some([r.full_before, r.full_after]));
+    let mut rows: String = gap.runs.iter().map(of_run).collect();
+    if gap.runs.len() > 1 {
+        rows.push_str(&row("all", [gap.before, gap.after], None));
+    }
+    let most = gap.before.max(gap.after).max(gap.noise_floor).max(1e-300);
+    let bar = |name: &str, x: f64, class: &str| {
+        let share = fixed(100.0 * x / most, 1);
+        format!(
+            "<span>{name}</span><div class=\"bar {class}\" style=\"width: {share}%\"></div><span \
+             class=\"number\">{}</span>\n",
+            show(x)
+        )
+    };
+    let mut bars = bar("twin", gap.before, "twin-bar");
+    bars.extend(updated.map(|name| bar(name, gap.after, "updated-bar")));
+    bars.push_str(&bar("noise floor", gap.noise_floor, "noise-bar"));
+    let mut head = vec!["Held-out run".to_owned(), "Twin".to_owned()];
+    head.extend(updated.into_iter().flat_map(|name| [capital(name), "Closed".to_owned()]));
+    head.push("Whole run: twin".to_owned());
+    head.extend(updated.map(|name| format!("Whole run: {name}")));
+    let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
+    format!(
+        "<section>\n<h3>Gap on held-out runs, root mean square of the residuals</h3>\n<div \
+         class=\"bars\">\n{bars}</div>\n<div \
+         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">By windows; \
+         closed: of what is more than noise. A whole run is predicted from its first state.</p>\n</section>\n"
+    )
+}
+
+/// With a capital.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}

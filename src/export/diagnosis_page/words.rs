@@ -1,0 +1,128 @@
+//! Numbers and names of a diagnosis as a page shows them.
+
+use crate::{export::page::minus, gap::judge::locate::Variable, model::escape_xml};
+
+/// A name of the catalogue in words.
+#[must_use]
+pub fn words(name: &str) -> String {
+    escape_xml(&name.replace('_', " "))
+}
+
+/// A unit with its powers set high; nothing for a plain number.
+#[must_use]
+pub fn unit_text(unit: &str) -> String {
+    if unit == "1" {
+        return String::new();
+    }
+    escape_xml(&unit.replace("^2", "\u{b2}").replace("^3", "\u{b3}").replace(' ', "\u{a0}"))
+}
+
+/// Digits after the point with which a number whose interval has this half width is written: two of the half
+/// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below
+/// zero for numbers whose last digits say nothing.
+#[must_use]
+pub fn places(value: f64, half: f64) -> i32 {
+    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 12);
+    let digits = |half: f64| if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
+    match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
+        // Never fewer than show one digit of the value: an interval may be wider than that.
+        (true, true) => of(half, digits(half)).max(of(value, 1)),
+        (true, false) => of(half, digits(half)),
+        (false, true) => of(value, 3).max(0),
+        (false, false) => 2,
+    }
+}
+
+/// A number rounded to so many digits after the point; with an exponent where these are too many to read.
+#[must_use]
+pub fn fixed(value: f64, places: i32) -> String {
+    if !value.is_finite() {
+        return "\u{2013}".into();
+    }
+    if value == 0.0 && places > 6 {
+        return "0".into();
+    }
+    let exponent = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    if places > 6 && exponent < -4 {
+        let digits = (places + exponent).max(0) as usize;
+        let text = format!("{value:.digits$e}");
+        let (mantissa, power) = text.split_once('e').unwrap_or((&text, "0"));
+        return minus(&format!("{mantissa}\u{b7}10<sup>{power}</sup>"));
+    }
+    let last = 10f64.powi(-places.min(0));
+    // Of a point, text rounds exactly.
+    let value = if places < 0 { (value / last).round() * last } else { value };
+    let text = format!("{value:.0$}", places.max(0) as usize);
+    // The sign of what rounds to zero is noise.
+    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    minus(if is_zero { text.trim_start_matches('-') } else { &text })
+}
+
+/// A residual of a position with three digits, in thousandths of the unit.
+#[must_use]
+pub fn residual(value: f64, turns: bool) -> String {
+    let unit = if turns { "mrad" } else { "mm" };
+    if !value.is_finite() {
+        return "beyond bounds".into();
+    }
+    format!("{}\u{a0}<span class=\"unit\">{unit}</span>", fixed(1e3 * value, places(1e3 * value, 0.0)))
+}
+
+/// A position; angles in degrees too.
+#[must_use]
+pub fn position(value: f64, turns: bool) -> String {
+    if turns {
+        format!("{}\u{a0}rad ({}\u{b0})", fixed(value, 2), fixed(value.to_degrees(), 0))
+    } else {
+        format!("{}\u{a0}mm", fixed(1e3 * value, 1))
+    }
+}
+
+/// A number with its unit, where it has one.
+#[must_use]
+pub fn with_unit(number: &str, unit: &str) -> String {
+    let unit = unit_text(unit);
+    if unit.is_empty() { number.to_owned() } else { format!("{number}\u{a0}{unit}") }
+}
+
+/// A variable in words.
+#[must_use]
+pub fn variable(variable: Variable) -> &'static str {
+    if variable == Variable::Effort { "measured effort" } else { variable.name() }
+}
+
+/// The unit of the effort of a joint.
+#[must_use]
+pub fn effort_unit(turns: bool) -> &'static str {
+    if turns { "N\u{a0}m" } else { "N" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_of_their_intervals() {
+        for (value, half, text) in [
+            (0.2304, 0.004, "0.230"),
+            (0.2304, 0.0021, "0.2304"),
+            (0.2304, 0.04, "0.23"),
+            (12.0, 3.0, "12.0"),
+            (26_948.0, 13_155.0, "27000"),
+            (26_948.0, 555.0, "26900"),
+            (-0.2, 0.0, "\u{2212}0.200"),
+            (-1e-9, 0.0, "\u{2212}1.00\u{b7}10<sup>\u{2212}9</sup>"),
+            (0.0, 0.0, "0.00"),
+        ] {
+            assert_eq!(fixed(value, places(value, half)), text, "{value} {half}");
+        }
+        assert_eq!(fixed(2.31e-7, 9), "2.31\u{b7}10<sup>\u{2212}7</sup>");
+    }
+
+    #[test]
+    fn units_and_names_are_read_not_run() {
+        assert_eq!(unit_text("N m s^2/rad^2"), "N\u{a0}m\u{a0}s\u{b2}/rad\u{b2}");
+        assert_eq!(unit_text("1"), "");
+        assert_eq!(words("end_stop<b>"), "end stop&lt;b&gt;");
+    }
+}

@@ -1,0 +1,68 @@
+//! What the pages of reports share: their head and style, tables, lists, numbers.
+
+use std::fmt::Write as _;
+
+use crate::model::escape_xml as escape;
+
+const STYLE: &str = include_str!("report.css");
+
+/// The end of a page.
+pub const TAIL: &str = "</main>\n</body>\n</html>\n";
+
+/// A page up to its first section; `title` is escaped, `style` is added to that of all pages.
+#[must_use]
+pub fn head(title: &str, style: &str) -> String {
+    // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
+    // can make the page load or run something.
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
+         content=\"width=device-width\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+         style-src 'unsafe-inline'\">\n\
+         <title>{title}</title>\n<style>\n{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
+    )
+}
+
+// Writing to a string cannot fail: the results below are dropped.
+
+/// A section with a list of sentences, which it escapes; nothing without any.
+pub fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
+    if sentences.is_empty() {
+        return;
+    }
+    let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", escape(s))).collect();
+    writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
+}
+
+/// A section with a table; nothing without rows.
+pub fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
+    if rows.is_empty() {
+        return;
+    }
+    let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
+    writeln!(
+        out,
+        "<section>\n<h2>{title}</h2>\n<div \
+        class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>"
+    )
+    .ok();
+}
+
+/// Text with true minus signs.
+#[must_use]
+pub fn minus(text: &str) -> String {
+    text.replace('-', "\u{2212}")
+}
+
+/// A number, escaped, with its unit.
+#[must_use]
+pub fn unit(number: &str, unit: &str) -> String {
+    let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
+    format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
+}
+
+/// So many things.
+#[must_use]
+pub fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}

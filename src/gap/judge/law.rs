@@ -1,0 +1,370 @@
+//! The effects found as laws, effort against what it depends on, and beside them the efforts that the twin
+//! lacks as the motion shows them; for plots.
+
+use std::collections::BTreeMap;
+
+use crate::gap::{
+    fit::problem::Problem,
+    judge::{
+        locate::Variable,
+        observed::{Observed, observed},
+        verdict::{Diagnosis, Spread},
+    },
+    model::{
+        effect::{At, Effect, Place, RUN_SPACING_S, Response},
+        joint_model::{JointModel, Term},
+    },
+};
+
+/// Points of a curve.
+const GRID: usize = 160;
+/// Bins over a range.
+const BINS: usize = 24;
+/// Least samples of a bin.
+const LEAST_SAMPLES: usize = 12;
+/// Least windows of a bin: its error comes from their scatter.
+const LEAST_WINDOWS: usize = 3;
+/// Samples at each end of a range that no bin is laid over, as a share: few, and the fastest.
+/// derived: a thousandth, three standard deviations.
+const OUTLYING: f64 = 0.001;
+/// Half width of a 95 % interval in standard deviations.
+/// derived: quantile of the normal distribution.
+const HALF_WIDTH: f64 = 1.96;
+/// Durations of a push that are shown on either side of it.
+/// derived: the push is over after five.
+const PUSH_SHOWN: f64 = 8.0;
+
+/// Which way the joint moves where a law holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Way {
+    /// Either.
+    Both,
+    /// The position grows.
+    Rising,
+    /// It falls.
+    Falling,
+}
+
+impl Way {
+    fn sign(self) -> f64 {
+        if self == Self::Falling { -1.0 } else { 1.0 }
+    }
+}
+
+/// Effects that depend on one variable.
+#[derive(Clone, Debug)]
+pub struct Law {
+    /// The variable.
+    pub variable: Variable,
+    /// Names of the effects; empty where nothing was found.
+    pub effects: Vec<String>,
+    /// What they make, summed.
+    pub curves: Vec<Curve>,
+    /// What the twin lacks, less what effects of other variables make.
+    pub points: Vec<Point>,
+}
+
+/// A law, or half of one.
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// Way of the joint.
+    pub way: Way,
+    /// Variable.
+    pub x: Vec<f64>,
+    /// Effort, N m or N.
+    pub effort: Vec<f64>,
+    /// Half width of its 95 % interval.
+    pub half: Vec<f64>,
+}
+
+/// Mean of a bin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Way of the joint.
+    pub way: Way,
+    /// Of held-out runs.
+    pub is_held_out: bool,
+    /// Variable.
+    pub x: f64,
+    /// Effort, N m or N.
+    pub effort: f64,
+    /// Half width of its 95 % interval, by the scatter of windows.
+    pub half: f64,
+}
+
+/// Laws of what was found, or of what comes nearest; without either what the twin lacks over velocity and
+/// position, and over the variable that the residual depends on most.
+#[must_use]
+pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
+    let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
+    let seen = [observed(fitted, model), observed(held_out, model)];
+    let all: Vec<&Observed> = seen.iter().flatten().collect();
+    if all.is_empty() {
+        return Vec::new();
+    }
+    let mut by_variable: BTreeMap<(Variable, i64), Vec<(usize, &Term)>> = BTreeMap::new();
+    for (at, term) in model.placed() {
+        let effect = fitted.catalogue[term.effect].as_ref();
+        if let Some(variable) = variable_of(effect, term, &all) {
+            // Pushes of different runs share no axis.
+            let run = if variable == Variable::Time { run_of(term) } else { 0 };
+            by_variable.entry((variable, run)).or_default().push((at, term));
+        }
+    }
+    if by_variable.is_empty() {
+        let strongest = diagnosis.before.first().map_or(Variable::Velocity, |d| axis_of(d.variable));
+        for variable in [strongest, Variable::Velocity, Variable::Position] {
+            by_variable.insert((variable, 0), Vec::new());
+        }
+    }
+    let law = |((variable, run), terms)| {
+        Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) }
+            .law(&seen, diagnosis.spread.as_ref())
+    };
+    by_variable.into_iter().map(law).collect()
+}
+
+/// The axis on which a dependence is drawn.
+#[must_use]
+fn axis_of(variable: Variable) -> Variable {
+    match variable {
+        Variable::PositionRising | Variable::PositionFalling => Variable::Position,
+        Variable::Direction => Variable::Velocity,
+        other => other,
+    }
+}
+
+/// What the effort of an effect depends on; `None` for one that is no effort.
+fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<Variable> {
+    match effect.place() {
+        Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
+        Place::Effort if effect.is_of_velocity() => Some(Variable::Velocity),
+        Place::Effort | Place::Contact => Some(Variable::Position),
+        Place::Friction => {
+            let depends = |of: fn(&Response) -> f64| {
+                seen.iter().any(|o| {
+                    let mut r = Response::default();
+                    effect.respond(&o.at(), &term.p, &mut r);
+                    of(&r) != 0.0
+                })
+            };
+            Some(match () {
+                () if depends(|r| r.u) => Variable::Effort,
+                () if depends(|r| r.q) => Variable::Position,
+                () => Variable::Velocity,
+            })
+        }
+        Place::Inertia => Some(Variable::Acceleration),
+        Place::Gain => Some(Variable::Effort),
+        Place::Delay | Place::Bias | Place::Scale | Place::Play => None,
+    }
+}
+
+fn run_of(push: &Term) -> i64 {
+    (push.p[1] / RUN_SPACING_S).round() as i64
+}
+
+/// Where the other variables stand while one of them runs along an axis.
+fn middle(seen: &[&Observed]) -> (f64, [f64; 8]) {
+    let n = seen.len() as f64;
+    let mean = |of: &dyn Fn(&Observed) -> f64| seen.iter().map(|o| of(o)).sum::<f64>() / n;
+    (mean(&|o| o.q), std::array::from_fn(|i| mean(&|o| o.others[i])))
+}
+
+/// The terms of one variable.
+struct Sum<'a> {
+    problem: &'a Problem<'a>,
+    model: &'a JointModel,
+    terms: Vec<(usize, &'a Term)>,
+    variable: Variable,
+    /// Run of a push.
+    run: i64,
+    middle: (f64, [f64; 8]),
+}
+
+impl Sum<'_> {
+    fn law(&self, seen: &[Vec<Observed>; 2], spread: Option<&Spread>) -> Law {
+        let names = self.terms.iter().map(|(_, t)| self.problem.catalogue[t.effect].name().to_owned());
+        let mut law =
+            Law { variable: self.variable, effects: names.collect(), curves: vec![], points: vec![] };
+        let mut x: Vec<f64> =
+            seen.iter().flatten().filter(|o| self.shows(o)).map(|o| self.sorted_by(o)).collect();
+        x.sort_by(f64::total_cmp);
+        let cut = (OUTLYING * x.len() as f64) as usize;
+        let (Some(&low), Some(&high)) = (x.get(cut), x.get(x.len().saturating_sub(1 + cut))) else {
+            return law;
+        };
+        let edges = self.edges(low, high);
+        for way in self.ways() {
+            for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
+                // A push belongs to a run that was fitted.
+                if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
+                    law.points.extend(self.points(way, is_held_out, seen, &edges));
+                }
+            }
+        }
+        // A law is shown where it was seen, and a bin more.
+        let bin = (high - low) / BINS as f64;
+        let ends = law.points.iter().map(|p| p.x).fold((high, low), |(l, h), x| (l.min(x), h.max(x)));
+        let (low, high) = (low.max(ends.0 - bin), high.min(ends.1 + bin));
+        if !self.terms.is_empty() && high > low {
+            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, (low, high), spread));
+            law.curves = curves.collect();
+        }
+        law
+    }
+
+    /// Friction changes its sign with the way: over anything but the velocity it has two branches.
+    fn ways(&self) -> Vec<Way> {
+        let rubs = |(_, t): &(usize, &Term)| self.problem.catalogue[t.effect].place() == Place::Friction;
+        let bare = self.terms.is_empty() && self.variable == Variable::Position;
+        if self.variable != Variable::Velocity && (bare || self.terms.iter().any(rubs)) {
+            vec![Way::Rising, Way::Falling]
+        } else {
+            vec![Way::Both]
+        }
+    }
+
+    /// Whether a sample shows what the twin lacks: at rest friction takes up whatever acts.
+    fn shows(&self, o: &Observed) -> bool {
+        let slow = 0.01 * self.problem.coverage.speed.1;
+        let rests = o.v.abs() <= slow
+            && (self.variable == Variable::Velocity
+                || self.ways().len() > 1
+                || self.model.has_friction(self.problem.catalogue));
+        let push = self.terms.first().filter(|_| self.variable == Variable::Time);
+        let is_beside = push.is_some_and(|(_, t)| {
+            o.log as i64 != self.run || (o.t - t.p[1]).abs() > PUSH_SHOWN * t.p[2].max(0.0)
+        });
+        !rests && !is_beside
+    }
+
+    fn x(&self, o: &Observed) -> f64 {
+        match self.variable {
+            Variable::Velocity | Variable::Direction => o.v,
+            Variable::Effort => o.u,
+            Variable::Acceleration => o.a,
+            Variable::Time => o.t - RUN_SPACING_S * o.log as f64,
+            Variable::Position | Variable::PositionRising | Variable::PositionFalling => o.q,
+        }
+    }
+
+    /// What samples are sorted into bins by: an acceleration errs as the effort over it does, and large ones
+    /// would be those with large errors.
+    fn sorted_by(&self, o: &Observed) -> f64 {
+        if self.variable == Variable::Acceleration { o.about } else { self.x(o) }
+    }
+
+    /// Edges of the bins; none reaches over rest.
+    fn edges(&self, low: f64, high: f64) -> Vec<f64> {
+        let even = |from: f64, to: f64, n: usize| -> Vec<f64> {
+            (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
+        };
+        if self.variable == Variable::Velocity && low < 0.0 && high > 0.0 {
+            let below = ((BINS as f64 * -low / (high - low)).round() as usize).clamp(2, BINS - 2);
+            let mut edges = even(low, 0.0, below);
+            edges.extend(&even(0.0, high, BINS - below)[1..]);
+            return edges;
+        }
+        even(low, high, BINS)
+    }
+
+    fn curves(&self, way: Way, (low, high): (f64, f64), spread: Option<&Spread>) -> Vec<Curve> {
+        let grid = |from: f64, to: f64| -> Vec<f64> {
+            (0..=GRID).map(|i| from + (to - from) * i as f64 / GRID as f64).collect()
+        };
+        let half_of = |from: f64, to: f64| {
+            // Finer where friction falls from rest to speed.
+            let power = |x: f64| x.powi(3);
+            let own = |i: usize| from + (to - from) * power(i as f64 / GRID as f64);
+            (0..=GRID).map(own).collect::<Vec<f64>>()
+        };
+        let pieces = if self.variable != Variable::Velocity {
+            vec![(way, grid(low, high))]
+        } else {
+            let sides = [(Way::Falling, half_of(0.0, low)), (Way::Rising, half_of(0.0, high))];
+            sides.into_iter().filter(|(w, x)| w.sign() * x[GRID] > 0.0).collect()
+        };
+        let curve = |(side, x): (Way, Vec<f64>)| {
+            let (mut effort, mut half) = (Vec::new(), Vec::new());
+            for &x in &x {
+                let (value, gradient) = self.value(x, side);
+                effort.push(value);
+                half.push(spread.map_or(0.0, |s| s.half_width(0, &gradient)));
+            }
+            Curve { way, x, effort, half }
+        };
+        pieces.into_iter().map(curve).collect()
+    }
+
+    /// The law at a value of its variable, with its gradient by all free parameters.
+    fn value(&self, x: f64, way: Way) -> (f64, Vec<f64>) {
+        let mut gradient = vec![0.0; self.model.free()];
+        let (q, others) = &self.middle;
+        let mut at = At { q: *q, others, direction: way.sign(), ..At::default() };
+        match self.variable {
+            Variable::Velocity | Variable::Direction => at.v = x,
+            Variable::Effort => at.u = x,
+            Variable::Acceleration => {}
+            Variable::Time => at.t = RUN_SPACING_S * self.run as f64 + x,
+            Variable::Position | Variable::PositionRising | Variable::PositionFalling => at.q = x,
+        }
+        let mut sum = 0.0;
+        for (first, term) in &self.terms {
+            let effect = self.problem.catalogue[term.effect].as_ref();
+            let mut r = Response::default();
+            let factor = match effect.place() {
+                Place::Inertia => {
+                    (r.value, r.p[0]) = (-term.p[0] * x, -x);
+                    1.0
+                }
+                Place::Gain => {
+                    (r.value, r.p[0]) = ((term.p[0] - 1.0) * x, x);
+                    1.0
+                }
+                place => {
+                    effect.respond(&at, &term.p, &mut r);
+                    if place == Place::Friction { -way.sign() } else { 1.0 }
+                }
+            };
+            sum += factor * r.value;
+            for i in 0..term.p.len() {
+                gradient[first + i] = factor * r.p[i];
+            }
+        }
+        (sum, gradient)
+    }
+
+    fn points(&self, way: Way, is_held_out: bool, seen: &[Observed], edges: &[f64]) -> Vec<Point> {
+        /// Sums of a bin: by window the count, the variable and the effort.
+        type Bin = BTreeMap<usize, [f64; 3]>;
+        let mut bins: Vec<Bin> = vec![Bin::new(); edges.len() - 1];
+        for o in seen.iter().filter(|o| self.shows(o)) {
+            let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
+            let (x, bin) = (self.x(o), edges.partition_point(|e| *e <= self.sorted_by(o)));
+            if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
+                continue;
+            }
+            // What other effects make comes off; without any this is what the twin lacks.
+            let effort = o.lacking - o.found + self.value(x, own).0;
+            let sums = bins[bin - 1].entry(o.window).or_default();
+            sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);
+        }
+        let point = |windows: &Bin| {
+            let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
+            let [count, x, effort] = total;
+            // Beside a push there are few samples, of one window.
+            let is_push = self.variable == Variable::Time;
+            if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
+                return None;
+            }
+            let mean = effort / count;
+            // Samples of a window err together, so that windows are what scatters.
+            let n = windows.len() as f64;
+            let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
+            let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
+            Some(Point { way, is_held_out, x: x / count, effort: mean, half })
+        };
+        bins.iter().filter_map(point).collect()
+    }
+}

@@ -1,0 +1,134 @@
+//! What each moment of recorded motion says of the efforts at a joint.
+
+use crate::gap::{
+    fit::problem::Problem,
+    model::{
+        effect::{At, Place, Response, run_time_s},
+        joint_model::JointModel,
+    },
+    record::carried::Carried,
+};
+
+/// A moment between two samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed<'a> {
+    /// Index of the log.
+    pub log: usize,
+    /// Index of the window.
+    pub window: usize,
+    /// Position of the joint, rad or m.
+    pub q: f64,
+    /// Velocity.
+    pub v: f64,
+    /// Acceleration of the model. That of the recorded motion errs with its positions, and whatever is drawn
+    /// over it would follow its errors.
+    pub a: f64,
+    /// The same a few samples before and after: it shares no error of the efforts with `a`.
+    pub about: f64,
+    /// Measured effort, N m or N.
+    pub u: f64,
+    /// Seconds on the common axis of the runs.
+    pub t: f64,
+    /// Positions of the other joints.
+    pub others: [f64; 8],
+    carried: Option<&'a Carried>,
+    /// Effort that the twin lacks: what the motion takes, less what was measured and what the twin makes.
+    pub lacking: f64,
+    /// Effort that the model's effects make.
+    pub found: f64,
+}
+
+impl Observed<'_> {
+    /// The moment as an effect sees it.
+    #[must_use]
+    pub fn at(&self) -> At<'_> {
+        At {
+            q: self.q,
+            v: self.v,
+            u: self.u,
+            feedback: [0.0; 2],
+            t: self.t,
+            direction: if self.v < 0.0 { -1.0 } else { 1.0 },
+            others: &self.others,
+            load: 0.0,
+            carried: self.carried,
+        }
+    }
+}
+
+/// All moments within the windows of the runs, as a model's sensor sees them.
+#[must_use]
+pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a>> {
+    let (plant, sensor) = (&problem.plant, model.sensor(problem.catalogue));
+    let drives = problem.drives(model);
+    let mut seen = Vec::new();
+    for (window, span) in problem.windows.iter().enumerate() {
+        let (log, trace) = (&problem.logs[span.log], &problem.traces[span.log]);
+        let (drive, first) = (&drives[span.log], seen.len());
+        for k in span.start..span.start + span.len - 1 {
+            let (dt, carried) = (log.time_s[k + 1] - log.time_s[k], log.carried.get(k));
+            let q = (0.5 * (trace.position[k] + trace.position[k + 1]) - sensor.bias) / sensor.scale;
+            let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
+            let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
+            // Of a delay that was found, the efforts as they act.
+            let signals = &drive.signal[k * drive.steps..(k + 1) * drive.steps];
+            let signal = signals.iter().sum::<f64>() / drive.steps as f64;
+            let u = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias)).effort;
+            // (14.3), solved for the effort.
+            let (inertia, rate) = plant.inertia_at(carried);
+            let smooth = u - (plant.damping + rate) * v - plant.load_at(carried, q).0;
+            let rubs = plant.friction * v.signum();
+            let lacking = inertia * recorded + rubs - smooth;
+            let t = run_time_s(span.log, log, k);
+            let others = log.others_after(k);
+            let (log, found) = (span.log, 0.0);
+            let (a, about) = (0.0, 0.0);
+            let mut o = Observed { log, window, q, v, a, about, u, t, others, carried, lacking, found };
+            let acts = found_beside_inertia(problem, model, &o, smooth);
+            let added = model.scalar(problem.catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+            o.a = (smooth - rubs + acts) / (inertia + added);
+            o.found = acts - added * o.a;
+            seen.push(o);
+        }
+        beside(&mut seen[first..]);
+    }
+    seen
+}
+
+/// Samples on either side whose accelerations stand for that between them.
+const BESIDE: [usize; 2] = [2, 3];
+
+/// Accelerations about the moments of a window.
+fn beside(window: &mut [Observed]) {
+    let a: Vec<f64> = window.iter().map(|o| o.a).collect();
+    for (k, o) in window.iter_mut().enumerate() {
+        let others = BESIDE.into_iter().flat_map(|d| [k.checked_sub(d), Some(k + d)]);
+        let others: Vec<f64> = others.flatten().filter_map(|i| a.get(i).copied()).collect();
+        o.about = others.iter().sum::<f64>() / others.len().max(1) as f64;
+    }
+}
+
+/// Effort that a model's effects make at a moment, but for an inertia; `smooth` is what acts without them.
+fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smooth: f64) -> f64 {
+    let gain = model.scalar(problem.catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let mut sum = (gain - 1.0) * o.u;
+    let mut at = At { u: gain * o.u, ..o.at() };
+    let of = |place: Place| model.terms.iter().filter(move |t| problem.catalogue[t.effect].place() == place);
+    let respond = |effect: usize, p: &[f64], at: &At| {
+        let mut r = Response::default();
+        problem.catalogue[effect].respond(at, p, &mut r);
+        r.value
+    };
+    for term in of(Place::Effort) {
+        sum += respond(term.effect, &term.p, &at);
+    }
+    // A contact feels the sum of the others.
+    at.load = smooth + sum;
+    for term in of(Place::Contact) {
+        sum += respond(term.effect, &term.p, &at);
+    }
+    for term in of(Place::Friction) {
+        sum -= respond(term.effect, &term.p, &at).max(0.0) * at.direction;
+    }
+    sum
+}
