@@ -6,9 +6,10 @@ error. The program is given nothing more. The peers are given which parameters t
 regression          viscous friction, Coulomb friction, offset, added inertia (all but the offset at least 0), by least squares of the
                     recorded effort less the twin's inverse dynamics; positions and efforts through one zero-phase Butterworth
                     filter, whose corner is the one of CORNERS_HZ that predicts the shown runs best; slow samples left out
-sysid               damping, frictionloss, armature, gear, offset by `mujoco.sysid.optimize`, over windows of 1 s of the
-                    shown runs; each starts at a position and speed from a local parabola through the recorded positions
-sysid, states       the same, and ROUNDS times by turns: the windows' start states by least squares, then the parameters
+sysid               damping, frictionloss, armature, gear by `mujoco.sysid.optimize`, over windows of 1 s of the shown runs; each
+                    starts at a position and speed from a local parabola through the recorded positions
+..., states         the same, and ROUNDS times by turns: the windows' start states by least squares, then the parameters
+..., offset         the same with an offset of the effort beside the four, which the regression has too
 
 Peers roll out in steps of 1 ms, the recorded effort held. Made machines: `machine` and `machine_null` (tests/python/gap/machine.py,
 a floor on every joint), and `single` without a floor; two further runs of each are for the judge alone.
@@ -50,8 +51,9 @@ CORNERS_HZ = (3.0, 6.0, 12.0, 25.0)
 SLOW = 0.05  # of the root mean square speed: slower samples say little about the sign
 HALF_S = 0.05  # of the parabola of a start state
 ROUNDS = 2
-PARAMETERS = ("damping", "frictionloss", "armature", "gear", "offset")
-XTOL = 1e-4  # relative step; the default of 1e-8 takes four times the time to the same parameters (seen on both machines)
+FOUR = ("damping", "frictionloss", "armature", "gear")
+FIVE = (*FOUR, "offset")
+XTOL = 1e-4  # relative step; the default of 1e-8 takes three times the time to the same parameters (seen on both machines)
 # Made machines without a floor: one effect that the peers' parameters hold, one that they do not.
 CLEAN = ("coulomb_friction", "delay")
 RUNS, SECONDS = 5, 10.0
@@ -218,8 +220,8 @@ def by_regression(case, recorded, joints, unit):
 # mujoco.sysid.
 
 
-def parameters(spec, recorded, joints):
-    """Five of each joint, between bounds far out, from the twin's values; off the bounds, as `optimize` asks."""
+def parameters(spec, recorded, joints, free):
+    """Those of each joint, between bounds far out, from the twin's values; off the bounds, as `optimize` asks."""
     model, params = spec.compile(), sysid.ParameterDict()
     data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     mujoco.mj_forward(model, data)
@@ -239,7 +241,8 @@ def parameters(spec, recorded, joints):
             damping=(0.0, 3 * effort / speed + own.damping[0], own.damping[0]), frictionloss=(0.0, 2 * effort, own.frictionloss),
             armature=(0.0, 2 * inertia, 0.0), gear=(0.3, 3.0, 1.0), offset=(-effort, effort, 0.0),
         )  # fmt: skip
-        for name, (low, high, at) in bounds.items():
+        for name in free:
+            low, high, at = bounds[name]
             params.add(sysid.Parameter(f"{joint}/{name}", at, low, high, modifier=lambda s, p, j=joint, f=write[name]: f(s, j, p.value[0])))
     params.move_off_bounds()
     return params
@@ -263,10 +266,10 @@ def optimized(spec, wins, joints, unit, params):
     return found
 
 
-def by_sysid(case, recorded, joints, unit, rounds):
+def by_sysid(case, recorded, joints, unit, free, rounds):
     spec, wins = base_spec(case.twin), windows(recorded)
-    params = optimized(spec, wins, joints, unit, parameters(spec, recorded, joints))
-    as_found = lambda p: {j: {name: float(p[f"{j}/{name}"].value[0]) for name in PARAMETERS} for j in joints}
+    params = optimized(spec, wins, joints, unit, parameters(spec, recorded, joints, free))
+    as_found = lambda p: {j: {name: float(p[f"{j}/{name}"].value[0]) for name in free} for j in joints}
     for _ in range(rounds):
         wins = fit_states(written(case.twin, as_found(params)).compile(), wins, unit)
         params = optimized(spec, wins, joints, unit, params)
@@ -313,8 +316,10 @@ def solve(program, case, folder):
         "artitwin": lambda out: by_program(program, case, out, False),
         PROVED: lambda out: by_program(program, case, out, True),
         "regression": lambda out: by_regression(case, shown, joints, unit),
-        "sysid": lambda out: by_sysid(case, shown, joints, unit, 0),
-        "sysid, states": lambda out: by_sysid(case, shown, joints, unit, ROUNDS),
+        "sysid": lambda out: by_sysid(case, shown, joints, unit, FOUR, 0),
+        "sysid, states": lambda out: by_sysid(case, shown, joints, unit, FOUR, ROUNDS),
+        "sysid, offset": lambda out: by_sysid(case, shown, joints, unit, FIVE, 0),
+        "sysid, offset, states": lambda out: by_sysid(case, shown, joints, unit, FIVE, ROUNDS),
     }
     found, cpu, wall, exported = {}, {}, {}, {}
     for tool in run if case.kind == "measured" else TOOLS:

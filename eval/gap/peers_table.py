@@ -10,7 +10,7 @@ from pathlib import Path
 import mjcf_error
 import numpy as np
 
-TOOLS = ("artitwin", "regression", "sysid", "sysid, states")
+TOOLS = ("artitwin", "regression", "sysid", "sysid, states", "sysid, offset", "sysid, offset, states")
 PROVED = "artitwin, proof"
 # Of the made machines: what the peers' parameters hold, and what they do not.
 HELD = ("viscous_friction", "coulomb_friction", "inertia", "torque_gain")
@@ -22,9 +22,13 @@ def ratio(record, tool):
 
 
 def shares(record, tools):
-    """Cells with the shares of the twin's error, the least in bold."""
-    own = {t: ratio(record, t) for t in tools}
-    return " | ".join(f"**{x:.2f}**" if x == min(own.values()) else f"{x:.2f}" for x in own.values())
+    """Cells with the shares of the twin's error, the least in bold, ties too."""
+    return " | ".join(f"**{ratio(record, t):.2f}**" if is_least(record, t) else f"{ratio(record, t):.2f}" for t in tools)
+
+
+def is_least(record, tool):
+    """Whether no tool's share is less by two digits."""
+    return round(ratio(record, tool), 2) == min(round(ratio(record, t), 2) for t in TOOLS)
 
 
 def said(record, tool="artitwin"):
@@ -38,8 +42,12 @@ def twins(record):
     return f"{error:.3f} of its motion" if record["unit"] == "of its motion" else f"{1e3 * error:.1f} m{record['unit']}"
 
 
-def times(record, tools):
-    return " | ".join(f"{record['cpu_s'][t]:.1f}" for t in tools)
+def times(records):
+    text = head("case", "shown, s", "joints", *TOOLS, PROVED)
+    for r in records:
+        cells = (f"{r['cpu_s'][t]:.1f}" if t in r["cpu_s"] else "" for t in (*TOOLS, PROVED))
+        text += f"| {r['name']} | {r['shown_s']:.0f} | {len(r['joints'])} | {' | '.join(cells)} |\n"
+    return text
 
 
 def head(*cells):
@@ -50,9 +58,6 @@ def measured_rows(records):
     text = head("machine, judged run", "twin's error", *TOOLS, "the program says", "with the judged run as its proof", "it then says")
     for r in records:
         text += f"| {r['name']} | {twins(r)} | {shares(r, TOOLS)} | {said(r)} | {ratio(r, PROVED):.2f} | {said(r, PROVED)} |\n"
-    text += "\nCPU, s.\n\n" + head("machine, judged run", "shown, s", "joints", *TOOLS, PROVED)
-    for r in records:
-        text += f"| {r['name']} | {r['shown_s']:.0f} | {len(r['joints'])} | {times(r, (*TOOLS, PROVED))} |\n"
     text += "\nWhat the peers found, N m and s.\n\n" + head("judged run", "joint", "tool", "damping", "frictionloss", "armature", "offset", "gear")
     for r in records:
         for joint in r["joints"]:
@@ -64,10 +69,10 @@ def measured_rows(records):
 
 
 def made_rows(records):
-    text = head("case", "hidden", "twin's error", *TOOLS, "the program says", *(f"CPU {t}, s" for t in TOOLS))
+    text = head("case", "hidden", "twin's error", *TOOLS, "the program says")
     for r in records:
         hidden = r["hidden"][1].replace("_", " ") if r["hidden"] else "nothing"
-        text += f"| {r['name']} | {hidden} | {twins(r)} | {shares(r, TOOLS)} | {said(r)} | {times(r, TOOLS)} |\n"
+        text += f"| {r['name']} | {hidden} | {twins(r)} | {shares(r, TOOLS)} | {said(r)} |\n"
     return text
 
 
@@ -78,7 +83,7 @@ def summary(groups):
         lines = {
             "share of the twin's error, median": [f"{np.median(own[t]):.2f}" for t in TOOLS],
             "largest": [f"{max(own[t]):.2f}" for t in TOOLS],
-            "least of the four, cases": [str(sum(x == min(y) for x, y in zip(own[t], zip(*own.values())))) for t in TOOLS],
+            "least of the six, ties counted, cases": [str(sum(is_least(r, t) for r in records)) for t in TOOLS],
             "worse than the twin, cases": [str(sum(x > mjcf_error.WORSE for x in own[t])) for t in TOOLS],
             "CPU, median, s": [f"{np.median([r['cpu_s'][t] for r in records]):.1f}" for t in TOOLS],
         }
@@ -92,7 +97,8 @@ def document(records, program, seed):
     cpu = next((line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")), "")
     says = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
     tools = ", ".join(f"{n} {version(n)}" for n in ("mujoco", "numpy", "scipy"))
-    text = f"{datetime.date.today().isoformat()}, {os.cpu_count()} cores, {cpu}, {says}, {tools}, Python {platform.python_version()}. Seed of the made machines: {seed}.\n\n"
+    text = f"{datetime.date.today().isoformat()}, {os.cpu_count()} cores, {cpu}, {says}, {tools}, Python {platform.python_version()}. "
+    text += f"Seed of the made machines: {seed}. Errors are shares of the twin's error, the least in bold, ties too.\n\n"
     of = lambda *kinds: [r for r in records if r["kind"] in kinds]
     groups = {
         "measured": of("measured"), "floor, effect that their parameters hold": [r for r in of("machine") if r["hidden"][1] in HELD],
@@ -101,4 +107,5 @@ def document(records, program, seed):
     text += "### All\n\n" + summary({k: v for k, v in groups.items() if v})
     if of("measured"):
         text += "\n### Measured machines\n\n" + measured_rows(of("measured"))
-    return text + "\n### Made machines\n\n" + made_rows(of("machine", "machine_null")) + "\n### Made, without a floor\n\n" + made_rows(of("single"))
+    text += "\n### Made machines\n\n" + made_rows(of("machine", "machine_null")) + "\n### Made, without a floor\n\n" + made_rows(of("single"))
+    return text + "\n### CPU, s\n\n" + times(records)
