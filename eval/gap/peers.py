@@ -16,8 +16,9 @@ a floor on every joint), and `single` without a floor; two further runs of each 
 
 needs: pip install "mujoco[sysid]" rosbags scipy
 usage: peers.py PROGRAM WORK [--measured NAME TWIN.urdf JUDGED_RUN RUN...]... [--table FILE]
-`--table` replaces what follows its heading Tables. Results stay in WORK/results, one file a case; a run that was stopped goes on where it was. The recordings of measured machines are
-no part of the repository. For them the program runs a second time, with the judged run as the one of its proof (`--held-out`).
+`--table` replaces what follows the heading Tables of the file. Results stay in WORK/results, one file a case; a run that was stopped
+goes on where it was. The recordings of measured machines are no part of the repository. For them the program runs a second time, with
+the judged run as the one of its proof (`--held-out`).
 """
 
 import argparse
