@@ -120,27 +120,48 @@ def windows(time_s):
     return [(a, b - a) for a, b in zip(edges, edges[1:]) if b - a >= 20]
 
 
+def read(runs, joints):
+    """(stamps, positions, efforts) of each run, a column a joint."""
+    recorded = [replay.read(r) for r in runs]
+    return [(time_s, *(np.array([rows[j][k] for j in joints]).T for k in (0, 1))) for time_s, rows in recorded]
+
+
+def units(model, joints, recorded):
+    """What a joint's error is divided by before joints are taken together: 1, or its own motion where turns and slides mix."""
+    moved = np.sqrt(np.mean([np.var(position, axis=0) for _, position, _ in recorded], axis=0))
+    return moved if len({int(model.joint(j).type[0]) for j in joints}) > 1 else np.ones(len(joints))
+
+
+def window_errors(model, joints, unit, recorded):
+    """Root mean square error of each window (rows) and joint, in the joints' units."""
+    replayed, rows = Replayed(model, joints), []
+    for time_s, position, effort in recorded:
+        for first, count in windows(time_s):
+            state = start(time_s, position, first, count)
+            rows.append(np.mean(replayed.fit(state, unit, time_s, position, effort, first, count) ** 2, axis=0))
+    return np.sqrt(np.array(rows))
+
+
+def medians(rows, joints, unit):
+    """{joint or `all`: median over the windows}."""
+    single = {j: float(np.median(rows[:, i]) * unit[i]) for i, j in enumerate(joints)}
+    return single | {"all": float(np.median(np.sqrt(np.mean(rows**2, axis=1))))}
+
+
+def common(twin, recorded_joints):
+    """Joints of the twin that the recordings have."""
+    return [name for name in (twin.joint(j).name for j in range(twin.njnt)) if name in recorded_joints]
+
+
 def errors(twin, exported, runs):
     """{joint or `all`: (the twin's error, the exported model's, their ratio)}."""
     exported = mujoco.MjModel.from_xml_path(str(exported))
     twin = twin_model(twin, exported)
-    recorded = [replay.read(r) for r in runs]
-    joints = [name for name in (twin.joint(j).name for j in range(twin.njnt)) if name in recorded[0][1]]
-    kinds = {int(twin.joint(j).type[0]) for j in joints}
-    motion = [np.array([rows[j][0] for j in joints]).T for _, rows in recorded]
-    moved = np.sqrt(np.mean([np.var(p, axis=0) for p in motion], axis=0))
-    unit = moved if len(kinds) > 1 else np.ones(len(joints))
-    models, rows = [Replayed(twin, joints), Replayed(exported, joints)], [[], []]
-    for (time_s, joint_rows), position in zip(recorded, motion):
-        effort = np.array([joint_rows[j][1] for j in joints]).T
-        for first, count in windows(time_s):
-            for model, into in zip(models, rows):
-                state = start(time_s, position, first, count)
-                into.append(np.mean(model.fit(state, unit, time_s, position, effort, first, count) ** 2, axis=0))
-    before, after = (np.sqrt(np.array(r)) for r in rows)
-    single = {j: (float(np.median(before[:, i]) * unit[i]), float(np.median(after[:, i]) * unit[i])) for i, j in enumerate(joints)}
-    whole = tuple(float(np.median(np.sqrt(np.mean(r**2, axis=1)))) for r in (before, after))
-    return {name: (b, a, a / b) for name, (b, a) in (single | {"all": whole}).items()}
+    joints = common(twin, replay.read(runs[0])[1])
+    recorded = read(runs, joints)
+    unit = units(twin, joints, recorded)
+    before, after = (medians(window_errors(model, joints, unit, recorded), joints, unit) for model in (twin, exported))
+    return {name: (before[name], after[name], after[name] / before[name]) for name in before}
 
 
 def main():
