@@ -33,6 +33,9 @@ pub mod gap {
         }
     }
     pub mod record {
+        pub mod command {
+            pub use crate::gap::record::command::Told;
+        }
         pub mod drive {
             pub use crate::gap::record::drive::Hold;
         }

@@ -2,7 +2,7 @@
 
 use artitwin::internal::{
     capture::CaptureConfig,
-    gap::record::{drive::Hold, inputs::complete, tracks::Streams},
+    gap::record::{command::Told, drive::Hold, inputs::complete, tracks::Streams},
     io::{inspect, read_frame_run, read_joint_log, twin_of},
 };
 
@@ -109,7 +109,7 @@ fn joint_logs() {
         } else {
             &Streams { links: streams.links.clone(), ..Streams::default() }
         };
-        let Ok(mut run) = read_joint_log(&path, streams) else { return false };
+        let Ok(mut run) = read_joint_log(&path, streams, &[]) else { return false };
         for joint in &run.joints {
             assert_eq!((joint.position.len(), joint.effort.len()), (joint.time_s.len(), joint.time_s.len()));
         }
@@ -118,7 +118,7 @@ fn joint_logs() {
         }
         let mut usable = false;
         for joint in &names {
-            let Ok(log) = run.joint(joint, &names, &mut Vec::new()) else { continue };
+            let Ok(log) = run.joint(joint, &names, &Told::default(), &mut Vec::new()) else { continue };
             assert!(log.time_s.windows(2).all(|pair| pair[0] < pair[1]));
             assert!(log.position.iter().chain(&log.effort).all(|x| x.is_finite()));
             assert!(log.others.iter().all(|o| o.len() == log.time_s.len()));

@@ -1,7 +1,6 @@
 //! What joints were commanded to, and what is told of the actuators that followed.
 
-use crate::gap::record::{drive::Hold, log::GAP_INTERVALS, tracks::resampled};
-use crate::statistics::median;
+use crate::gap::record::drive::{Hold, Signal};
 
 /// Commands of one joint.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,33 +60,21 @@ impl Command {
     }
 }
 
-/// A command brought to stamps. It stands until the next one comes, however long that takes.
+/// A command in the mean from each stamp to the next; it stands until the next one comes, however long that
+/// takes. Stamps do not fall.
 fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
-    let (Some(first), Some(last)) = (time_s.first(), time_s.last()) else {
-        return vec![f64::NAN; stamps.len()];
+    let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
+    let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
+    let mut here = signal.at(stamps.first().copied().unwrap_or(*first));
+    let mut mean = |(k, t): (usize, &f64)| {
+        let width = stamps.get(k + 1).map_or(0.0, |next| next - t);
+        let next = signal.at(t + width);
+        let mean = if width > 0.0 { (next.1 - here.1) / width } else { here.0 };
+        here = next;
+        if t + 1e-9 < *first { f64::NAN } else { mean }
     };
-    let end = stamps.last().copied().unwrap_or(*last).max(*last);
-    let usual = median(stamps.windows(2).map(|w| w[1] - w[0]).collect()).unwrap_or(0.0);
-    // `resampled` takes long waits for gaps: the samples in between repeat the command.
-    let wait = usual.max(1e-6) * (GAP_INTERVALS - 1.0).max(1.0);
-    let (mut times, mut values) = (Vec::new(), Vec::new());
-    for k in 0..time_s.len() {
-        let next = time_s.get(k + 1).copied().unwrap_or(end);
-        let after = position.get(k + 1).copied().unwrap_or(position[k]);
-        let parts = (((next - time_s[k]) / wait).ceil().max(1.0) as usize).min(MAX_REPEATS);
-        for part in 0..parts {
-            let share = part as f64 / parts as f64;
-            times.push(time_s[k] + share * (next - time_s[k]));
-            values.push(if is_straight { position[k] + share * (after - position[k]) } else { position[k] });
-        }
-    }
-    let hold = if is_straight { Hold::Linear } else { Hold::Zero };
-    let before = |(t, value): (&f64, f64)| if t + 1e-9 < *first { f64::NAN } else { value };
-    stamps.iter().zip(resampled(&times, &values, stamps, hold)).map(before).collect()
+    stamps.iter().enumerate().map(&mut mean).collect()
 }
-
-/// Most samples that a standing command is repeated by.
-const MAX_REPEATS: usize = 1_000_000;
 
 /// What is told of actuators; what is not is found.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -134,4 +121,43 @@ pub struct ToldServo {
     pub limit: Option<f64>,
     /// Time from a command to its effect, seconds.
     pub delay_s: Option<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_stands_until_the_next_one_and_a_trajectory_runs_straight() {
+        let mut command = Command {
+            time_s: vec![0.1, 0.3, 5.0],
+            position: vec![1.0, 2.0, 4.0],
+            velocity: vec![f64::NAN; 3],
+            ..Command::default()
+        };
+        let stamps = [0.0, 0.2, 0.4, 2.4, 2.5, 6.0];
+        let near = |found: Vec<f64>, wanted: [f64; 6]| {
+            assert!(found[0].is_nan());
+            assert!(found.iter().zip(wanted).skip(1).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        };
+        let last = (2.0 * 2.5 + 4.0) / 3.5;
+        near(command.at_samples(&stamps, &[0.0; 6]), [0.0, 1.5, 2.0, 2.0, last, 4.0]);
+        command.is_straight = true;
+        let at = |t: f64| 2.0 + 2.0 * (t - 0.3) / 4.7;
+        let last = (0.5 * (at(2.5) + 4.0) * 2.5 + 4.0) / 3.5;
+        let second = 0.5 * (0.5 * (1.5 + 2.0) + 0.5 * (2.0 + at(0.4)));
+        near(command.at_samples(&stamps, &[0.0; 6]), [0.0, second, at(1.4), at(2.45), last, 4.0]);
+    }
+
+    #[test]
+    fn velocities_add_up_from_where_the_joint_was() {
+        let command = Command {
+            time_s: vec![0.0, 1.0, 2.0],
+            position: vec![f64::NAN; 3],
+            velocity: vec![1.0, -1.0, 0.0],
+            ..Command::default()
+        };
+        let found = command.at_samples(&[0.0, 1.0, 2.0, 3.0], &[0.5, 1.5, 0.5, 0.5]);
+        assert_eq!(found, [1.0, 1.0, 0.5, 0.5]);
+    }
 }

@@ -28,7 +28,7 @@ pub struct Drive {
 }
 
 /// A signal at a time and its integral from the start of the log.
-struct Signal<'a> {
+pub struct Signal<'a> {
     time_s: &'a [f64],
     values: &'a [f64],
     hold: Hold,
@@ -37,9 +37,15 @@ struct Signal<'a> {
     sum: f64,
 }
 
-impl Signal<'_> {
+impl<'a> Signal<'a> {
+    /// Of values by their stamps, which rise; one at least.
+    #[must_use]
+    pub fn new(time_s: &'a [f64], values: &'a [f64], hold: Hold) -> Self {
+        Self { time_s, values, hold, at: 0, sum: 0.0 }
+    }
+
     /// Value and integral at `t`; calls must not go back in time.
-    fn at(&mut self, t: f64) -> (f64, f64) {
+    pub fn at(&mut self, t: f64) -> (f64, f64) {
         let (time, effort) = (self.time_s, self.values);
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
             let width = time[self.at + 1] - time[self.at];
@@ -85,7 +91,7 @@ impl Drive {
         if n < 2 {
             return drive;
         }
-        let mut signal = Signal { time_s, values, hold, at: 0, sum: 0.0 };
+        let mut signal = Signal::new(time_s, values, hold);
         let mut last = signal.at(time_s[0] - delay_s);
         for k in 0..n - 1 {
             let width = time_s[k + 1] - time_s[k];
