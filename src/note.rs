@@ -78,8 +78,8 @@ codes! {
     PositionsUnreadable = "positions_unreadable", "The joint positions beside the frames cannot be read.";
     StampsMissing = "stamps_missing", "Messages have no stamp; the time of recording is used.";
     SamplesBackward = "samples_backward", "Samples have stamps that repeat or run backward.";
-    PositionsFromVelocities = "positions_from_velocities", "A joint has velocities and no positions: they are \
-        added up.";
+    PositionsFromVelocities = "positions_from_velocities", "A joint has velocities and no positions: they \
+        are added up.";
     SamplesNotNumbers = "samples_not_numbers", "Samples hold a position or an effort that is not a number.";
     DatasetFormat = "dataset_format", "The format of a dataset folder was recognized.";
     TopicsChosen = "topics_chosen", "The topics, camera and pose source that are used.";

@@ -213,13 +213,13 @@ pub struct DiagnoseArgs {
     /// twin are read
     #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
     pub pose: Vec<(String, String)>,
-    /// Newton meters (newtons) that one unit of the recorded efforts is, or `unknown` for currents, duty cycles
-    /// or counts: the factor is then found
+    /// Newton meters (newtons) that one unit of the recorded efforts is, or `unknown` for currents, duty
+    /// cycles or counts: the factor is then found
     #[arg(long, value_name = "FACTOR", value_parser = effort_unit, default_value = "1")]
     pub effort_unit: EffortUnit,
-    /// Position controller that follows recorded commands; they then count before efforts. What is not told is
-    /// found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not told), delay (s); may
-    /// be repeated for single joints. Without recorded efforts commands are read anyway
+    /// Position controller that follows recorded commands; they then count before efforts. What is not told
+    /// is found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not told), delay
+    /// (s); may be repeated for single joints. Without recorded efforts commands are read anyway
     #[arg(
         long,
         value_name = "[JOINT:]KEY=VALUE,...",
@@ -228,9 +228,10 @@ pub struct DiagnoseArgs {
         default_missing_value = ""
     )]
     pub servo: Vec<ToldServo>,
-    /// Topic of commands: sensor_msgs/JointState, trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray
-    /// with the joints of its values; may be repeated. control_msgs/JointTrajectoryControllerState and
-    /// JointState on a topic with `command` in its name are found without
+    /// Topic of commands: sensor_msgs/JointState, trajectory_msgs/JointTrajectory, or
+    /// std_msgs/Float64MultiArray with the joints of its values; may be repeated.
+    /// control_msgs/JointTrajectoryControllerState and JointState on a topic with `command` in its name are
+    /// found without
     #[arg(long, value_name = "TOPIC[=JOINT,...]", value_parser = command_topic)]
     pub command: Vec<(String, Vec<String>)>,
     /// Seed of the permutation tests

@@ -237,8 +237,8 @@ fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
         String::new()
     };
     format!(
-        "<general name=\"{name}\" joint=\"{name}\" gaintype=\"fixed\" gainprm=\"{stiffness}\" biastype=\"affine\" \
-         biasprm=\"{} -{stiffness} -{damping}\"{limited}{late}/>",
+        "<general name=\"{name}\" joint=\"{name}\" gaintype=\"fixed\" gainprm=\"{stiffness}\" \
+         biastype=\"affine\" biasprm=\"{} -{stiffness} -{damping}\"{limited}{late}/>",
         n.bias
     )
 }

@@ -1,5 +1,5 @@
-//! Where the fit of an actuator begins: what recorded signals must be multiplied by to move the twin as it was
-//! measured, by a regression on the smoothed motion.
+//! Where the fit of an actuator begins: what recorded signals must be multiplied by to move the twin as it
+//! was measured, by a regression on the smoothed motion.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -29,8 +29,8 @@ const AT_LIMIT: f64 = 0.98;
 pub enum ActuationError {
     /// The commands do not move the joint.
     #[error(
-        "joint '{0}' does not follow what it was commanded to: is it the command of another joint, in another \
-         unit, or in other positions than those recorded?"
+        "joint '{0}' does not follow what it was commanded to: is it the command of another joint, in \
+         another unit, or in other positions than those recorded?"
     )]
     Idle(String),
     /// The efforts do not move the joint.

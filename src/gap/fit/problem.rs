@@ -31,8 +31,9 @@ const SERVO_LAG_S: f64 = 0.01;
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Angle by which a servo may swing in a step.
-/// derived: a leapfrog is stable below 2; its frequency errs by the square over 24, one percent here.
-const MAX_TURN: f64 = 0.5;
+/// derived: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
+/// of a good encoder over a swing.
+const MAX_TURN: f64 = 0.05;
 /// Most steps between two samples that a servo may ask for.
 /// derived: a servo that swings faster holds the joint, whatever the steps.
 const MAX_SERVO_STEPS: f64 = 64.0;

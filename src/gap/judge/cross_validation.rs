@@ -66,8 +66,8 @@ pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel
     is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
 }
 
-/// Whether windows that a model was not fitted to bear it out against another one: those of held-out runs, and
-/// those of each fitted run under the parameters that the others give.
+/// Whether windows that a model was not fitted to bear it out against another one: those of held-out runs,
+/// and those of each fitted run under the parameters that the others give.
 #[must_use]
 pub fn bears_out(
     problem: &Problem,

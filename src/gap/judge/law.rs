@@ -8,7 +8,8 @@ use crate::gap::{
     judge::{
         locate::Variable,
         observed::{Observed, observed},
-        verdict::{Diagnosis, Spread},
+        spread::Spread,
+        verdict::Diagnosis,
     },
     model::{
         effect::{At, Effect, Place, RUN_SPACING_S, Response},

@@ -25,7 +25,10 @@ mod remainder_tests;
 pub mod report;
 pub mod screen;
 pub mod search;
+#[cfg(test)]
+mod servo_tests;
 pub mod simplify;
 #[cfg(test)]
 mod simulated;
+pub mod spread;
 pub mod verdict;

@@ -17,8 +17,9 @@ use crate::gap::{
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
         screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, search},
+        search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::{HALF_WIDTH, simplified},
+        spread::{Spread, half_width},
     },
     model::{
         effect::{Coverage, Dimension, Place},
@@ -230,7 +231,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     if effects.is_empty()
         && (diagnosis.left > MAX_LEFT
             || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
-            || !is_credible(problem, chosen))
+            || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t)))
     {
         diagnosis.withdraw();
     }
@@ -275,6 +276,7 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
         if problem.weighing != Weighing::Innovations {
             chosen = predictive(problem, &chosen);
         }
+        chosen = credible(problem, chosen);
         (found, chosen)
     } else {
         given(problem, effects)
@@ -344,14 +346,25 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     rivals
 }
 
-/// Whether every effect is of a size that a model of the joint, not its discretization, would show.
-fn is_credible(problem: &Problem, chosen: &Candidate) -> bool {
-    chosen.fit.model.terms.iter().all(|t| match problem.catalogue[t.effect].place() {
-        Place::Delay => t.p[0].abs() > 0.25 * problem.coverage.interval_s,
-        Place::Gain | Place::Scale => (t.p[0] - 1.0).abs() > 0.004,
-        Place::Inertia => t.p[0].abs() > 0.004 * problem.plant.inertia,
+/// Whether an effect is of a size that a model of the joint, not its discretization, would show.
+fn is_credible(problem: &Problem, term: &Term) -> bool {
+    match problem.catalogue[term.effect].place() {
+        Place::Delay => term.p[0].abs() > 0.25 * problem.coverage.interval_s,
+        Place::Gain | Place::Scale => (term.p[0] - 1.0).abs() > 0.004,
+        Place::Inertia => term.p[0].abs() > 0.004 * problem.plant.inertia,
         _ => true,
-    })
+    }
+}
+
+/// A set without what mends the discretization, if anything else is in it.
+fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
+    let mut model = chosen.fit.model.clone();
+    model.terms.retain(|t| is_credible(problem, t));
+    if model.terms.is_empty() || model.terms.len() == chosen.fit.model.terms.len() {
+        return chosen;
+    }
+    let starts = Some(chosen.fit.starts.as_slice());
+    candidate(problem, fit(problem, &model, starts, chosen.fit.noise, Free::All, Pace::thorough(2)))
 }
 
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
@@ -405,44 +418,6 @@ fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
     (model, Spread { covariance, witnesses: fine.witnesses })
-}
-
-/// How well parameters are known.
-#[derive(Clone, Debug)]
-pub struct Spread {
-    /// Covariance of all free parameters.
-    pub covariance: DMatrix<f64>,
-    /// Number of windows that each rests on.
-    pub witnesses: Vec<f64>,
-}
-
-impl Spread {
-    /// Half width of the 95 % interval of a number with this gradient by the parameters from `first` on.
-    #[must_use]
-    pub fn half_width(&self, first: usize, gradient: &[f64]) -> f64 {
-        let n = gradient.len();
-        let covariance = self.covariance.view((first, first), (n, n));
-        let variance: f64 = (0..n)
-            .flat_map(|i| (0..n).map(move |j| (i, j)))
-            .map(|(i, j)| gradient[i] * covariance[(i, j)] * gradient[j])
-            .sum();
-        // An interval is as good as the parameter that the fewest windows show.
-        let fewest = (0..n)
-            .filter(|i| gradient[*i] != 0.0)
-            .map(|i| self.witnesses[first + i])
-            .fold(f64::INFINITY, f64::min);
-        half_width(fewest - 1.0) * variance.max(0.0).sqrt()
-    }
-}
-
-/// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
-/// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
-fn half_width(freedom: f64) -> f64 {
-    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
-    let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
-    z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
-        + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
-        + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
 }
 
 /// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is

@@ -18,7 +18,8 @@ pub struct Command {
 }
 
 impl Command {
-    /// Commanded position from each sample of the joint to the next, in the mean; NaN before the first command.
+    /// Commanded position from each sample of the joint to the next, in the mean; NaN before the first
+    /// command.
     #[must_use]
     pub fn at_samples(&self, time_s: &[f64], position: &[f64]) -> Vec<f64> {
         let mut latest = f64::NEG_INFINITY;

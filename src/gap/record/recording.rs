@@ -60,8 +60,8 @@ pub enum RecordingError {
     },
     /// No efforts.
     #[error(
-        "run '{run}' has no effort of joint '{joint}' and nothing that it was commanded to: record the effort \
-         (motor current times torque constant, or a force gauge as a wrench on its link), the positions that \
+        "run '{run}' has no effort of joint '{joint}' and nothing that it was commanded to: record the \
+         effort (motor current times torque constant, or a force gauge as a wrench on its link), the positions that \
          its controller followed, or release the joint and record an effort of 0"
     )]
     NoEffort {
@@ -101,8 +101,8 @@ const MIN_SAMPLES: usize = 100;
 const OTHERS_HALF_WIDTH: usize = 4;
 
 impl JointSamples {
-    /// Gives a joint that has velocities and no positions those that the velocities add up to, from 0; whether
-    /// it did.
+    /// Gives a joint that has velocities and no positions those that the velocities add up to, from 0;
+    /// whether it did.
     pub fn integrate(&mut self) -> bool {
         let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
         if has(&self.position) || !has(&self.velocity) {

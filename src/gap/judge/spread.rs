@@ -1,0 +1,44 @@
+//! How well fitted parameters are known, and the intervals that follow.
+
+use nalgebra::DMatrix;
+
+use crate::gap::judge::simplify::HALF_WIDTH;
+
+/// How well parameters are known.
+#[derive(Clone, Debug)]
+pub struct Spread {
+    /// Covariance of all free parameters.
+    pub covariance: DMatrix<f64>,
+    /// Number of windows that each rests on.
+    pub witnesses: Vec<f64>,
+}
+
+impl Spread {
+    /// Half width of the 95 % interval of a number with this gradient by the parameters from `first` on.
+    #[must_use]
+    pub fn half_width(&self, first: usize, gradient: &[f64]) -> f64 {
+        let n = gradient.len();
+        let covariance = self.covariance.view((first, first), (n, n));
+        let variance: f64 = (0..n)
+            .flat_map(|i| (0..n).map(move |j| (i, j)))
+            .map(|(i, j)| gradient[i] * covariance[(i, j)] * gradient[j])
+            .sum();
+        // An interval is as good as the parameter that the fewest windows show.
+        let fewest = (0..n)
+            .filter(|i| gradient[*i] != 0.0)
+            .map(|i| self.witnesses[first + i])
+            .fold(f64::INFINITY, f64::min);
+        half_width(fewest - 1.0) * variance.max(0.0).sqrt()
+    }
+}
+
+/// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
+/// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
+#[must_use]
+pub fn half_width(freedom: f64) -> f64 {
+    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
+    let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
+    z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
+        + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
+        + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
+}
