@@ -61,8 +61,8 @@ pub enum RecordingError {
     /// No efforts.
     #[error(
         "run '{run}' has no effort of joint '{joint}' and nothing that it was commanded to: record the \
-         effort (motor current times torque constant, or a force gauge as a wrench on its link), the positions that \
-         its controller followed, or release the joint and record an effort of 0"
+         effort (motor current times torque constant, or a force gauge as a wrench on its link), the \
+         positions that its controller followed, or release the joint and record an effort of 0"
     )]
     NoEffort {
         /// Run.
