@@ -1,4 +1,4 @@
-//! What is told of actuators on the command line.
+//! What is known of actuators on the command line.
 
 use crate::gap::record::command::{EffortUnit, ToldServo};
 

@@ -217,8 +217,8 @@ pub struct DiagnoseArgs {
     /// cycles or counts: the factor is then found
     #[arg(long, value_name = "FACTOR", value_parser = effort_unit, default_value = "1")]
     pub effort_unit: EffortUnit,
-    /// Position controller that follows recorded commands; they then count before efforts. What is not told
-    /// is found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not told), delay
+    /// Position controller that follows recorded commands; they then count before efforts. What is not given
+    /// is found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not given), delay
     /// (s); may be repeated for single joints. Without recorded efforts commands are read anyway
     #[arg(
         long,

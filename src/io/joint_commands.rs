@@ -94,7 +94,7 @@ impl Commands {
         }
     }
 
-    /// Positions of joints whose order was told.
+    /// Positions of joints whose order is given.
     pub fn array(&mut self, array: &Float64MultiArray, joints: &[String], stamp: i64) {
         let values = array.data.iter().skip(array.data_offset as usize);
         for (joint, position) in joints.iter().zip(values) {

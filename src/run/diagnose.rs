@@ -68,7 +68,7 @@ pub struct DiagnoseRequest {
     pub effects: Vec<String>,
     /// Wrenches and poses that are read beside the joint states.
     pub streams: Streams,
-    /// What is told of the actuators.
+    /// What is known of the actuators.
     pub told: Told,
 }
 
@@ -237,14 +237,7 @@ pub(super) fn find(
         let name = tree.joints[j].name.clone();
         let stage = format!("diagnose/{name}");
         monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = Plant::of(tree, j).map_err(|e| e.to_string()).and_then(|plant| {
-            let split = split(&recordings, tree, j, (request.hold, &request.told), &names, &mut warnings);
-            let mut split = split.map_err(|e| e.to_string())?;
-            let (fitted, held_out) = (&mut split.fitted, &mut split.held_out);
-            let plant =
-                actuated(&name, &plant, fitted, held_out, &request.told).map_err(|e| e.to_string())?;
-            Ok((plant, split))
-        });
+        let ready = ready(request, &recordings, tree, j, &names, &mut warnings);
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;
@@ -310,6 +303,24 @@ fn page(
     warnings: &[Note],
 ) -> String {
     diagnosis_page(&DiagnosisFacts { joints, effects, tree, urdf, exports, warnings })
+}
+
+/// A joint's plant with its actuator, and its runs.
+fn ready(
+    request: &DiagnoseRequest,
+    recordings: &[(Recording, bool)],
+    tree: &TwinTree,
+    joint: usize,
+    names: &[String],
+    warnings: &mut Vec<Note>,
+) -> Result<(Plant, Split), String> {
+    let plant = Plant::of(tree, joint).map_err(|e| e.to_string())?;
+    let split = split(recordings, tree, joint, (request.hold, &request.told), names, warnings);
+    let mut split = split.map_err(|e| e.to_string())?;
+    let (fitted, held_out) = (&mut split.fitted, &mut split.held_out);
+    let plant = actuated(&tree.joints[joint].name, &plant, fitted, held_out, &request.told)
+        .map_err(|e| e.to_string())?;
+    Ok((plant, split))
 }
 
 /// What to know of files that hold less than was found.

@@ -50,7 +50,7 @@ struct Moment {
     velocity: f64,
 }
 
-/// The plant with its actuator as far as it is told or a regression has it, and logs with the efforts that it
+/// The plant with its actuator as far as it is given or a regression has it, and logs with the efforts that it
 /// makes, those of `fitted` and `held_out`. The regression reads the fitted ones.
 ///
 /// # Errors

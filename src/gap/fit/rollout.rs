@@ -312,8 +312,7 @@ fn roll_columns<const W: usize>(
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
             let (signal, by_delay) = (drive.signal[index], drive.by_delay[index]);
-            // A step across the begin of a contact is split there; else the contact would act too long or
-            // too late.
+            // A step across the begin of a contact is split: else that would act too long or too late.
             let meeting = kicks.acting.meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
             for (h, meeting) in [(before, None), (step - before, meeting)]
@@ -324,14 +323,12 @@ fn roll_columns<const W: usize>(
                 if h != settled_h {
                     (settled_h, settling) = (h, Settling::over(model.settle_s, h));
                 }
-                // At rest either side will do: the kick looks up the other one where the joint leaves
-                // that way.
+                // At rest either side will do: the kick looks up the one to which the joint leaves.
                 let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
                 let t = t + (s as f64 + 0.5) * step;
-                let Moving { q, v, .. } = moving;
                 // The kick acts after the first half drift: its efforts are those of the middle of the
                 // step.
-                let q = q + 0.5 * h * v;
+                let (q, v) = (moving.q + 0.5 * h * moving.v, moving.v);
                 let acted = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias));
                 let at = At {
                     q,

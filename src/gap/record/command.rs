@@ -1,4 +1,4 @@
-//! What joints were commanded to, and what is told of the actuators that followed.
+//! What joints were commanded to, and what is known of the actuators that followed.
 
 use crate::gap::record::drive::{Hold, Signal};
 
@@ -77,7 +77,7 @@ fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> 
     stamps.iter().enumerate().map(&mut mean).collect()
 }
 
-/// What is told of actuators; what is not is found.
+/// What is known of actuators; what is not is found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Told {
     /// Of what recorded efforts are.
@@ -89,7 +89,13 @@ pub struct Told {
 }
 
 impl Told {
-    /// What is told of the servo of a joint.
+    /// N m or N of one recorded unit, as far as it is known.
+    #[must_use]
+    pub fn factor(&self) -> f64 {
+        if let EffortUnit::Factor(factor) = self.unit { factor } else { 1.0 }
+    }
+
+    /// What is known of the servo of a joint.
     #[must_use]
     pub fn servo(&self, joint: &str) -> Option<&ToldServo> {
         let own = self.servos.iter().find(|s| s.joint.as_deref() == Some(joint));
@@ -109,7 +115,7 @@ pub enum EffortUnit {
     Unknown,
 }
 
-/// A position controller between commands and joint, as far as it is told.
+/// A position controller between commands and joint, as far as it is known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToldServo {
     /// Joint; `None` for all that have no own.

@@ -1,7 +1,7 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
 use crate::gap::record::{
-    command::{Command, EffortUnit, Told},
+    command::{Command, Told},
     jitter::reading_noise,
     log::JointLog,
     motion::SmoothMotion,
@@ -181,16 +181,13 @@ impl Recording {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }
         let has_effort = samples.effort.iter().any(|u| u.is_finite());
-        // Efforts come first, unless a servo is told of.
+        // Efforts come first, unless a servo is given.
         let is_servo = told.servo(name).is_some() || !has_effort;
         let command = self.commands.iter().find(|c| c.joint == name).filter(|_| is_servo);
         if !has_effort && command.is_none() {
             return Err(RecordingError::NoEffort { run: run(), joint: joint() });
         }
-        let factor = match told.unit {
-            EffortUnit::Factor(factor) if command.is_none() => factor,
-            _ => 1.0,
-        };
+        let factor = if command.is_none() { told.factor() } else { 1.0 };
         let signal = command
             .map_or_else(|| samples.effort.clone(), |c| c.at_samples(&samples.time_s, &samples.position));
         let mut log = JointLog { run: run(), ..JointLog::default() };
