@@ -50,8 +50,8 @@ struct Moment {
     velocity: f64,
 }
 
-/// The plant with its actuator as far as it is given or a regression has it, and logs with the efforts that it
-/// makes, those of `fitted` and `held_out`. The regression reads the fitted ones.
+/// The plant with its actuator as far as it is given or a regression has it, and logs with the efforts that
+/// it makes, those of `fitted` and `held_out`. The regression reads the fitted ones.
 ///
 /// # Errors
 /// [`ActuationError`] where the recorded signal moves nothing.

@@ -85,7 +85,7 @@ fn commands_of_another_joint_are_refused() {
     let mut logs: Vec<JointLog> = (0..2).map(|run| followed(&truth, run, &mut rng)).collect();
     // The joint goes the other way than these.
     for log in &mut logs {
-        log.commanded.iter_mut().for_each(|c| *c = -5.0 * *c);
+        log.commanded.iter_mut().for_each(|c| *c *= -5.0);
     }
     let refused = actuated("hinge", &pendulum(0.5), &mut logs, &mut [], &Told::default()).unwrap_err();
     assert_eq!(refused, ActuationError::Idle("hinge".into()));
