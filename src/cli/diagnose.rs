@@ -31,8 +31,13 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
         seed: args.seed,
         effects: args.effects.clone(),
-        streams: Streams { wrenches: args.wrench.clone(), poses: args.pose.clone(), ..Streams::default() },
-        told: Told { unit: args.effort_unit, servos: args.servo.clone(), commands: args.command.clone() },
+        streams: Streams {
+            wrenches: args.wrench.clone(),
+            poses: args.pose.clone(),
+            commands: args.command.clone(),
+            ..Streams::default()
+        },
+        told: Told { unit: args.effort_unit, servos: args.servo.clone() },
     };
     let outcome = if args.frames.is_empty() {
         run::diagnose(&request, &Monitor::silent())?

@@ -249,7 +249,7 @@ fn odd_bags_are_said_to_be() {
     let warnings: String = seen.recordings[0].warnings.iter().map(|w| format!("{w}\n")).collect();
     assert!(warnings.contains("4 of 4 messages on /array_topic could not be decoded"), "{warnings}");
     assert!(warnings.contains("message encoding `wrong_format` is not cdr"), "{warnings}");
-    let refused = read_joint_log(&wrong, &Streams::default(), &[]).unwrap_err().to_string();
+    let refused = read_joint_log(&wrong, &Streams::default()).unwrap_err().to_string();
     assert!(
         refused.contains("/test_topic (test_msgs/msg/BasicTypes, encoded as `wrong_format`, not cdr)"),
         "{refused}"
@@ -266,7 +266,7 @@ fn odd_bags_are_said_to_be() {
         let path = bags.at(path);
         let refused = [
             Bag::open(&path).unwrap_err(),
-            read_joint_log(&path, &Streams::default(), &[]).unwrap_err(),
+            read_joint_log(&path, &Streams::default()).unwrap_err(),
             inspect(&path).unwrap_err(),
         ];
         assert!(refused.iter().all(|e| matches!(e, CaptureError::Sqlite { .. })), "{refused:?}");

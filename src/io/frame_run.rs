@@ -125,7 +125,7 @@ fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMa
     if !has {
         return BTreeMap::new();
     }
-    let recording = match read_joint_log(path, &Streams::default(), &[]) {
+    let recording = match read_joint_log(path, &Streams::default()) {
         Ok(recording) => recording,
         Err(error) => {
             warnings.push(Note::new(NoteCode::PositionsUnreadable, error.to_string()));

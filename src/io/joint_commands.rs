@@ -14,6 +14,8 @@ pub const CONTROLLER_STATE: &str = "control_msgs/msg/JointTrajectoryControllerSt
 pub const TRAJECTORY: &str = "trajectory_msgs/msg/JointTrajectory";
 /// Type of the messages that a forward controller is sent.
 pub const ARRAY: &str = "std_msgs/msg/Float64MultiArray";
+/// Most joints of one recording.
+pub const MAX_JOINTS: usize = 256;
 /// Most points of a trajectory.
 const MAX_POINTS: usize = 100_000;
 
@@ -49,6 +51,10 @@ pub struct Commands {
 impl Commands {
     /// Adds what one joint was commanded to; stamps rise.
     fn add(&mut self, joint: &str, origin: Origin, stamp: i64, position: f64, velocity: f64) {
+        // Joints that are kept go on; further ones are left out.
+        if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(joint) {
+            return;
+        }
         let known = self.joints.entry(joint.to_owned()).or_default();
         if origin > known.origin {
             *known = Commanded { origin, ..Commanded::default() };

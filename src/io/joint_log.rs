@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     bag::Bag,
-    joint_commands::{ARRAY, CONTROLLER_STATE, Commands, Origin, TRAJECTORY},
+    joint_commands::{ARRAY, CONTROLLER_STATE, Commands, MAX_JOINTS, Origin, TRAJECTORY},
     mcap_file::RawMessage,
     ros2msg::{
         Header, JointState, PoseStamped, TfMessage, Transform, WrenchStamped, decode,
@@ -30,8 +30,6 @@ const POSE: &str = "geometry_msgs/msg/PoseStamped";
 const TF: &str = "tf2_msgs/msg/TFMessage";
 const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
 const TYPES: [&str; 8] = [JOINT_STATE, WRENCH, POSE, TF, DYNAMIC, CONTROLLER_STATE, TRAJECTORY, ARRAY];
-/// Most joints of one recording.
-const MAX_JOINTS: usize = 256;
 
 #[derive(Default)]
 struct Samples {
@@ -53,8 +51,6 @@ struct Reader<'a> {
     joints: BTreeMap<String, Samples>,
     /// What controllers say of joints of which no joint state is recorded.
     feedback: BTreeMap<String, Samples>,
-    /// Topics of commands that were asked for, each with the joints of its values.
-    asked: &'a [(String, Vec<String>)],
     commands: Commands,
     /// By topic and child frame; an empty child for poses.
     poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
@@ -85,17 +81,12 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
 /// # Errors
 /// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was
 /// named.
-pub fn read_joint_log(
-    path: &Path,
-    streams: &Streams,
-    asked: &[(String, Vec<String>)],
-) -> Result<Recording, CaptureError> {
+pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
     let mut reader = Reader {
         streams,
         joints: BTreeMap::new(),
         feedback: BTreeMap::new(),
-        asked,
         commands: Commands::default(),
         poses: BTreeMap::new(),
         wrenches: BTreeMap::new(),
@@ -206,7 +197,7 @@ impl<'a> Reader<'a> {
 
     /// Joints of the values on a topic of commands that was asked for.
     fn joints_of(&self, topic: &str) -> Option<&'a [String]> {
-        self.asked.iter().find(|(t, _)| t == topic).map(|(_, joints)| joints.as_slice())
+        self.streams.commands.iter().find(|(t, _)| t == topic).map(|(_, joints)| joints.as_slice())
     }
 
     fn joint_state(&mut self, topic: &str, state: &JointState, log_nanos: i64) {
@@ -312,7 +303,8 @@ impl<'a> Reader<'a> {
         let has_pose =
             |t: &String| self.poses.get(&(t.clone(), String::new())).is_some_and(|p| !p.stamps.is_empty());
         let poses = self.streams.poses.iter().map(|(t, _)| (t, POSE, has_pose(t)));
-        let commands = self.asked.iter().map(|(t, _)| (t, "commands of joints", self.topics.contains_key(t)));
+        let commands =
+            self.streams.commands.iter().map(|(t, _)| (t, "commands of joints", self.topics.contains_key(t)));
         for (topic, kind, there) in wrenches.chain(poses).chain(commands) {
             if !there {
                 return refused(format!("it holds no usable {kind} on '{topic}'; its topics are: {seen}"));

@@ -66,7 +66,7 @@ pub struct DiagnoseRequest {
     pub seed: u64,
     /// Effects to fit at every joint instead of searching for them, by name.
     pub effects: Vec<String>,
-    /// Wrenches and poses that are read beside the joint states.
+    /// Wrenches, poses and commands that are read beside the joint states.
     pub streams: Streams,
     /// What is known of the actuators.
     pub told: Told,
@@ -176,8 +176,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
-        let mut recording = io::read_joint_log(path, &streams, &request.told.commands)
-            .map_err(|e| failed("recording", &e))?;
+        let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches, before anything looks at the joints.

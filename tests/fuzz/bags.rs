@@ -97,6 +97,7 @@ fn joint_logs() {
     let streams = Streams {
         wrenches: vec![("/wrench".into(), "handle".into())],
         poses: vec![("/door_pose".into(), "door".into())],
+        commands: Vec::new(),
         links: tree.links.iter().map(|l| l.name.clone()).collect(),
     };
     let seeds = vec![joint_log(0, 101), joint_log(3, 104)];
@@ -109,7 +110,7 @@ fn joint_logs() {
         } else {
             &Streams { links: streams.links.clone(), ..Streams::default() }
         };
-        let Ok(mut run) = read_joint_log(&path, streams, &[]) else { return false };
+        let Ok(mut run) = read_joint_log(&path, streams) else { return false };
         for joint in &run.joints {
             assert_eq!((joint.position.len(), joint.effort.len()), (joint.time_s.len(), joint.time_s.len()));
         }

@@ -1,7 +1,7 @@
 //! Where the fit of an actuator begins: what recorded signals must be multiplied by to move the twin as it
 //! was measured, by a regression on the smoothed motion.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Matrix4, Vector4};
 
 use crate::gap::{
     model::{
@@ -35,13 +35,13 @@ pub enum ActuationError {
     Idle(String),
     /// The efforts do not move the joint.
     #[error(
-        "the efforts of joint '{0}' do not move it, whatever their unit: are they those of another joint, or \
-         of the other sign?"
+        "the efforts of joint '{0}' do not move it, whatever their unit: are they those of another joint?"
     )]
     Unrelated(String),
 }
 
 /// One interval of the measured motion.
+#[derive(Clone, Copy)]
 struct Moment {
     log: usize,
     sample: usize,
@@ -63,14 +63,13 @@ pub fn actuated(
     told: &Told,
 ) -> Result<Plant, ActuationError> {
     let is_servo = fitted.iter().chain(held_out.iter()).any(|l| !l.commanded.is_empty());
-    let logs = || fitted.iter();
     if !is_servo && told.unit != EffortUnit::Unknown {
         return Ok(plant.clone());
     }
     let moments = moments(plant, fitted);
     if !is_servo {
         let signal = |m: &Moment| fitted[m.log].effort[m.sample];
-        let (gain, _) = regressed(&moments, &signal, None, None);
+        let gain = regressed(&moments, &signal, None, None).factor;
         if !(gain.abs() > 0.0) || !gain.is_finite() {
             return Err(ActuationError::Unrelated(name.to_owned()));
         }
@@ -86,22 +85,22 @@ pub fn actuated(
     let best = tried
         .into_iter()
         .map(|delay_s| {
-            let errors: Vec<Vec<f64>> = logs().map(|l| position_errors(l, delay_s)).collect();
-            let (stiffness, damping, left) = servo(&moments, &errors, &given, limit);
-            (left, delay_s, stiffness, damping)
+            let errors: Vec<Vec<f64>> = fitted.iter().map(|l| position_errors(l, delay_s)).collect();
+            (delay_s, servo(&moments, &errors, &given, limit))
         })
-        .min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, delay_s, stiffness, damping)) = best.filter(|b| b.2 > 0.0 && b.2.is_finite()) else {
+        .min_by(|a, b| a.1.left.total_cmp(&b.1.left));
+    let Some((delay_s, Regressed { factor: stiffness, damping, .. })) =
+        best.filter(|(_, r)| r.factor > 0.0 && r.factor.is_finite())
+    else {
         return Err(ActuationError::Idle(name.to_owned()));
     };
     let actuator = Actuator {
-        gain: 1.0,
         damping: damping.max(0.0),
         delay_s,
         servo: Some(Servo { stiffness, limit }),
-        unit: 1.0,
         is_found: [given.stiffness.is_none(), given.damping.is_none()],
         is_late: given.delay_s.is_none(),
+        ..Actuator::default()
     };
     for log in fitted.iter_mut().chain(held_out) {
         let errors = position_errors(log, delay_s);
@@ -123,57 +122,56 @@ fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     drive.means(log.commanded.last().copied()).into_iter().enumerate().map(|(k, c)| c - reading(k)).collect()
 }
 
-/// Stiffness, damping and what they leave of the required efforts, without the samples at the limit.
-fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> (f64, f64, f64) {
+/// What a regression finds.
+struct Regressed {
+    /// Of the signal.
+    factor: f64,
+    damping: f64,
+    /// Root mean square of the required efforts that is left.
+    left: f64,
+}
+
+/// Stiffness and damping of a servo, without the samples at its limit.
+fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
     let error = |m: &Moment| errors[m.log][m.sample];
-    let fitted = |of: &[Moment]| {
-        let (stiffness, rest) = regressed(of, &error, given.stiffness, given.damping);
-        (stiffness, rest[0], rest[2])
-    };
+    let fitted = |of: &[Moment]| regressed(of, &error, given.stiffness, given.damping);
     let first = fitted(moments);
     if limit.is_infinite() {
         return first;
     }
-    let stiffness = given.stiffness.unwrap_or(first.0);
-    let is_free = |m: &&Moment| (stiffness * error(m) - first.1 * m.velocity).abs() < AT_LIMIT * limit;
-    let free: Vec<Moment> = moments.iter().filter(is_free).map(|m| Moment { ..*m }).collect();
-    fitted(&free)
+    let effort = |m: &Moment| first.factor * error(m) - first.damping * m.velocity;
+    let is_free = |m: &&Moment| effort(m).abs() < AT_LIMIT * limit;
+    fitted(&moments.iter().filter(is_free).copied().collect::<Vec<_>>())
 }
 
-/// Factor of a signal that makes the required efforts, beside damping, Coulomb friction and a constant; with
-/// the damping, the constant and the root mean square that is left. What is given stays.
+/// Factor of a signal that makes the required efforts, beside damping, Coulomb friction and a constant. What
+/// is given stays.
 fn regressed(
     moments: &[Moment],
     signal: &dyn Fn(&Moment) -> f64,
     factor: Option<f64>,
     damping: Option<f64>,
-) -> (f64, [f64; 3]) {
-    let columns = |m: &Moment| {
-        let own = |given: Option<f64>, x: f64| if given.is_some() { 0.0 } else { x };
+) -> Regressed {
+    let own = |given: Option<f64>, x: f64| if given.is_some() { 0.0 } else { x };
+    let (mut normal, mut right, mut square) = (Matrix4::zeros(), Vector4::zeros(), 0.0);
+    for m in moments {
         let signal = signal(m);
         let known = factor.unwrap_or(0.0) * signal - damping.unwrap_or(0.0) * m.velocity;
-        let row = [own(factor, signal), own(damping, -m.velocity), -m.velocity.signum(), 1.0];
-        (row, m.required - known)
-    };
-    let (mut normal, mut right) = (DMatrix::<f64>::zeros(4, 4), DVector::<f64>::zeros(4));
-    let mut square = 0.0;
-    for m in moments {
-        let (row, y) = columns(m);
+        let row = Vector4::new(own(factor, signal), own(damping, -m.velocity), -m.velocity.signum(), 1.0);
+        let y = m.required - known;
         square += y * y;
-        for i in 0..4 {
-            right[i] += row[i] * y;
-            for j in 0..4 {
-                normal[(i, j)] += row[i] * row[j];
-            }
-        }
+        right += y * row;
+        normal += row * row.transpose();
     }
     for i in 0..4 {
         // A column that is given, or zero throughout, must not stop the solution.
         normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-300;
     }
-    let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else { return (f64::NAN, [0.0, 0.0, f64::MAX]) };
+    let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else {
+        return Regressed { factor: f64::NAN, damping: 0.0, left: f64::MAX };
+    };
     let left = ((square - x.dot(&right)).max(0.0) / moments.len().max(1) as f64).sqrt();
-    (factor.unwrap_or(x[0]), [damping.unwrap_or(x[1]), x[3], left])
+    Regressed { factor: factor.unwrap_or(x[0]), damping: damping.unwrap_or(x[1]), left }
 }
 
 /// The required effort of every interval in which the joint moves.
@@ -191,11 +189,8 @@ fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
                     continue;
                 }
                 let carried = log.carried.get(k);
-                let (inertia, rate) = plant.inertia_at(carried);
-                let required = inertia * s[2]
-                    + (plant.damping + rate) * s[1]
-                    + plant.friction * s[1].signum()
-                    + plant.load_at(carried, s[0]).0;
+                let required = plant.inertia_at(carried).0 * s[2] + plant.friction * s[1].signum()
+                    - plant.net_effort(carried, s[0], s[1], 0.0);
                 all.push(Moment { log: index, sample: k, required, velocity: s[1] });
             }
         }

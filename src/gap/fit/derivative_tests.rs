@@ -150,6 +150,30 @@ fn last_of(log: &JointLog, model: &JointModel, start: Start, steps: usize) -> (f
     (out.position[199], out.rows[199])
 }
 
+/// Sensitivities of a rollout's end to every parameter against central differences.
+fn assert_sensitivities(
+    end: &dyn Fn(&JointModel) -> (f64, [f64; 16]),
+    model: &JointModel,
+    allowed: f64,
+    what: &str,
+) {
+    let (row, parameters) = (end(model).1, model.parameters());
+    for i in 0..parameters.len() {
+        let h = 1e-5 * (1.0 + parameters[i].abs());
+        let shifted = |by: f64| {
+            let mut p = parameters.clone();
+            p[i] += by;
+            end(&model.with_parameters(&p)).0
+        };
+        let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
+        assert!(
+            (row[2 + i] - slope).abs() < allowed * (0.02 + slope.abs()),
+            "{what} column {i}: {} {slope}",
+            row[2 + i]
+        );
+    }
+}
+
 #[test]
 fn rollouts_have_the_sensitivities_that_they_claim() {
     let start = Start { position: 0.3, velocity: 0.4, play: -1.0 };
@@ -159,26 +183,10 @@ fn rollouts_have_the_sensitivities_that_they_claim() {
         }
         let model = JointModel::of(&plant())
             .with(index, &acting(effect.as_ref()).iter().map(|x| 0.3 * x + 0.02).collect::<Vec<_>>());
-        let (_, row) = last(&model, start);
-        let parameters = model.parameters();
         // Friction and play switch between steps; their derivative is that of the smooth pieces.
         let switches = effect.place() == Place::Friction || effect.name() == "backlash";
-        for i in 0..parameters.len() {
-            let h = 1e-5 * (1.0 + parameters[i].abs());
-            let shifted = |by: f64| {
-                let mut p = parameters.clone();
-                p[i] += by;
-                last(&model.with_parameters(&p), start).0
-            };
-            let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
-            let allowed = if switches { 0.1 } else { 0.01 };
-            assert!(
-                (row[2 + i] - slope).abs() < allowed * (0.02 + slope.abs()),
-                "{} column {i}: {} {slope}",
-                effect.name(),
-                row[2 + i]
-            );
-        }
+        let allowed = if switches { 0.1 } else { 0.01 };
+        assert_sensitivities(&|m| last(m, start), &model, allowed, effect.name());
     }
 }
 
@@ -189,15 +197,8 @@ fn a_servo_has_the_sensitivities_that_it_claims_beside_every_effect() {
     const STEPS: usize = 16;
     let mut log = log();
     log.commanded = log.time_s.iter().map(|t| 0.3 + 0.5 * (5.0 * t).sin()).collect();
-    let servo = Some(Servo { stiffness: 60.0, limit: 9.0 });
-    let found = Actuator {
-        gain: 1.2,
-        damping: 4.0,
-        servo,
-        delay_s: 0.01,
-        is_found: [true; 2],
-        ..Actuator::default()
-    };
+    let found =
+        Actuator { gain: 1.2, damping: 4.0, delay_s: 0.01, is_found: [true; 2], ..Actuator::default() };
     let start = Start { position: 0.3, velocity: 0.4, play: -1.0 };
     for (index, effect) in catalogue(1).iter().enumerate() {
         if effect.name() == "disturbance" {
@@ -212,28 +213,14 @@ fn a_servo_has_the_sensitivities_that_it_claims_beside_every_effect() {
             // A loop that is closed leaves so little that where friction switches would show.
             let plant = Plant { friction: 0.0, actuator: Actuator { servo, ..found }, ..plant() };
             let model = JointModel::of(&plant).with(index, &own);
-            let (_, row) = last_of(&log, &model, start, STEPS);
             let parameters = model.parameters();
             assert_eq!(parameters.len(), model.free());
             assert_eq!(parameters[parameters.len() - 2..], [1.2, 4.0]);
             // What switches between steps has the derivative of its smooth pieces.
             let switches = effect.place() == Place::Friction || effect.name() == "backlash" || limit < 1e3;
-            for i in 0..parameters.len() {
-                let h = 1e-5 * (1.0 + parameters[i].abs());
-                let shifted = |by: f64| {
-                    let mut p = parameters.clone();
-                    p[i] += by;
-                    last_of(&log, &model.with_parameters(&p), start, STEPS).0
-                };
-                let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
-                let allowed = if switches { 0.1 } else { 0.01 };
-                assert!(
-                    (row[2 + i] - slope).abs() < allowed * (0.02 + slope.abs()),
-                    "{} limit {limit} column {i}: {} {slope}",
-                    effect.name(),
-                    row[2 + i]
-                );
-            }
+            let allowed = if switches { 0.1 } else { 0.01 };
+            let what = format!("{} limit {limit}", effect.name());
+            assert_sensitivities(&|m| last_of(&log, m, start, STEPS), &model, allowed, &what);
         }
     }
 }
@@ -294,19 +281,5 @@ fn sensitivities_hold_where_friction_settles() {
     let index = catalogue(1).iter().position(|e| e.name() == "coulomb_friction").unwrap();
     let model = JointModel { settle_s: 0.03, ..JointModel::of(&plant()).with(index, &[0.7]) };
     let start = Start { position: 0.3, velocity: 0.4, play: 0.0 };
-    let row = last(&model, start).1;
-    for i in 0..2 {
-        let h = 1e-5;
-        let shifted = |by: f64| {
-            let mut p = model.parameters();
-            p[i] += by;
-            last(&model.with_parameters(&p), start).0
-        };
-        let slope = (shifted(h) - shifted(-h)) / (2.0 * h);
-        assert!(
-            (row[2 + i] - slope).abs() < 0.02 * (0.02 + slope.abs()),
-            "column {i}: {} {slope}",
-            row[2 + i]
-        );
-    }
+    assert_sensitivities(&|m| last(m, start), &model, 0.02, "friction that settles");
 }

@@ -195,9 +195,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
     for k in 0..n {
         let (q, v) = (trace.position[k], trace.velocity[k]);
         let carried = log.carried.get(k);
-        let (inertia, rate) = plant.inertia_at(carried);
-        trace.acceleration[k] =
-            (effort[k] - (plant.damping + rate) * v - plant.load_at(carried, q).0) / inertia;
+        trace.acceleration[k] = plant.net_effort(carried, q, v, effort[k]) / plant.inertia_at(carried).0;
         // Near rest the sign of the smoothed velocity is noise: the last clear one stands.
         if v.abs() > 0.02 * top {
             last = v.signum();

@@ -71,12 +71,10 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
             let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
             let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
             // Of a delay that was found, the efforts as they act.
-            let signals = &drive.signal[k * drive.steps..(k + 1) * drive.steps];
-            let signal = signals.iter().sum::<f64>() / drive.steps as f64;
-            let u = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias)).effort;
+            let u = model.plant.actuator.act(drive.mean(k), q, v, (sensor.scale, sensor.bias)).effort;
             // (14.3), solved for the effort.
-            let (inertia, rate) = plant.inertia_at(carried);
-            let smooth = u - (plant.damping + rate) * v - plant.load_at(carried, q).0;
+            let inertia = plant.inertia_at(carried).0;
+            let smooth = plant.net_effort(carried, q, v, u);
             let rubs = plant.friction * v.signum();
             let lacking = inertia * recorded + rubs - smooth;
             let t = run_time_s(span.log, log, k);

@@ -349,9 +349,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                     columns.active[0] = true;
                     for i in 0..span.len - 1 {
                         let k = span.start + i;
-                        let mean =
-                            d.signal[k * d.steps..(k + 1) * d.steps].iter().sum::<f64>() / d.steps as f64;
-                        let later = mean - problem.traces[span.log].signal[k];
+                        let later = d.mean(k) - problem.traces[span.log].signal[k];
                         columns.effort[0][i] = self.middle[span.log].by_signal[k] * later;
                     }
                 })

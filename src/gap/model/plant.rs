@@ -86,6 +86,14 @@ impl Plant {
         carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
     }
 
+    /// An effort less what damping and load take of it at a state, N m or N; friction is not in it.
+    #[must_use]
+    pub fn net_effort(&self, carried: Option<&Carried>, position: f64, velocity: f64, effort: f64) -> f64 {
+        // An inertia that changes as a chain moves acts as damping.
+        let rate = self.inertia_at(carried).1;
+        effort - (self.damping + rate) * velocity - self.load_at(carried, position).0
+    }
+
     /// The plant of a joint, its index in `tree.joints`; in a chain, with the others at 0.
     ///
     /// # Errors

@@ -84,8 +84,6 @@ pub struct Told {
     pub unit: EffortUnit,
     /// Of servos: those of single joints, and those of all others.
     pub servos: Vec<ToldServo>,
-    /// Topics of commands, each with the joints of its values where messages do not name them.
-    pub commands: Vec<(String, Vec<String>)>,
 }
 
 impl Told {

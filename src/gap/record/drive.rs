@@ -107,10 +107,16 @@ impl Drive {
         drive
     }
 
+    /// Mean from a sample to the next.
+    #[must_use]
+    pub fn mean(&self, sample: usize) -> f64 {
+        let steps = sample * self.steps..(sample + 1) * self.steps;
+        self.signal[steps].iter().sum::<f64>() / self.steps as f64
+    }
+
     /// Mean from each sample to the next; `last` for the last one, which no interval follows.
     #[must_use]
     pub fn means(&self, last: Option<f64>) -> Vec<f64> {
-        let mean = |c: &[f64]| c.iter().sum::<f64>() / c.len() as f64;
-        self.signal.chunks(self.steps.max(1)).map(mean).chain(last).collect()
+        (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean(k)).chain(last).collect()
     }
 }

@@ -42,13 +42,15 @@ pub struct WrenchTrack {
     pub moment: Vec<Vector3<f64>>,
 }
 
-/// Topics that are read beside the joint states, each with the link that it is about.
+/// Topics that are read beside the joint states, each with the link or the joints that it is about.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Streams {
     /// Wrenches.
     pub wrenches: Vec<(String, String)>,
     /// Poses.
     pub poses: Vec<(String, String)>,
+    /// Commands, each with the joints of its values where messages do not name them.
+    pub commands: Vec<(String, Vec<String>)>,
     /// Links whose transforms (child frames) are read as poses.
     pub links: Vec<String>,
 }
