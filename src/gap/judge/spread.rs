@@ -34,8 +34,7 @@ impl Spread {
 
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
-#[must_use]
-pub fn half_width(freedom: f64) -> f64 {
+fn half_width(freedom: f64) -> f64 {
     let (z, n) = (HALF_WIDTH, freedom.max(3.0));
     let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
     z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)

@@ -19,7 +19,7 @@ use crate::gap::{
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::{HALF_WIDTH, simplified},
-        spread::{Spread, half_width},
+        spread::Spread,
     },
     model::{
         effect::{Coverage, Dimension, Place},
@@ -207,11 +207,14 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         left: 0.0,
         lacks,
         noise: chosen.fit.noise,
-        actuator: actuator_estimates(&chosen.fit, problem.turns),
+        actuator: Vec::new(),
         nearest: None,
         spread: None,
     };
     if chosen.fit.model.terms.is_empty() {
+        let Fit { covariance, witnesses, model, .. } = &base.fit;
+        let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
+        diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
         // Something depends on a variable, and no effect of the catalog explains it.
         if open > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
@@ -226,6 +229,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
     let (model, spread) = refined(problem, &chosen.fit);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
+    diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
@@ -238,11 +242,11 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
-/// What a fit found of the actuator, with intervals.
-fn actuator_estimates(fit: &Fit, turns: bool) -> Vec<ParameterEstimate> {
-    let (actuator, [gain, damping]) = (&fit.model.plant.actuator, fit.model.actuator_columns());
+/// What was found of a model's actuator, with intervals.
+fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
+    let (actuator, [gain, damping]) = (&model.plant.actuator, model.actuator_columns());
     let estimate = |name: &str, unit: &str, value: f64, scale: f64, at: usize| {
-        let half = half_width(fit.witnesses[at] - 1.0) * scale.abs() * fit.deviation(at);
+        let half = spread.half_width(at, &[scale]);
         let interval = (value - half, value + half);
         ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
     };
@@ -259,7 +263,7 @@ fn actuator_estimates(fit: &Fit, turns: bool) -> Vec<ParameterEstimate> {
     let damping =
         damping.map(|at| estimate("damping", Dimension::Damping.unit(turns), actuator.damping, 1.0, at));
     // The lag is the first of the free parameters.
-    let delay = actuator.is_late.then(|| estimate("delay", "s", actuator.delay_s + fit.model.lag_s, 1.0, 0));
+    let delay = actuator.is_late.then(|| estimate("delay", "s", actuator.delay_s + model.lag_s, 1.0, 0));
     [gain, damping, delay].into_iter().flatten().collect()
 }
 
