@@ -140,6 +140,8 @@ codes! {
     // Diagnoses.
     JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
     TwinUncertain = "twin_uncertain", "The twin is a reconstruction with errors of its own.";
+    UnknownStoodIn = "unknown_stood_in", "The file of a format holds what predicts a joint better than the \
+        twin; no effect in it is certain.";
     FormatHoldsLess = "format_holds_less", "The file of a format holds less than was found at a joint.";
     FormatKeepsTwin = "format_keeps_twin", "The file of a format keeps the twin's values at a joint: nothing \
         that it holds predicts better, or no file has a place for what was found.";

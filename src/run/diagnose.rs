@@ -18,9 +18,10 @@ use crate::{
     gap::{
         fit::actuation::actuated,
         judge::{
-            assess::{Runs, assess},
+            assess::{Examined, Runs, conclude, examine},
             format_model::FormatModel,
             format_note::format_note,
+            multibody::fit_chains,
             report::{self, ExportNote, JointReport, Report},
             verdict::Verdict,
         },
@@ -184,11 +185,11 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
     }
-    if request.held_out.is_empty() && read.recordings.len() > 1 {
-        // Every third run, at least the last.
+    if request.held_out.is_empty() && read.recordings.len() > MOST_DIVIDED {
+        // Every third run.
         let n = read.recordings.len();
         // Spread over all runs: conditions may drift from the first to the last.
-        let count = (n / 3).max(1);
+        let count = n / 3;
         for i in 0..count {
             read.recordings[n - 1 - i * n / count].1 = true;
         }
@@ -229,7 +230,7 @@ pub(super) fn find(
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let mut joints: Vec<JointReport> = Vec::new();
+    let mut examined = Vec::new();
     let mut refused: Vec<String> = Vec::new();
     for &j in &moving {
         monitor.check()?;
@@ -248,14 +249,21 @@ pub(super) fn find(
                     effects: wanted.clone(),
                 };
                 let mut rng = stage_rng(request.seed, &stage, 0);
-                let mut report = assess(&effects, &plant, &name, runs, &mut rng);
-                // Of all runs the one whose poses leave the joint farthest.
-                let measured = off_axis.iter().filter_map(|e| e.get(&j).copied());
-                report.off_axis = measured.max_by(|a, b| a.excess().total_cmp(&b.excess()));
-                joints.push(report);
+                examined.push((j, examine(&effects, &plant, &name, runs, &mut rng), rng));
             }
             Err(why) => refused.push(why),
         }
+    }
+    let mut own: Vec<(usize, &mut Examined)> = examined.iter_mut().map(|(j, e, _)| (*j, e)).collect();
+    fit_chains(tree, &mut own);
+    let mut joints: Vec<JointReport> = Vec::new();
+    for (j, examined, mut rng) in examined {
+        monitor.check()?;
+        let mut report = conclude(examined, &mut rng);
+        // Of all runs the one whose poses leave the joint farthest.
+        let measured = off_axis.iter().filter_map(|e| e.get(&j).copied());
+        report.off_axis = measured.max_by(|a, b| a.excess().total_cmp(&b.excess()));
+        joints.push(report);
     }
     monitor.check()?;
     if joints.is_empty() {
@@ -400,7 +408,11 @@ enum SplitError {
     Chain { joint: String, source: RecordingError },
 }
 
-/// Logs of one joint. A single run gives its last third to the proof.
+/// Most runs of which each gives its last third to the proof: a fit of one whole run would know its conditions
+/// alone.
+const MOST_DIVIDED: usize = 2;
+
+/// Logs of one joint. Of up to two runs each gives its last third to the proof.
 fn split(
     recordings: &[(Recording, bool)],
     tree: &TwinTree,
@@ -424,12 +436,13 @@ fn split(
         }
         if *held { held_out.push(log) } else { fitted.push(log) }
     }
-    if held_out.is_empty() && fitted.len() == 1 {
-        let log = fitted.remove(0);
-        // By time, not at random: neighboring samples are alike, and the proof would see what was fitted.
-        let cut = log.time_s.len() * 2 / 3;
-        fitted.push(log.part(0, cut));
-        held_out.push(log.part(cut, log.time_s.len()));
+    if held_out.is_empty() && fitted.len() <= MOST_DIVIDED {
+        for log in std::mem::take(&mut fitted) {
+            // By time, not at random: neighboring samples are alike, and the proof would see what was fitted.
+            let cut = log.time_s.len() * 2 / 3;
+            fitted.push(log.part(0, cut));
+            held_out.push(log.part(cut, log.time_s.len()));
+        }
     }
     Ok(Split { fitted, held_out })
 }

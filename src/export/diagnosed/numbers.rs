@@ -4,6 +4,7 @@ use crate::gap::{
     judge::{
         format_model::{FormatModel, HeldEffect},
         report::{ExportNote, Held, HeldParameter, JointReport},
+        verdict::Verdict,
     },
     model::{
         format::{Format, JointNumbers},
@@ -71,7 +72,7 @@ fn note(
         format: held.format.name().into(),
         file: file.into(),
         joint: joint.joint.clone(),
-        effect: catalogue[effect.effect].name().into(),
+        effect: effect.effect.map_or(Verdict::Unknown.name(), |e| catalogue[e].name()).into(),
         status: effect.fate.name().into(),
         by: effect.by.iter().map(by).collect(),
         rmse: Some(held.rmse),

@@ -45,7 +45,7 @@ pub fn urdf(
         let dynamics = numbers.map_or(old, |n| (n.damping, n.friction));
         let mut elements = String::new();
         for effect in held(Format::Urdf, joint).into_iter().flat_map(|h| &h.effects) {
-            let found = joint.diagnosis.findings.iter().find(|f| f.index == effect.effect);
+            let found = joint.diagnosis.findings.iter().find(|f| Some(f.index) == effect.effect);
             if let Some(finding) = found.filter(|_| effect.fate != Fate::Native) {
                 // A reader of these elements must know what the numbers of the joint hold already.
                 elements.push_str(&element(finding, &format!(" status=\"{}\"", effect.fate.name())));

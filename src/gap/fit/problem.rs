@@ -194,7 +194,12 @@ impl<'c> Problem<'c> {
     /// The same logs for the prediction of whole windows: no finer than those need.
     #[must_use]
     pub fn predicting(&self) -> Self {
-        let length_s = window_length_s(&self.plant);
+        self.predicting_over(window_length_s(&self.plant))
+    }
+
+    /// The same where windows are of another length.
+    #[must_use]
+    pub fn predicting_over(&self, length_s: f64) -> Self {
         let coarse = self.coarser(length_s / SAMPLES_OF_PREDICTION);
         let windows = coarse.windows.len() as f64;
         let independent = FREEDOM_OF_WINDOW * windows / coarse.samples().max(1) as f64;

@@ -211,7 +211,8 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
 const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), (0.0, 1e9)];
 
 /// Parameters moved by a step, kept inside their bounds.
-fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
+#[must_use]
+pub fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.parameters();
     let mut at = 1;
     // A lag far outside its prior would stand in for the effect `delay`.

@@ -11,7 +11,7 @@ use crate::gap::{
     },
     judge::{
         cross_validation::{bears_out, predicts_better},
-        format_model::format_models,
+        format_model::{format_models, stand_ins},
         law::laws,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
         report::{JointReport, REPORTED_NOISES, ReplayWindow, Track},
@@ -43,21 +43,54 @@ pub struct Runs {
     pub effects: Vec<usize>,
 }
 
+/// A joint's runs with what was found on the fitted ones.
+pub struct Examined<'c> {
+    name: String,
+    /// Fitted runs.
+    pub problem: Problem<'c>,
+    /// Held-out runs.
+    pub held_out: Problem<'c>,
+    /// What was found.
+    pub diagnosis: Diagnosis,
+    /// Effects that were given.
+    given: Vec<usize>,
+    tracks: Vec<Track>,
+}
+
 /// Diagnoses a joint and proves the result.
-#[must_use]
+#[cfg(test)]
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
-    let turns = runs.turns;
+    conclude(examine(effects, plant, name, runs, rng), rng)
+}
+
+/// Diagnoses a joint by its fitted runs.
+#[must_use]
+pub fn examine<'c>(
+    effects: &'c Catalogue,
+    plant: &Plant,
+    name: &str,
+    runs: Runs,
+    rng: &mut impl Rng,
+) -> Examined<'c> {
     let tracks = tracks(&runs);
-    let recorded = Problem::new(effects, plant, turns, runs.fitted, runs.hold);
+    let recorded = Problem::new(effects, plant, runs.turns, runs.fitted, runs.hold);
     let held_out = Problem::held_out(&recorded, runs.held_out);
     let problem = recorded.at_steps();
     let mut diagnosis = diagnose(&problem, &runs.effects, &[], rng);
     if let Some(predicting) = by_prediction(&problem, &diagnosis, &runs.effects, rng) {
         diagnosis = predicting;
     }
+    Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
+}
+
+/// Proves on held-out runs what was found at a joint.
+#[must_use]
+pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
+    let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
+    let effects = problem.catalogue;
     let mut report = JointReport {
-        joint: name.to_owned(),
-        turns,
+        joint: name.clone(),
+        turns: problem.turns,
         diagnosis: diagnosis.clone(),
         gap: None,
         series: Vec::new(),
@@ -96,7 +129,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
         let whole = prove(&held_out, &twin, &nearest.model);
-        let fewer = if runs.effects.is_empty() { fewer(&problem, &nearest.model) } else { None };
+        let fewer = if given.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
         let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
         let proven = fewer.map(|d| (prove(&held_out, &twin, &d.model), d));
@@ -110,9 +143,11 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     }
     if !updated.terms.is_empty() {
         report.in_format = format_models(&problem, &held_out, &diagnosis, &updated, &proof.0);
+    } else if diagnosis.verdict == Verdict::Unknown {
+        report.in_format = stand_ins(&problem, &held_out, &diagnosis, &proof.0);
     }
     report.laws = laws(&problem, &held_out, &diagnosis);
-    report.replay = replay(name, &held_out, &updated, &proof.2);
+    report.replay = replay(&name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
 }

@@ -15,6 +15,7 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::log::rms,
 };
+use crate::statistics::median;
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
 /// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in
@@ -76,13 +77,40 @@ pub fn bears_out(
     other: &JointModel,
     noise: EffortNoise,
 ) -> bool {
+    let [with, without] = unseen(problem, held_out, [model, other], noise);
+    is_better(&with, &without, problem.noise_floor())
+}
+
+/// Whether the file of a joint that has a model is surely better than one that has another: over whole windows
+/// that it was not fitted to, in the mean, in the median and in the sum of squares.
+#[must_use]
+pub fn serves_better(
+    problem: &Problem,
+    held_out: &Problem,
+    model: &JointModel,
+    other: &JointModel,
+    noise: EffortNoise,
+) -> bool {
+    let [[with, ..], [without, ..]] = unseen(problem, held_out, [model, other], noise);
+    errors_better(&with, &without) > SURELY
+        && median(with.clone()) < median(without.clone())
+        && rms(&with) < rms(&without)
+}
+
+/// Sizes under two models of windows that they were not fitted to: those of held-out runs, and those of each
+/// fitted run under the parameters that the others give.
+fn unseen(
+    problem: &Problem,
+    held_out: &Problem,
+    models: [&JointModel; 2],
+    noise: EffortNoise,
+) -> [Sizes; 2] {
     let folds = problem.predicting().folds();
-    let all = |model: &JointModel| {
+    models.map(|model| {
         let (mut all, held_out) = (crossed(&folds, model, noise), sizes(held_out, model));
         all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
         all
-    };
-    is_better(&all(model), &all(other), problem.noise_floor())
+    })
 }
 
 /// Sizes of the windows of each part under a model with parameters that its complement gives.

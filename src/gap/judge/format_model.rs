@@ -7,6 +7,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
+        cross_validation::serves_better,
         proof::{Gap, windowed_rmse},
         search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::SIMPLER,
@@ -38,8 +39,8 @@ pub struct FormatModel {
 /// A found effect in the file of a format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldEffect {
-    /// Index in the catalogue.
-    pub effect: usize,
+    /// Index in the catalogue; `None` for what has no name.
+    pub effect: Option<usize>,
     /// What became of it.
     pub fate: Fate,
     /// What the file has in its place, or of it with other parameters.
@@ -110,6 +111,48 @@ pub fn format_models(
     Format::ALL.map(|format| maker.make(format)).to_vec()
 }
 
+/// The joint in each format that holds something which surely predicts better, where nothing was named: it
+/// stands in for what is unknown.
+#[must_use]
+pub fn stand_ins(
+    problem: &Problem,
+    held_out: &Problem,
+    diagnosis: &Diagnosis,
+    gap: &Gap,
+) -> Vec<FormatModel> {
+    let twin = &diagnosis.model;
+    let mut nearest = diagnosis.nearest.as_ref().map_or(twin, |n| &n.model).clone();
+    nearest.terms.retain(|t| !problem.catalogue[t.effect].is_of_one_run());
+    let predicting = problem.predicting();
+    let mut maker =
+        Maker { problem: predicting, held_out, diagnosis, updated: &nearest, gap, sought: Vec::new() };
+    let mut weighed: Vec<(JointModel, bool)> = Vec::new();
+    let mut one = |format: Format| {
+        let model = maker.best(format, &expressed(format, &nearest, problem.catalogue));
+        if model.terms.is_empty() {
+            return None;
+        }
+        // Most formats hold the same.
+        let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
+        let serves = known.unwrap_or_else(|| {
+            let serves = serves_better(problem, held_out, &model, twin, diagnosis.noise);
+            weighed.push((model.clone(), serves));
+            serves
+        });
+        let rmse = windowed_rmse(held_out, &model);
+        let by = model.terms.clone();
+        let effects = vec![HeldEffect { effect: None, fate: Fate::Replaced, by }];
+        (serves && rmse < gap.before).then_some(FormatModel {
+            format,
+            model,
+            rmse,
+            twin_rmse: gap.before,
+            effects,
+        })
+    };
+    Format::ALL.into_iter().filter_map(&mut one).collect()
+}
+
 /// Searches of one joint, shared by the formats.
 struct Maker<'p, 'c> {
     /// The fitted runs, whole windows of which are predicted: where a model lacks an effect, what it misses
@@ -167,7 +210,7 @@ impl<'c> Maker<'_, 'c> {
         is_translated: bool,
         may_help: bool,
     ) -> HeldEffect {
-        let of = |fate, by| HeldEffect { effect: term.effect, fate, by };
+        let of = |fate, by| HeldEffect { effect: Some(term.effect), fate, by };
         let effect = self.catalogue()[term.effect].as_ref();
         let is_held = effect.in_format(format, &term.p, &self.problem.plant) != Expression::NotExpressible;
         if model.terms.is_empty() {

@@ -59,7 +59,7 @@ impl Case {
     }
 
     fn fate(&self, held: &FormatModel, name: &str) -> Fate {
-        held.effects.iter().find(|e| self.effects[e.effect].name() == name).unwrap().fate
+        held.effects.iter().find(|e| self.effects[e.effect.unwrap()].name() == name).unwrap().fate
     }
 }
 

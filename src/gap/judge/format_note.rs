@@ -15,6 +15,13 @@ pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole:
     let gap = joint.gap.as_ref().filter(|_| !held.is_whole())?;
     let (name, unit) = (&joint.joint, if joint.turns { "rad" } else { "m" });
     let (twin, own, found) = (held.twin_rmse, held.rmse, gap.after);
+    if joint.diagnosis.findings.is_empty() {
+        let text = format!(
+            "{file} holds at joint '{name}' what stands in for something unknown: it leaves {own:.2e} {unit} \
+             of the held-out runs, the twin {twin:.2e} {unit}; no effect in it is certain"
+        );
+        return Some(Note::new(NoteCode::UnknownStoodIn, text));
+    }
     if !held.keeps_twin() {
         let text = format!(
             "{file} holds less than was found at joint '{name}': it leaves {own:.2e} {unit} of the \

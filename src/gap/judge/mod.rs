@@ -11,7 +11,9 @@ pub mod law;
 #[cfg(test)]
 mod law_tests;
 pub mod locate;
+pub mod multibody;
 pub mod name_weight;
+pub mod offset;
 #[cfg(test)]
 mod new_effect_tests;
 pub mod observed;

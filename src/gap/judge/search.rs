@@ -108,7 +108,8 @@ impl Search {
 }
 
 /// What a set of effects costs: each parameter, and each choice of shape. See docs/method.md (14.15).
-fn price(problem: &Problem, model: &JointModel) -> f64 {
+#[must_use]
+pub fn price(problem: &Problem, model: &JointModel) -> f64 {
     let n = problem.independent();
     let one = |t: &Term| {
         let shapes = problem.catalogue[t.effect].shapes(&problem.coverage).len().max(1) as f64;

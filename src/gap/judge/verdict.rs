@@ -16,6 +16,7 @@ use crate::gap::{
         given::given,
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
+        offset::with_offset,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::{HALF_WIDTH, simplified},
@@ -130,6 +131,39 @@ impl Diagnosis {
         self.nearest = Some(Nearest { findings: std::mem::take(&mut self.findings), model });
         self.verdict = Verdict::Unknown;
     }
+
+    /// Whether the motion was enough for a diagnosis.
+    #[must_use]
+    pub fn is_sufficient(&self) -> bool {
+        self.verdict != Verdict::Insufficient
+    }
+
+    /// The effects of what was found, or of what comes nearest.
+    #[must_use]
+    pub fn effects(&self) -> &JointModel {
+        self.nearest.as_ref().map_or(&self.model, |n| &n.model)
+    }
+
+    /// Takes effects that were fitted again, of which some may be gone, in place of its own.
+    pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread) {
+        let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
+        let mut again = findings(problem, &model, &spread, &[], 1.0);
+        for finding in &mut again {
+            if let Some(known) = own.iter().find(|f| f.index == finding.index) {
+                (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
+            }
+        }
+        *own = again;
+        self.spread = Some(spread);
+        match &mut self.nearest {
+            Some(_) if model.terms.is_empty() => (self.nearest, self.model) = (None, model),
+            Some(nearest) => nearest.model = model,
+            None => self.model = model,
+        }
+        if self.nearest.is_none() && self.findings.is_empty() {
+            self.verdict = if self.noise.remains() { Verdict::Unknown } else { Verdict::None };
+        }
+    }
 }
 
 /// Level of the test of a table.
@@ -227,7 +261,10 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let total: f64 = 1.0 + weights.iter().sum::<f64>();
     rivals.truncate(rivals_in_doubt(1.0, &weights));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, spread) = refined(problem, &chosen.fit);
+    let (mut model, mut spread) = refined(problem, &chosen.fit);
+    if effects.is_empty() {
+        (model, spread) = with_offset(problem, model, spread);
+    }
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));

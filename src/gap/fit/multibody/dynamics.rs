@@ -1,0 +1,199 @@
+//! A step of several joints of a tree under their models.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::gap::{
+    fit::acting::{Acting, MAX_COLUMNS, bound_at_turn},
+    model::{
+        effect::At,
+        effect::Place,
+        joint_model::{Catalogue, JointModel, Sensor, Settling},
+    },
+    record::carried::Carried,
+    twin_tree::TwinTree,
+};
+
+/// Most sweeps over the joints for the friction that holds some of them.
+const MAX_SWEEPS: usize = 50;
+/// Change of a velocity, as a share of the largest, that ends them.
+/// derived: well above the rounding of a double.
+const SETTLED: f64 = 1e-12;
+
+/// One joint with what is looked up once for many steps.
+struct Driven<'a> {
+    model: &'a JointModel,
+    acting: Acting<'a>,
+    sensor: Sensor,
+    gain: f64,
+    /// Added inertia.
+    added: f64,
+}
+
+/// Joints of a tree under their models.
+pub struct Dynamics<'a> {
+    tree: &'a TwinTree,
+    /// Index of each in the tree.
+    joints: &'a [usize],
+    driven: Vec<Driven<'a>>,
+}
+
+/// What a step is under, by joint.
+pub struct Inputs<'a> {
+    /// Mean signal over the step.
+    pub signal: &'a [f64],
+    /// Middle of the step on the common axis, seconds.
+    pub time_s: f64,
+    /// Recorded positions of other moving joints.
+    pub others: &'a [[f64; 8]],
+}
+
+impl<'a> Dynamics<'a> {
+    /// Of models, in the order of `joints`.
+    #[must_use]
+    pub fn of(
+        tree: &'a TwinTree,
+        joints: &'a [usize],
+        models: &'a [JointModel],
+        catalogue: &'a Catalogue,
+    ) -> Self {
+        let one = |model: &'a JointModel| {
+            let scalar = |place, neutral| model.scalar(catalogue, place).map_or(neutral, |(x, _)| x);
+            Driven {
+                model,
+                acting: Acting::of(model, catalogue),
+                sensor: model.sensor(catalogue),
+                gain: scalar(Place::Gain, 1.0),
+                added: scalar(Place::Inertia, 0.0),
+            }
+        };
+        Self { tree, joints, driven: models.iter().map(one).collect() }
+    }
+
+    /// How the position of each joint is measured.
+    pub fn sensors(&self) -> impl Iterator<Item = &Sensor> {
+        self.driven.iter().map(|d| &d.sensor)
+    }
+
+    /// Moves positions and velocities by `h` seconds: half a step, the velocity at the middle, the other half.
+    pub fn step(&self, q: &mut [f64], v: &mut [f64], h: f64, inputs: &Inputs) {
+        let drift = |q: &mut [f64], v: &[f64]| q.iter_mut().zip(v).for_each(|(q, v)| *q += 0.5 * h * v);
+        drift(q, v);
+        self.kick(q, v, h, inputs);
+        drift(q, v);
+    }
+
+    /// The tree's vector of what the joints have.
+    fn spread(&self, own: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.tree.joints.len()];
+        self.joints.iter().zip(own).for_each(|(j, x)| all[*j] = *x);
+        all
+    }
+
+    /// Mass matrix over the joints, with what is added to it.
+    fn mass(&self, position: &[f64]) -> DMatrix<f64> {
+        let n = self.joints.len();
+        let zero = vec![0.0; position.len()];
+        let mut mass = DMatrix::zeros(n, n);
+        for (column, j) in self.joints.iter().enumerate() {
+            let mut unit = zero.clone();
+            unit[*j] = 1.0;
+            let efforts = self.tree.inverse_dynamics(position, &zero, &unit, false);
+            self.joints.iter().enumerate().for_each(|(row, i)| mass[(row, column)] = efforts[*i]);
+        }
+        for (i, driven) in self.driven.iter().enumerate() {
+            // As for a joint by itself: the sum stays above zero.
+            let own: f64 = mass[(i, i)];
+            mass[(i, i)] = (own + driven.added).max(1e-3 * own);
+        }
+        mass
+    }
+
+    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to the velocity
+    /// that it settles to, or acts at its bound.
+    fn kick(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
+        let n = v.len();
+        let (position, velocity) = (self.spread(q), self.spread(v));
+        let rest = self.tree.inverse_dynamics(&position, &velocity, &vec![0.0; position.len()], true);
+        let mut matrix = self.mass(&position);
+        let (mut total, mut bound) = (DVector::zeros(n), DVector::zeros(n));
+        let mut acted = Vec::with_capacity(n);
+        for (i, driven) in self.driven.iter().enumerate() {
+            let joint = self.joints[i];
+            // Gravity and Coriolis efforts are those of the whole tree.
+            let carried =
+                Carried { load: [rest[joint], 0.0, 0.0, 0.0, 0.0, 0.0], ..Carried::default() };
+            let sensor = &driven.sensor;
+            let own =
+                driven.model.plant.actuator.act(inputs.signal[i], q[i], v[i], (sensor.scale, sensor.bias));
+            let direction = if v[i] == 0.0 { 1.0 } else { v[i].signum() };
+            let at = At {
+                q: q[i],
+                v: v[i],
+                u: driven.gain * own.effort,
+                feedback: [driven.gain * own.q, driven.gain * own.v],
+                t: inputs.time_s,
+                direction,
+                others: &inputs.others[i],
+                load: 0.0,
+                carried: Some(&carried),
+            };
+            let sum = driven.acting.at(&at);
+            total[i] = at.u + sum.effort;
+            bound[i] = sum.friction;
+            let mass: f64 = matrix[(i, i)];
+            matrix[(i, i)] += (-0.5 * h * sum.v).max(-0.5 * mass);
+            acted.push((own.effort, carried, direction));
+        }
+        let Some(inverse) = matrix.try_inverse() else { return };
+        let kicks = &inverse * &total * h;
+        for (i, driven) in self.driven.iter().enumerate() {
+            let (effort, carried, direction) = &acted[i];
+            // The joint would turn back within the step, where another bound may hold it.
+            if (v[i] + kicks[i]) * direction < 0.0 {
+                let at = At {
+                    q: q[i],
+                    v: v[i],
+                    u: driven.gain * effort,
+                    t: inputs.time_s,
+                    direction: *direction,
+                    others: &inputs.others[i],
+                    carried: Some(carried),
+                    ..At::default()
+                };
+                bound[i] = bound_at_turn(&driven.acting, &at, bound[i], &mut [0.0; MAX_COLUMNS]);
+            }
+        }
+        self.settle(v, &kicks, &inverse, &(bound * h), h);
+    }
+
+    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound` N m s:
+    /// Gauss and Seidel's sweeps over the joints (Jean 1999).
+    fn settle(&self, v: &mut [f64], kicks: &DVector<f64>, inverse: &DMatrix<f64>, bound: &DVector<f64>, h: f64) {
+        let n = v.len();
+        let targets: Vec<f64> = (0..n)
+            .map(|i| {
+                let settling = Settling::over(self.driven[i].model.settle_s, h);
+                settling.keep * v[i] + settling.creep * kicks[i]
+            })
+            .collect();
+        let mut after: Vec<f64> = v.iter().zip(kicks.iter()).map(|(v, k)| v + k).collect();
+        let mut taken = vec![0.0; n];
+        let largest = after.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for _ in 0..MAX_SWEEPS {
+            let mut moved = 0.0f64;
+            for i in 0..n {
+                let wanted: f64 = taken[i] + (after[i] - targets[i]) / inverse[(i, i)];
+                let change = wanted.clamp(-bound[i], bound[i]) - taken[i];
+                taken[i] += change;
+                for (k, after) in after.iter_mut().enumerate() {
+                    *after -= inverse[(k, i)] * change;
+                }
+                moved = moved.max((inverse[(i, i)] * change).abs());
+            }
+            if moved <= SETTLED * largest {
+                break;
+            }
+        }
+        v.copy_from_slice(&after);
+    }
+}

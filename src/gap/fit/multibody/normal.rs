@@ -1,0 +1,117 @@
+//! Normal equations over windows, each with a start state of its own.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Normal equations of one window.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// Sum of its squared residuals.
+    pub cost: f64,
+    start: DMatrix<f64>,
+    cross: DMatrix<f64>,
+    hessian: DMatrix<f64>,
+    start_gradient: DVector<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Block {
+    /// Of residuals and their derivatives by the prediction's start state, then by its parameters, columns.
+    #[must_use]
+    pub fn of(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
+        let products = by.transpose() * by;
+        let gradient = by.transpose() * residual;
+        let free = by.ncols() - states;
+        Self {
+            cost: residual.norm_squared(),
+            start: products.view((0, 0), (states, states)).into_owned(),
+            cross: products.view((0, states), (states, free)).into_owned(),
+            hessian: products.view((states, states), (free, free)).into_owned(),
+            start_gradient: gradient.rows(0, states).into_owned(),
+            gradient: gradient.rows(states, free).into_owned(),
+        }
+    }
+
+    /// What the window knows of the parameters and wants of them, its start state free; and the inverse of
+    /// what it knows of that.
+    fn reduced(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
+        let mut start = self.start.clone();
+        for i in 0..start.nrows() {
+            start[(i, i)] = start[(i, i)] * (1.0 + damping) + 1e-300;
+        }
+        let inverse = start.try_inverse().unwrap_or_else(|| DMatrix::zeros(self.start.nrows(), self.start.nrows()));
+        // (14.11)
+        let weighted = self.cross.transpose() * &inverse;
+        (&self.hessian - &weighted * &self.cross, &self.gradient - weighted * &self.start_gradient, inverse)
+    }
+}
+
+/// A step of the parameters, and of the start state of each window.
+pub struct Step {
+    /// Parameters.
+    pub parameters: DVector<f64>,
+    /// States.
+    pub states: Vec<DVector<f64>>,
+}
+
+/// The step of Gauss and Newton, damped after Marquardt; `frozen` parameters stay.
+#[must_use]
+pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
+    let n = frozen.len();
+    let (mut known, mut wanted) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    let mut inverses = Vec::with_capacity(blocks.len());
+    for block in blocks {
+        let (hessian, gradient, inverse) = block.reduced(damping);
+        known += hessian;
+        wanted += gradient;
+        inverses.push(inverse);
+    }
+    for i in 0..n {
+        if frozen[i] {
+            known.row_mut(i).fill(0.0);
+            known.column_mut(i).fill(0.0);
+            (known[(i, i)], wanted[i]) = (1.0, 0.0);
+        } else {
+            known[(i, i)] = known[(i, i)] * (1.0 + damping) + 1e-300;
+        }
+    }
+    let parameters = known.cholesky()?.solve(&wanted);
+    let states = blocks
+        .iter()
+        .zip(&inverses)
+        .map(|(b, inverse)| inverse * (&b.start_gradient - &b.cross * &parameters))
+        .collect();
+    Some(Step { parameters, states })
+}
+
+/// Covariance of the parameters, and the number of windows that each rests on. Residuals of a window are as
+/// good as `share` of their number; where parameters move more from window to window than that says, the
+/// windows have the say (Liang and Zeger 1986).
+#[must_use]
+pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
+    let n = frozen.len();
+    let reduced: Vec<_> = blocks.iter().map(|b| b.reduced(0.0)).collect();
+    let mut known = reduced.iter().fold(DMatrix::zeros(n, n), |sum, (h, ..)| sum + h);
+    for i in (0..n).filter(|i| frozen[*i]) {
+        known.row_mut(i).fill(0.0);
+        known.column_mut(i).fill(0.0);
+        known[(i, i)] = 1.0;
+    }
+    let Some(inverse) = known.cholesky().map(|c| c.inverse()) else {
+        return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
+    };
+    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    for (hessian, gradient, _) in &reduced {
+        let (way, own) = (&inverse * gradient, &inverse * hessian * &inverse);
+        for i in 0..n {
+            moved[i] += way[i] * way[i];
+            shares[i] = (shares[i].0 + own[(i, i)], shares[i].1 + own[(i, i)].powi(2));
+        }
+    }
+    let wider: Vec<f64> =
+        (0..n).map(|i| (share * moved[i] / inverse[(i, i)]).max(1.0).sqrt()).collect();
+    let covariance = DMatrix::from_fn(n, n, |i, j| {
+        if frozen[i] || frozen[j] { 0.0 } else { inverse[(i, j)] / share * wider[i] * wider[j] }
+    });
+    let of = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
+    (covariance, shares.iter().map(of).collect())
+}

@@ -1,0 +1,262 @@
+//! Parameters of all joints of a chain at once, by shooting over windows; see docs/method.md (14.11). The
+//! derivatives are difference quotients: windows are short, and models hold friction of any kind.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::gap::{
+    fit::{
+        multibody::{
+            joints::Joints,
+            normal::{Block, covariance, step},
+        },
+        problem::Problem,
+        rollout::Start,
+        shooting::{Free, moved},
+    },
+    model::{
+        effect::{Coverage, Dimension},
+        joint_model::JointModel,
+    },
+    record::drive::Drive,
+};
+
+/// Step of a difference quotient, as a share of what a parameter or state typically is.
+/// derived: rounding over it and its square are both far below what a window shows.
+const DIFFERENCE: f64 = 1e-4;
+/// Rounds: the size of the residuals is estimated anew between them.
+const ROUNDS: usize = 3;
+/// Most steps of a round.
+const MAX_STEPS: usize = 8;
+/// Share of the cost that a step must gain to be followed by another one.
+/// derived: far below what a parameter's deviation costs among some hundred independent numbers.
+const ENOUGH: f64 = 1e-4;
+
+/// Models of the joints with all that was fitted beside them.
+#[derive(Clone, Debug)]
+pub struct MultibodyFit {
+    /// Model of each joint.
+    pub models: Vec<JointModel>,
+    /// Start states: by window, by joint.
+    pub starts: Vec<Vec<Start>>,
+    /// Root mean square residual of each joint, rad or m.
+    pub size: Vec<f64>,
+    /// Twice the log likelihood, up to a constant.
+    pub twice_likelihood: f64,
+    /// Covariance of the free parameters of all joints, one after the other.
+    pub covariance: DMatrix<f64>,
+    /// Number of windows that each rests on.
+    pub witnesses: Vec<f64>,
+}
+
+/// Fits models of the joints from given ones; `starts` come from a fit of similar models.
+#[must_use]
+pub fn fit(joints: &Joints, models: &[JointModel], starts: Option<&[Vec<Start>]>, free: Free) -> MultibodyFit {
+    let starts = starts.map_or_else(|| joints.starts(models), <[Vec<Start>]>::to_vec);
+    let mut at = At { models: models.to_vec(), starts };
+    let frozen: Vec<bool> = models
+        .iter()
+        // The lag comes from the joints by themselves.
+        .flat_map(|m| (0..m.free()).map(|i| i == 0 || free == Free::Starts))
+        .collect();
+    let mut size = sizes(joints, &at);
+    for _ in 0..ROUNDS {
+        iterate(joints, &mut at, &size, &frozen);
+        size = sizes(joints, &at);
+    }
+    let blocks = blocks(joints, &at, &size);
+    let share = joints.problems[0].weighing.share();
+    let (covariance, witnesses) = covariance(&blocks, &frozen, share);
+    // Two of the independent numbers of a window go to a start state.
+    let free = |p: &Problem| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0);
+    let twice_likelihood =
+        joints.problems.iter().zip(&size).map(|(p, size)| -2.0 * free(p) * size.ln()).sum();
+    let At { models, starts } = at;
+    MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
+}
+
+/// Root mean square residuals of windows under models, by window and joint, with the best start states.
+#[must_use]
+pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
+    let fitted = fit(joints, models, None, Free::Starts);
+    let drives = joints.drives(models);
+    let n = models.len();
+    let one = |w: usize| {
+        let residuals = joints.residuals(models, &drives, w, &fitted.starts[w]);
+        let square = |i: usize| residuals.iter().skip(i).step_by(n).map(|r| r * r).sum::<f64>();
+        let samples = (residuals.len() / n).max(1) as f64;
+        (0..n).map(|i| (square(i) / samples).sqrt()).collect()
+    };
+    (0..joints.windows()).into_par_iter().map(one).collect()
+}
+
+/// Where a fit stands.
+#[derive(Clone)]
+struct At {
+    models: Vec<JointModel>,
+    starts: Vec<Vec<Start>>,
+}
+
+/// Root mean square residual of each joint, not below its noise.
+fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
+    let drives = joints.drives(&at.models);
+    let n = at.models.len();
+    let all: Vec<Vec<f64>> = (0..joints.windows())
+        .into_par_iter()
+        .map(|w| joints.residuals(&at.models, &drives, w, &at.starts[w]))
+        .collect();
+    let size = |i: usize| {
+        let own = || all.iter().flat_map(|r| r.iter().skip(i).step_by(n));
+        let (sum, count) = own().fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
+        f64::sqrt(sum / f64::max(count, 1.0)).max(joints.problems[i].noise_floor())
+    };
+    (0..n).map(size).collect()
+}
+
+fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool]) {
+    let mut damping = 1e-3;
+    let mut now = blocks(joints, at, size);
+    for _ in 0..MAX_STEPS {
+        let Some(step) = step(&now, frozen, damping) else {
+            damping *= 10.0;
+            continue;
+        };
+        let trial = moved_by(joints, at, &step.parameters, &step.states);
+        let cost: f64 = now.iter().map(|b| b.cost).sum();
+        let after = costs(joints, &trial, size).iter().sum::<f64>();
+        if after < cost {
+            *at = trial;
+            damping = (damping * 0.2).max(1e-7);
+            if cost - after < ENOUGH * cost {
+                break;
+            }
+            now = blocks(joints, at, size);
+        } else {
+            damping = (damping * 12.0).max(1e-3);
+            if damping > 1e5 {
+                break;
+            }
+        }
+    }
+}
+
+/// Models and start states after a step, within their bounds.
+fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVector<f64>]) -> At {
+    let mut first = 0;
+    let mut model = |(problem, model): (&Problem, &JointModel)| {
+        let own = parameters.rows(first, model.free()).into_owned();
+        first += model.free();
+        moved(problem, model, &own)
+    };
+    let models = joints.problems.iter().zip(&at.models).map(&mut model).collect();
+    let one = |(i, s): (usize, &Start), d: &DVector<f64>| Start {
+        position: s.position + d[2 * i],
+        velocity: s.velocity + d[2 * i + 1],
+        ..*s
+    };
+    let of = |(starts, d): (&Vec<Start>, &DVector<f64>)| starts.iter().enumerate().map(|s| one(s, d)).collect();
+    At { models, starts: at.starts.iter().zip(states).map(of).collect() }
+}
+
+/// Residual, in units of its size, of a rollout that left all bounds.
+/// derived: larger than any of one that did not; its square over a recording is still a number.
+const LOST: f64 = 1e100;
+
+/// Residuals of a window in units of their size.
+fn scaled(
+    joints: &Joints,
+    (models, drives): (&[JointModel], &[Vec<Drive>]),
+    starts: &[Start],
+    size: &[f64],
+    window: usize,
+) -> DVector<f64> {
+    let residuals = joints.residuals(models, drives, window, starts);
+    let one = |(k, r): (usize, &f64)| {
+        let x = r / size[k % size.len()];
+        if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST }
+    };
+    DVector::from_iterator(residuals.len(), residuals.iter().enumerate().map(one))
+}
+
+fn costs(joints: &Joints, at: &At, size: &[f64]) -> Vec<f64> {
+    let drives = joints.drives(&at.models);
+    let one = |w: usize| scaled(joints, (&at.models, &drives), &at.starts[w], size, w).norm_squared();
+    (0..joints.windows()).into_par_iter().map(one).collect()
+}
+
+/// Normal equations of all windows.
+fn blocks(joints: &Joints, at: &At, size: &[f64]) -> Vec<Block> {
+    let drives = joints.drives(&at.models);
+    let n = at.models.len();
+    let free: usize = at.models.iter().map(JointModel::free).sum();
+    // Models beside this one, each with one parameter moved, and what drives them.
+    let mut beside = Vec::with_capacity(free);
+    for (i, model) in at.models.iter().enumerate() {
+        let scales = scales(&joints.problems[i], model);
+        for (p, scale) in scales.iter().enumerate() {
+            let mut parameters = model.parameters();
+            let step = DIFFERENCE * scale.max(parameters[p].abs());
+            parameters[p] += step;
+            let mut models = at.models.clone();
+            models[i] = model.with_parameters(&parameters);
+            let drives = joints.drives(&models);
+            beside.push((models, drives, step));
+        }
+    }
+    let one = |w: usize| {
+        let residual = scaled(joints, (&at.models, &drives), &at.starts[w], size, w);
+        let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
+        let quotient = |other: &DVector<f64>, step: f64| (&residual - other) / step;
+        for i in 0..n {
+            let coverage = &joints.problems[i].coverage;
+            for (k, scale) in [coverage.travel, coverage.speed.1].into_iter().enumerate() {
+                let step = DIFFERENCE * scale.max(1e-9);
+                let mut starts = at.starts[w].clone();
+                let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
+                *state += step;
+                let other = scaled(joints, (&at.models, &drives), &starts, size, w);
+                by.set_column(2 * i + k, &quotient(&other, step));
+            }
+        }
+        for (p, (models, drives, step)) in beside.iter().enumerate() {
+            let other = scaled(joints, (models, drives), &at.starts[w], size, w);
+            by.set_column(2 * n + p, &quotient(&other, *step));
+        }
+        Block::of(&residual, &by, 2 * n)
+    };
+    (0..joints.windows()).into_par_iter().map(one).collect()
+}
+
+/// What each free parameter of a model typically is.
+fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
+    let coverage = &problem.coverage;
+    let of_terms = model.terms.iter().flat_map(|t| {
+        let parameters = problem.catalogue[t.effect].parameters();
+        parameters.iter().take(t.p.len()).map(|p| typical(p.dimension, coverage))
+    });
+    let [gain, damping] = problem.plant.actuator.is_found;
+    let of_actuator = [
+        gain.then_some(1.0),
+        damping.then(|| typical(Dimension::Damping, coverage)),
+    ];
+    std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
+}
+
+/// A tenth of what a number of a dimension is where it makes the motion alone.
+fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
+    let (effort, way, speed) =
+        (coverage.effort_rms.max(1e-9), coverage.travel.max(1e-9), coverage.speed.1.max(1e-9));
+    0.1 * match dimension {
+        Dimension::Position => way,
+        Dimension::Velocity => speed,
+        Dimension::Effort => effort,
+        Dimension::Damping => effort / speed,
+        Dimension::Drag => effort / speed.powi(2),
+        Dimension::Stiffness => effort / way,
+        Dimension::CubicStiffness => effort / way.powi(3),
+        Dimension::Inertia => coverage.inertia,
+        Dimension::Time => coverage.interval_s,
+        Dimension::WaveNumber => 1.0 / way,
+        Dimension::Ratio => 1.0,
+    }
+}

@@ -1,0 +1,130 @@
+//! Joints of a chain that moved together, judged together: what was found at each is fitted again in one
+//! rollout of all, and made no richer than that asks for.
+
+use crate::gap::{
+    fit::{
+        multibody::{
+            joints::Joints,
+            shooting::{MultibodyFit, fit, window_sizes},
+        },
+        problem::Problem,
+        shooting::Free,
+    },
+    judge::{assess::Examined, search::price, simplify::SIMPLER, spread::Spread},
+    model::joint_model::{JointModel, Term},
+    twin_tree::TwinTree,
+};
+
+/// A joint of a chain: its index in the tree, its runs, and what was found.
+type Member<'e, 'c> = (usize, &'e mut Examined<'c>);
+
+/// Fits what was found at the joints of each chain again, together.
+pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
+    let mut done: Vec<usize> = Vec::new();
+    for first in 0..examined.len() {
+        let joint = examined[first].0;
+        if done.contains(&joint) {
+            continue;
+        }
+        let chain = connected(tree, joint);
+        done.extend(&chain);
+        let mut members: Vec<&mut Member> =
+            examined.iter_mut().filter(|(j, e)| chain.contains(j) && e.diagnosis.is_sufficient()).collect();
+        if members.len() < 2 {
+            continue;
+        }
+        let Some(again) = together(tree, &members) else { continue };
+        for ((_, examined), (model, spread)) in members.iter_mut().zip(again) {
+            examined.diagnosis.fit_again(&examined.problem, model, spread);
+        }
+    }
+}
+
+/// A joint and all that move it or are moved by it, whatever lies between.
+fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
+    let mut all = vec![joint];
+    let mut next = 0;
+    while next < all.len() {
+        let more = tree.chain(all[next]).into_iter().filter(|j| !all.contains(j)).collect::<Vec<_>>();
+        all.extend(more);
+        next += 1;
+    }
+    all
+}
+
+/// Models of joints that were fitted together, each with how well it is known; `None` where the joints were
+/// not recorded together, nothing was found at any, or held-out runs are predicted no better.
+fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
+    let models: Vec<JointModel> = members.iter().map(|m| m.1.diagnosis.effects().clone()).collect();
+    let indices = || members.iter().map(|m| m.0).collect::<Vec<usize>>();
+    let runs: Vec<&Problem> = members.iter().map(|m| &m.1.problem).collect();
+    let fitted = simpler(&Joints::new(tree, indices(), &runs)?, &models)?;
+    let held_out: Vec<&Problem> = members.iter().map(|m| &m.1.held_out).collect();
+    let held_out = Joints::new(tree, indices(), &held_out).filter(|j| j.windows() > 0)?;
+    // In units of what the fit leaves at each joint.
+    let in_units = |w: &Vec<f64>| w.iter().zip(&fitted.size).map(|(x, unit)| (x / unit).powi(2)).sum::<f64>();
+    let missed = |models: &[JointModel]| window_sizes(&held_out, models).iter().map(in_units).sum::<f64>();
+    if missed(&fitted.models) >= missed(&models) {
+        return None;
+    }
+    let mut first = 0;
+    let own = |model: &JointModel| {
+        let n = model.free();
+        let covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
+        let witnesses = fitted.witnesses[first..first + n].to_vec();
+        first += n;
+        (model.clone(), Spread { covariance, witnesses })
+    };
+    Some(fitted.models.iter().map(own).collect())
+}
+
+/// The members' effects fitted together, without those that the chain does not need, and special cases in
+/// place of what contains them.
+fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
+    if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
+        return None;
+    }
+    let score = |fitted: &MultibodyFit| {
+        let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
+        fitted.twice_likelihood - prices.sum::<f64>()
+    };
+    let mut chosen = fit(joints, models, None, Free::All);
+    loop {
+        let own = score(&chosen);
+        let trials = less(joints, &chosen.models).into_iter().map(|(models, lead)| {
+            let trial = fit(joints, &models, Some(&chosen.starts), Free::All);
+            (score(&trial) - own + lead, trial)
+        });
+        match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((ahead, trial)) if ahead > 0.0 => chosen = trial,
+            _ => return Some(chosen),
+        }
+    }
+}
+
+/// The models with one effect less, or a special case in its place; and by how much each may fall behind.
+fn less(joints: &Joints, models: &[JointModel]) -> Vec<(Vec<JointModel>, f64)> {
+    let mut all = Vec::new();
+    let mut with = |i: usize, model: JointModel, lead: f64| {
+        let mut models = models.to_vec();
+        models[i] = model;
+        all.push((models, lead));
+    };
+    for (i, model) in models.iter().enumerate() {
+        let catalogue = joints.problems[i].catalogue;
+        for (t, term) in model.terms.iter().enumerate() {
+            let mut without = model.clone();
+            without.terms.remove(t);
+            with(i, without, 0.0);
+            let general = catalogue[term.effect].spec();
+            for effect in general.contains.iter().filter_map(|n| catalogue.iter().position(|e| e.name() == *n)) {
+                // Shared parameters come first in both.
+                let shared = catalogue[effect].parameters().len().min(term.p.len());
+                let mut special = model.clone();
+                special.terms[t] = Term { effect, p: term.p[..shared].to_vec() };
+                with(i, special, SIMPLER);
+            }
+        }
+    }
+    all
+}
