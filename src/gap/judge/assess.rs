@@ -10,7 +10,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
-        cross_validation::{bears_out, predicts_better},
+        cross_validation::{Unseen, predicts_better},
         format_model::{format_models, stand_ins},
         law::laws,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
@@ -120,7 +120,8 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
-        is_proven(gap) || (gap.after < gap.before && bears_out(&problem, &held_out, model, &twin, noise))
+        is_proven(gap)
+            || (gap.after < gap.before && Unseen::of(&problem, &held_out, [model, &twin], noise).bear_out())
     };
     if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
         diagnosis.withdraw();

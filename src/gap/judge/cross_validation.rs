@@ -34,7 +34,9 @@ type Sizes = [Vec<f64>; LENGTHS.len()];
 #[must_use]
 pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
-    let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
+    let predicted = |model: &JointModel| -> Sizes {
+        crossed(&folds, model, chosen.fit.noise).map(|w| w.iter().map(|r| rms(r)).collect())
+    };
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
     loop {
@@ -67,76 +69,123 @@ pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel
     is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
 }
 
-/// Whether windows that a model was not fitted to bear it out against another one: those of held-out runs,
-/// and those of each fitted run under the parameters that the others give.
-#[must_use]
-pub fn bears_out(
-    problem: &Problem,
-    held_out: &Problem,
-    model: &JointModel,
-    other: &JointModel,
-    noise: EffortNoise,
-) -> bool {
-    let [with, without] = unseen(problem, held_out, [model, other], noise);
-    is_better(&with, &without, problem.noise_floor())
+/// Windows of each length that two models were not fitted to: those of held-out runs, and those of each fitted
+/// run under the parameters that the others give.
+pub struct Unseen {
+    windows: [Vec<Compared>; LENGTHS.len()],
+    floor: f64,
 }
 
-/// Whether the file of a joint that has a model is surely better than one that has another: over whole windows
-/// that it was not fitted to, in the mean, in the median and in the sum of squares.
-#[must_use]
-pub fn serves_better(
-    problem: &Problem,
-    held_out: &Problem,
-    model: &JointModel,
-    other: &JointModel,
-    noise: EffortNoise,
-) -> bool {
-    let [[with, ..], [without, ..]] = unseen(problem, held_out, [model, other], noise);
-    errors_better(&with, &without) > SURELY
-        && median(with.clone()) < median(without.clone())
-        && rms(&with) < rms(&without)
+/// Root mean squares over a window, rad or m.
+#[derive(Clone, Copy, Debug)]
+struct Compared {
+    /// Residual with the model in question.
+    with: f64,
+    /// Residual with the other one.
+    without: f64,
+    /// By how much their predictions differ.
+    change: f64,
 }
 
-/// Sizes under two models of windows that they were not fitted to: those of held-out runs, and those of each
-/// fitted run under the parameters that the others give.
-fn unseen(
-    problem: &Problem,
-    held_out: &Problem,
-    models: [&JointModel; 2],
-    noise: EffortNoise,
-) -> [Sizes; 2] {
-    let folds = problem.predicting().folds();
-    models.map(|model| {
-        let (mut all, held_out) = (crossed(&folds, model, noise), sizes(held_out, model));
-        all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
-        all
-    })
+/// Share of the squared change of the predictions that the windows hold in which an effect is judged.
+/// derived: elsewhere the models predict the same, and what is left says nothing of the effect.
+const ACTING: f64 = 0.9;
+
+impl Unseen {
+    /// Of a model against another one.
+    #[must_use]
+    pub fn of(
+        problem: &Problem,
+        held_out: &Problem,
+        [model, other]: [&JointModel; 2],
+        noise: EffortNoise,
+    ) -> Self {
+        let folds = problem.predicting().folds();
+        let [with, without] = [model, other].map(|model| {
+            let (mut all, held_out) = (crossed(&folds, model, noise), left(held_out, model));
+            all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
+            all
+        });
+        let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+            let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
+            Compared { with: rms(with), without: rms(without), change: rms(&change) }
+        };
+        let windows = std::array::from_fn(|i| with[i].iter().zip(&without[i]).map(one).collect());
+        Self { windows, floor: problem.noise_floor() }
+    }
+
+    /// Whether they bear the model out: where it changes the prediction, in windows of some length, it surely
+    /// betters it, and explains more of the squared residuals than it leaves.
+    #[must_use]
+    pub fn bear_out(&self) -> bool {
+        let is_better = |windows: &Vec<Compared>| {
+            let [with, without] = sizes_of(&acting(windows));
+            surely_halves(&with, &without, self.floor)
+        };
+        self.windows.iter().any(is_better)
+    }
+
+    /// Whether the file of a joint with the model is surely better than one with the other: over whole windows
+    /// in the mean, in the median and in the sum of squares.
+    #[must_use]
+    pub fn serve_better(&self) -> bool {
+        let [with, without] = sizes_of(&self.windows[0]);
+        errors_better(&with, &without) > SURELY
+            && median(with.clone()) < median(without.clone())
+            && rms(&with) < rms(&without)
+    }
 }
 
-/// Sizes of the windows of each part under a model with parameters that its complement gives.
-fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Sizes {
+/// The windows in which predictions differ most, that hold most of what they differ by.
+fn acting(windows: &[Compared]) -> Vec<Compared> {
+    let mut sorted = windows.to_vec();
+    sorted.sort_by(|a, b| b.change.total_cmp(&a.change));
+    let total: f64 = sorted.iter().map(|w| w.change * w.change).sum();
+    let mut held = 0.0;
+    let is_needed = |w: &Compared| {
+        let needed = held < ACTING * total;
+        held += w.change * w.change;
+        needed
+    };
+    sorted.into_iter().take_while(is_needed).collect()
+}
+
+fn sizes_of(windows: &[Compared]) -> [Vec<f64>; 2] {
+    [windows.iter().map(|w| w.with).collect(), windows.iter().map(|w| w.without).collect()]
+}
+
+/// Residuals of the windows of each part under a model with parameters that its complement gives.
+fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> [Vec<Vec<f64>>; LENGTHS.len()] {
     let one = |[fitted, other]: &[Problem; 2]| {
         let known = fit(fitted, model, None, noise, Free::All, Pace::WARM).model;
-        sizes(other, &known)
+        left(other, &known)
     };
-    let parts: Vec<Sizes> = folds.par_iter().map(one).collect();
-    std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().copied()).collect())
+    let parts: Vec<_> = folds.par_iter().map(one).collect();
+    std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
 }
 
 /// Whether the windows of some length are surely smaller, and their squares beyond the noise less than half.
 fn is_better(with: &Sizes, without: &Sizes, floor: f64) -> bool {
+    with.iter().zip(without).any(|(with, without)| surely_halves(with, without, floor))
+}
+
+/// The same of windows of one length.
+fn surely_halves(with: &[f64], without: &[f64], floor: f64) -> bool {
     let beyond = |sizes: &[f64]| sizes.iter().map(|s| (s * s - floor * floor).max(0.0)).sum::<f64>();
-    with.iter()
-        .zip(without)
-        .any(|(with, without)| errors_better(with, without) > SURELY && beyond(with) < 0.5 * beyond(without))
+    errors_better(with, without) > SURELY && beyond(with) < 0.5 * beyond(without)
 }
 
 /// Root mean square residuals of windows of each length under a model.
 fn sizes(problem: &Problem, model: &JointModel) -> Sizes {
+    left(problem, model).map(|windows| windows.iter().map(|r| rms(r)).collect())
+}
+
+/// Residuals of windows of each length under a model.
+fn left(problem: &Problem, model: &JointModel) -> [Vec<Vec<f64>>; LENGTHS.len()] {
     LENGTHS.map(|share| {
         let problem = problem.with_windows(share);
         let (model, starts) = started(&problem, model);
-        residuals(&problem, &model, &starts).iter().map(|(_, r)| rms(r)).collect()
+        residuals(&problem, &model, &starts).into_iter().map(|(_, r)| r).collect()
     })
 }
 

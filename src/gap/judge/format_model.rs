@@ -7,7 +7,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
-        cross_validation::serves_better,
+        cross_validation::Unseen,
         proof::{Gap, windowed_rmse},
         search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::SIMPLER,
@@ -135,7 +135,7 @@ pub fn stand_ins(
         // Most formats hold the same.
         let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
         let serves = known.unwrap_or_else(|| {
-            let serves = serves_better(problem, held_out, &model, twin, diagnosis.noise);
+            let serves = Unseen::of(problem, held_out, [&model, twin], diagnosis.noise).serve_better();
             weighed.push((model.clone(), serves));
             serves
         });

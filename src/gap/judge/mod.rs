@@ -13,10 +13,10 @@ mod law_tests;
 pub mod locate;
 pub mod multibody;
 pub mod name_weight;
-pub mod offset;
 #[cfg(test)]
 mod new_effect_tests;
 pub mod observed;
+pub mod offset;
 #[cfg(test)]
 mod one_way_damping;
 pub mod orthogonal;

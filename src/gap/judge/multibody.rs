@@ -5,7 +5,7 @@ use crate::gap::{
     fit::{
         multibody::{
             joints::Joints,
-            shooting::{MultibodyFit, fit, window_sizes},
+            shooting::{MultibodyFit, Pace, fit, window_sizes},
         },
         problem::Problem,
         shooting::Free,
@@ -88,36 +88,53 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
         let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
         fitted.twice_likelihood - prices.sum::<f64>()
     };
-    let mut chosen = fit(joints, models, None, Free::All);
+    let mut chosen = fit(joints, models, None, Free::All, Pace::THOROUGH);
     loop {
         let own = score(&chosen);
-        let trials = less(joints, &chosen.models).into_iter().map(|(models, lead)| {
-            let trial = fit(joints, &models, Some(&chosen.starts), Free::All);
+        let trials = less(joints, &chosen).into_iter().map(|(models, lead)| {
+            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, Pace::TRIAL);
             (score(&trial) - own + lead, trial)
         });
         match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((ahead, trial)) if ahead > 0.0 => chosen = trial,
+            Some((ahead, trial)) if ahead > 0.0 => {
+                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, Pace::THOROUGH);
+            }
             _ => return Some(chosen),
         }
     }
 }
 
+/// Deviations from its neutral value at which a strength is so sure that its effect stays.
+/// derived: twice the log likelihood falls by their square without it, more than any effect costs.
+const SURE: f64 = 6.0;
+
 /// The models with one effect less, or a special case in its place; and by how much each may fall behind.
-fn less(joints: &Joints, models: &[JointModel]) -> Vec<(Vec<JointModel>, f64)> {
-    let mut all = Vec::new();
+fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
+    let models = &fitted.models;
+    let (mut all, mut first) = (Vec::new(), 0);
     let mut with = |i: usize, model: JointModel, lead: f64| {
-        let mut models = models.to_vec();
+        let mut models = models.clone();
         models[i] = model;
         all.push((models, lead));
     };
     for (i, model) in models.iter().enumerate() {
         let catalogue = joints.problems[i].catalogue;
-        for (t, term) in model.terms.iter().enumerate() {
-            let mut without = model.clone();
-            without.terms.remove(t);
-            with(i, without, 0.0);
+        for (t, (at, term)) in model.placed().enumerate() {
+            let is_sure = |k: usize| {
+                let column = first + at + k;
+                let neutral = catalogue[term.effect].parameters()[k].neutral;
+                let deviation = fitted.covariance[(column, column)].sqrt();
+                neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > SURE * deviation)
+            };
+            if !(0..term.p.len()).any(is_sure) {
+                let mut without = model.clone();
+                without.terms.remove(t);
+                with(i, without, 0.0);
+            }
             let general = catalogue[term.effect].spec();
-            for effect in general.contains.iter().filter_map(|n| catalogue.iter().position(|e| e.name() == *n)) {
+            for effect in
+                general.contains.iter().filter_map(|n| catalogue.iter().position(|e| e.name() == *n))
+            {
                 // Shared parameters come first in both.
                 let shared = catalogue[effect].parameters().len().min(term.p.len());
                 let mut special = model.clone();
@@ -125,6 +142,7 @@ fn less(joints: &Joints, models: &[JointModel]) -> Vec<(Vec<JointModel>, f64)> {
                 with(i, special, SIMPLER);
             }
         }
+        first += model.free();
     }
     all
 }

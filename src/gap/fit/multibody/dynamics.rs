@@ -120,8 +120,7 @@ impl<'a> Dynamics<'a> {
         for (i, driven) in self.driven.iter().enumerate() {
             let joint = self.joints[i];
             // Gravity and Coriolis efforts are those of the whole tree.
-            let carried =
-                Carried { load: [rest[joint], 0.0, 0.0, 0.0, 0.0, 0.0], ..Carried::default() };
+            let carried = Carried { load: [rest[joint], 0.0, 0.0, 0.0, 0.0, 0.0], ..Carried::default() };
             let sensor = &driven.sensor;
             let own =
                 driven.model.plant.actuator.act(inputs.signal[i], q[i], v[i], (sensor.scale, sensor.bias));
@@ -168,7 +167,14 @@ impl<'a> Dynamics<'a> {
 
     /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound` N m s:
     /// Gauss and Seidel's sweeps over the joints (Jean 1999).
-    fn settle(&self, v: &mut [f64], kicks: &DVector<f64>, inverse: &DMatrix<f64>, bound: &DVector<f64>, h: f64) {
+    fn settle(
+        &self,
+        v: &mut [f64],
+        kicks: &DVector<f64>,
+        inverse: &DMatrix<f64>,
+        bound: &DVector<f64>,
+        h: f64,
+    ) {
         let n = v.len();
         let targets: Vec<f64> = (0..n)
             .map(|i| {

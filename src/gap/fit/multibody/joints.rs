@@ -70,8 +70,11 @@ impl<'t, 'c> Joints<'t, 'c> {
         let dynamics = Dynamics::of(self.tree, &self.joints, models, first.catalogue);
         let mut q: Vec<f64> = starts.iter().map(|s| s.position).collect();
         let mut v: Vec<f64> = starts.iter().map(|s| s.velocity).collect();
-        let mut gauge: Vec<f64> =
-            dynamics.sensors().zip(starts).map(|(s, start)| start.position + start.play * s.half_gap).collect();
+        let mut gauge: Vec<f64> = dynamics
+            .sensors()
+            .zip(starts)
+            .map(|(s, start)| start.position + start.play * s.half_gap)
+            .collect();
         let steps = drives.iter().map(|d| d[span.log].steps).max().unwrap_or(1);
         let mut residuals = Vec::with_capacity(span.len * q.len());
         let mut signal = vec![0.0; q.len()];
@@ -86,14 +89,20 @@ impl<'t, 'c> Joints<'t, 'c> {
                 break;
             }
             let step = (time_s[k + 1] - time_s[k]) / steps as f64;
-            let others: Vec<[f64; 8]> = self.problems.iter().map(|p| p.logs[span.log].others_after(k)).collect();
+            let others: Vec<[f64; 8]> =
+                self.problems.iter().map(|p| p.logs[span.log].others_after(k)).collect();
             for s in 0..steps {
                 for (signal, drives) in signal.iter_mut().zip(drives) {
                     let drive = &drives[span.log];
                     *signal = drive.signal[k * drive.steps + s * drive.steps / steps];
                 }
                 let middle_s = run_time_s(span.log, &first.logs[span.log], k) + (s as f64 + 0.5) * step;
-                dynamics.step(&mut q, &mut v, step, &Inputs { signal: &signal, time_s: middle_s, others: &others });
+                dynamics.step(
+                    &mut q,
+                    &mut v,
+                    step,
+                    &Inputs { signal: &signal, time_s: middle_s, others: &others },
+                );
             }
         }
         residuals

@@ -38,7 +38,8 @@ impl Block {
         for i in 0..start.nrows() {
             start[(i, i)] = start[(i, i)] * (1.0 + damping) + 1e-300;
         }
-        let inverse = start.try_inverse().unwrap_or_else(|| DMatrix::zeros(self.start.nrows(), self.start.nrows()));
+        let inverse =
+            start.try_inverse().unwrap_or_else(|| DMatrix::zeros(self.start.nrows(), self.start.nrows()));
         // (14.11)
         let weighted = self.cross.transpose() * &inverse;
         (&self.hessian - &weighted * &self.cross, &self.gradient - weighted * &self.start_gradient, inverse)
@@ -107,8 +108,7 @@ pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64
             shares[i] = (shares[i].0 + own[(i, i)], shares[i].1 + own[(i, i)].powi(2));
         }
     }
-    let wider: Vec<f64> =
-        (0..n).map(|i| (share * moved[i] / inverse[(i, i)]).max(1.0).sqrt()).collect();
+    let wider: Vec<f64> = (0..n).map(|i| (share * moved[i] / inverse[(i, i)]).max(1.0).sqrt()).collect();
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         if frozen[i] || frozen[j] { 0.0 } else { inverse[(i, j)] / share * wider[i] * wider[j] }
     });

@@ -24,10 +24,22 @@ use crate::gap::{
 /// Step of a difference quotient, as a share of what a parameter or state typically is.
 /// derived: rounding over it and its square are both far below what a window shows.
 const DIFFERENCE: f64 = 1e-4;
-/// Rounds: the size of the residuals is estimated anew between them.
-const ROUNDS: usize = 3;
-/// Most steps of a round.
-const MAX_STEPS: usize = 8;
+/// How long a fit goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// The size of the residuals is estimated anew between them.
+    rounds: usize,
+    /// Most steps of a round.
+    steps: usize,
+}
+
+impl Pace {
+    /// To the end.
+    pub const THOROUGH: Self = Self { rounds: 3, steps: 8 };
+    /// From near its end, far enough to see what an effect is worth.
+    pub const TRIAL: Self = Self { rounds: 1, steps: 3 };
+}
+
 /// Share of the cost that a step must gain to be followed by another one.
 /// derived: far below what a parameter's deviation costs among some hundred independent numbers.
 const ENOUGH: f64 = 1e-4;
@@ -51,7 +63,13 @@ pub struct MultibodyFit {
 
 /// Fits models of the joints from given ones; `starts` come from a fit of similar models.
 #[must_use]
-pub fn fit(joints: &Joints, models: &[JointModel], starts: Option<&[Vec<Start>]>, free: Free) -> MultibodyFit {
+pub fn fit(
+    joints: &Joints,
+    models: &[JointModel],
+    starts: Option<&[Vec<Start>]>,
+    free: Free,
+    pace: Pace,
+) -> MultibodyFit {
     let starts = starts.map_or_else(|| joints.starts(models), <[Vec<Start>]>::to_vec);
     let mut at = At { models: models.to_vec(), starts };
     let frozen: Vec<bool> = models
@@ -60,11 +78,11 @@ pub fn fit(joints: &Joints, models: &[JointModel], starts: Option<&[Vec<Start>]>
         .flat_map(|m| (0..m.free()).map(|i| i == 0 || free == Free::Starts))
         .collect();
     let mut size = sizes(joints, &at);
-    for _ in 0..ROUNDS {
-        iterate(joints, &mut at, &size, &frozen);
+    for _ in 0..pace.rounds {
+        iterate(joints, &mut at, &size, &frozen, pace.steps);
         size = sizes(joints, &at);
     }
-    let blocks = blocks(joints, &at, &size);
+    let blocks = blocks(joints, &at, &size, &frozen);
     let share = joints.problems[0].weighing.share();
     let (covariance, witnesses) = covariance(&blocks, &frozen, share);
     // Two of the independent numbers of a window go to a start state.
@@ -78,7 +96,7 @@ pub fn fit(joints: &Joints, models: &[JointModel], starts: Option<&[Vec<Start>]>
 /// Root mean square residuals of windows under models, by window and joint, with the best start states.
 #[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
-    let fitted = fit(joints, models, None, Free::Starts);
+    let fitted = fit(joints, models, None, Free::Starts, Pace::THOROUGH);
     let drives = joints.drives(models);
     let n = models.len();
     let one = |w: usize| {
@@ -113,10 +131,10 @@ fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
     (0..n).map(size).collect()
 }
 
-fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool]) {
+fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: usize) {
     let mut damping = 1e-3;
-    let mut now = blocks(joints, at, size);
-    for _ in 0..MAX_STEPS {
+    let mut now = blocks(joints, at, size, frozen);
+    for _ in 0..steps {
         let Some(step) = step(&now, frozen, damping) else {
             damping *= 10.0;
             continue;
@@ -130,7 +148,7 @@ fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool]) {
             if cost - after < ENOUGH * cost {
                 break;
             }
-            now = blocks(joints, at, size);
+            now = blocks(joints, at, size, frozen);
         } else {
             damping = (damping * 12.0).max(1e-3);
             if damping > 1e5 {
@@ -154,7 +172,8 @@ fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVect
         velocity: s.velocity + d[2 * i + 1],
         ..*s
     };
-    let of = |(starts, d): (&Vec<Start>, &DVector<f64>)| starts.iter().enumerate().map(|s| one(s, d)).collect();
+    let of =
+        |(starts, d): (&Vec<Start>, &DVector<f64>)| starts.iter().enumerate().map(|s| one(s, d)).collect();
     At { models, starts: at.starts.iter().zip(states).map(of).collect() }
 }
 
@@ -184,23 +203,25 @@ fn costs(joints: &Joints, at: &At, size: &[f64]) -> Vec<f64> {
     (0..joints.windows()).into_par_iter().map(one).collect()
 }
 
-/// Normal equations of all windows.
-fn blocks(joints: &Joints, at: &At, size: &[f64]) -> Vec<Block> {
+/// Normal equations of all windows; `frozen` parameters have columns of zeros.
+fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block> {
     let drives = joints.drives(&at.models);
     let n = at.models.len();
     let free: usize = at.models.iter().map(JointModel::free).sum();
     // Models beside this one, each with one parameter moved, and what drives them.
-    let mut beside = Vec::with_capacity(free);
+    let (mut beside, mut column) = (Vec::with_capacity(free), 0);
     for (i, model) in at.models.iter().enumerate() {
         let scales = scales(&joints.problems[i], model);
-        for (p, scale) in scales.iter().enumerate() {
+        let first = column;
+        column += model.free();
+        for (p, scale) in scales.iter().enumerate().filter(|(p, _)| !frozen[first + p]) {
             let mut parameters = model.parameters();
             let step = DIFFERENCE * scale.max(parameters[p].abs());
             parameters[p] += step;
             let mut models = at.models.clone();
             models[i] = model.with_parameters(&parameters);
             let drives = joints.drives(&models);
-            beside.push((models, drives, step));
+            beside.push((first + p, models, drives, step));
         }
     }
     let one = |w: usize| {
@@ -218,7 +239,7 @@ fn blocks(joints: &Joints, at: &At, size: &[f64]) -> Vec<Block> {
                 by.set_column(2 * i + k, &quotient(&other, step));
             }
         }
-        for (p, (models, drives, step)) in beside.iter().enumerate() {
+        for (p, models, drives, step) in &beside {
             let other = scaled(joints, (models, drives), &at.starts[w], size, w);
             by.set_column(2 * n + p, &quotient(&other, *step));
         }
@@ -235,10 +256,7 @@ fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
         parameters.iter().take(t.p.len()).map(|p| typical(p.dimension, coverage))
     });
     let [gain, damping] = problem.plant.actuator.is_found;
-    let of_actuator = [
-        gain.then_some(1.0),
-        damping.then(|| typical(Dimension::Damping, coverage)),
-    ];
+    let of_actuator = [gain.then_some(1.0), damping.then(|| typical(Dimension::Damping, coverage))];
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 

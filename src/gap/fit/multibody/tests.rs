@@ -8,7 +8,7 @@ use crate::gap::{
             dynamics::{Dynamics, Inputs},
             joints::Joints,
             normal::{Block, covariance, step},
-            shooting::{fit, window_sizes},
+            shooting::{Pace, fit, window_sizes},
         },
         problem::Problem,
         rollout::{Rollout, roll},
@@ -132,8 +132,7 @@ fn one_joint_moves_as_by_itself() {
 #[test]
 fn without_friction_energy_stays() {
     let (tree, effects) = (arms(), catalogue(0));
-    let models: Vec<JointModel> =
-        (0..2).map(|j| JointModel::of(&Plant::of(&tree, j).unwrap())).collect();
+    let models: Vec<JointModel> = (0..2).map(|j| JointModel::of(&Plant::of(&tree, j).unwrap())).collect();
     let energy = |q: &[f64], v: &[f64]| {
         let v = DVector::from_column_slice(v);
         let height = |link: usize| {
@@ -158,9 +157,7 @@ fn without_friction_energy_stays() {
 #[test]
 fn joints_that_friction_holds_stand_still() {
     let (tree, effects) = (arms(), catalogue(0));
-    let of = |j: usize| {
-        with(&effects, &Plant::of(&tree, j).unwrap(), &[("coulomb_friction", &[2.0])])
-    };
+    let of = |j: usize| with(&effects, &Plant::of(&tree, j).unwrap(), &[("coulomb_friction", &[2.0])]);
     let models = [of(0), of(1)];
     let dynamics = Dynamics::of(&tree, &[0, 1], &models, &effects);
     let (mut q, mut v) = (vec![0.6, -0.4], vec![0.0, 0.0]);
@@ -173,10 +170,8 @@ fn joints_that_friction_holds_stand_still() {
 fn a_friction_of_one_joint_is_not_found_at_the_other() {
     let (tree, effects) = (arms(), catalogue(0));
     let plants = [0, 1].map(|j| Plant::of(&tree, j).unwrap());
-    let truth = [
-        with(&effects, &plants[0], &[("coulomb_friction", &[0.12])]),
-        with(&effects, &plants[1], &[]),
-    ];
+    let truth =
+        [with(&effects, &plants[0], &[("coulomb_friction", &[0.12])]), with(&effects, &plants[1], &[])];
     let runs: Vec<Vec<JointLog>> =
         (0..2).map(|run| simulated(&tree, &[0, 1], &truth, &effects, run, 20)).collect();
     let problem = |i: usize| {
@@ -186,12 +181,10 @@ fn a_friction_of_one_joint_is_not_found_at_the_other() {
     let problems = [problem(0), problem(1)];
     let joints = Joints::new(&tree, vec![0, 1], &[&problems[0], &problems[1]]).unwrap();
     let begun = [0, 1].map(|i| with(&effects, &plants[i], &[("coulomb_friction", &[0.06])]));
-    let fitted = fit(&joints, &begun, None, Free::All);
+    let fitted = fit(&joints, &begun, None, Free::All, Pace::THOROUGH);
     let [own, other] = [0, 1].map(|i| fitted.models[i].terms[0].p[0]);
     assert!((own - 0.12).abs() < 0.004 && other < 0.004, "{own} {other}");
-    let mean = |models: &[JointModel]| {
-        window_sizes(&joints, models).iter().map(|w| w[0] + w[1]).sum::<f64>()
-    };
+    let mean = |models: &[JointModel]| window_sizes(&joints, models).iter().map(|w| w[0] + w[1]).sum::<f64>();
     let twin = [0, 1].map(|i| with(&effects, &plants[i], &[]));
     assert!(mean(&fitted.models) < 0.1 * mean(&twin), "{} {}", mean(&fitted.models), mean(&twin));
 }
