@@ -7,7 +7,9 @@ use std::{
 
 use serde::Serialize;
 
-use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE};
+use super::{
+    Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
+};
 use crate::{
     export::{
         DiagnosisFacts,
@@ -19,8 +21,10 @@ use crate::{
         fit::actuation::actuated,
         judge::{
             assess::{Runs, assess},
+            doubt::Doubt,
             format_model::FormatModel,
             format_note::format_note,
+            refused::refused,
             report::{self, ExportNote, JointReport, Report},
             verdict::Verdict,
         },
@@ -229,8 +233,10 @@ pub(super) fn find(
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
+    let doubts = input_doubts(&recordings, tree, &moving, request.hold, &request.told);
+    warnings.extend(doubts.values().map(Doubt::note));
     let mut joints: Vec<JointReport> = Vec::new();
-    let mut refused: Vec<String> = Vec::new();
+    let mut left_out: Vec<String> = Vec::new();
     for &j in &moving {
         monitor.check()?;
         let name = tree.joints[j].name.clone();
@@ -248,22 +254,25 @@ pub(super) fn find(
                     effects: wanted.clone(),
                 };
                 let mut rng = stage_rng(request.seed, &stage, 0);
-                let mut report = assess(&effects, &plant, &name, runs, &mut rng);
+                let mut report = match doubts.get(&j) {
+                    Some(doubt) => refused(&effects, &plant, doubt, runs),
+                    None => assess(&effects, &plant, &name, runs, &mut rng),
+                };
                 // Of all runs the one whose poses leave the joint farthest.
                 let measured = off_axis.iter().filter_map(|e| e.get(&j).copied());
                 report.off_axis = measured.max_by(|a, b| a.excess().total_cmp(&b.excess()));
                 joints.push(report);
             }
-            Err(why) => refused.push(why),
+            Err(why) => left_out.push(why),
         }
     }
     monitor.check()?;
     if joints.is_empty() {
         let why =
-            if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
+            if left_out.is_empty() { "the twin has no moving joint".to_owned() } else { left_out.join("; ") };
         return Err(RunError::stage("diagnose", why));
     }
-    warnings.extend(refused.into_iter().map(|why| Note::new(NoteCode::JointNotDiagnosed, why)));
+    warnings.extend(left_out.into_iter().map(|why| Note::new(NoteCode::JointNotDiagnosed, why)));
     let (urdf, mut exports) =
         urdf::urdf(text, tree, &joints, &effects, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let (mjcf, notes) = mjcf::mjcf(tree, &joints, &effects, "twin.xml");

@@ -9,6 +9,7 @@ mod checkpoint;
 mod checksum;
 mod diagnose;
 mod diagnose_frames;
+mod doubts;
 mod earlier;
 mod facts;
 mod fields;

@@ -68,6 +68,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
         replay: Vec::new(),
         nearest: None,
         off_axis: None,
+        doubt: None,
     };
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
@@ -118,7 +119,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
 }
 
 /// Measured positions of all runs.
-fn tracks(runs: &Runs) -> Vec<Track> {
+pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
     let track = |is_held_out| {
         move |log: &JointLog| Track {
             run: log.run.clone(),

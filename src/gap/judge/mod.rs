@@ -1,7 +1,12 @@
 //! Which effects are named: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
+pub mod convention;
 pub mod cross_validation;
+pub mod doubt;
+pub mod doubt_json;
+#[cfg(test)]
+mod doubt_tests;
 pub mod format_model;
 #[cfg(test)]
 mod format_model_tests;
@@ -19,6 +24,7 @@ pub mod observed;
 mod one_way_damping;
 pub mod orthogonal;
 pub mod proof;
+pub mod refused;
 pub mod regression;
 #[cfg(test)]
 mod remainder_tests;
