@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::{
     Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
+    signs::settle_signs,
 };
 use crate::{
     export::{
@@ -226,13 +227,15 @@ pub(super) fn find(
     monitor: &Monitor,
 ) -> Result<Found, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let Recorded { recordings, off_axis, mut warnings } = read_runs(request, tree, monitor)?;
+    let Recorded { mut recordings, off_axis, mut warnings } = read_runs(request, tree, monitor)?;
     let moving: Vec<usize> = (0..tree.joints.len())
         .filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic)
         .collect();
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
+    let unsigned =
+        settle_signs(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
     let doubts = input_doubts(&recordings, tree, &moving, request.hold, &request.told);
     warnings.extend(doubts.values().map(Doubt::note));
     let mut joints: Vec<JointReport> = Vec::new();
@@ -242,7 +245,10 @@ pub(super) fn find(
         let name = tree.joints[j].name.clone();
         let stage = format!("diagnose/{name}");
         monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = ready(request, &recordings, tree, j, &names, &mut warnings);
+        let ready = match unsigned.get(&j) {
+            Some(why) => Err(why.clone()),
+            None => ready(request, &recordings, tree, j, &names, &mut warnings),
+        };
         match ready {
             Ok((plant, split)) => {
                 let turns = tree.joints[j].motion == Motion::Turn;

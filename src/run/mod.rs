@@ -24,6 +24,7 @@ mod pictures;
 mod reconstruct;
 mod reconstruct_twin;
 mod scene;
+mod signs;
 mod stage;
 mod state;
 mod state_surface;

@@ -5,8 +5,12 @@ use nalgebra::{SMatrix, SVector};
 
 /// What a twin needs and what is recorded: its inertia times the acceleration, the rest, the effort.
 const KNOWN: usize = 3;
-/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it.
-const MISSING: usize = 6;
+/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by the
+/// effort, or by what the twin needs beside its inertia.
+const MISSING: usize = 8;
+/// Of these, friction by the effort and by the twin's need: what errs cannot explain itself.
+const BY_EFFORT: usize = 6;
+const BY_NEED: usize = 7;
 /// Of these, what an axis that stands otherwise changes.
 const TILTING: [usize; 3] = [0, 4, 5];
 const COLUMNS: usize = KNOWN + MISSING;
@@ -59,6 +63,68 @@ struct Projected {
     twice: f64,
 }
 
+/// Columns of each stretch.
+fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
+    let n = seen.len().max(1) as f64;
+    let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
+    let rms = |of: &dyn Fn(&Seen) -> f64| {
+        (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
+    };
+    let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
+    let need = rms(&|s| s.rest);
+    let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
+    let one = |(s, u): (&Seen, &f64)| {
+        let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
+        let (v, q) = (s.velocity / speed, (s.position - mean) / travel);
+        let sign = s.velocity.signum();
+        let (by_effort, by_need) = (u.abs() / size * sign, s.rest.abs() / need * sign);
+        SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need])
+    };
+    seen.iter().zip(effort).map(one).collect()
+}
+
+/// Share of the stretches that say something new: what of the efforts no factor of what is known, and
+/// nothing that may be missing, explains still resembles itself from one stretch to the next. `follows` says
+/// of each stretch whether it follows the one before it.
+#[must_use]
+pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
+    let rows = rows(seen, effort, turns);
+    let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
+    let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
+    // The effort's own column is what is explained.
+    let without = |r: &SVector<f64, COLUMNS>| {
+        let mut r = r.component_mul(&scale);
+        let own = std::mem::take(&mut r[2]);
+        r[KNOWN + BY_EFFORT] = 0.0;
+        (r, own)
+    };
+    let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * RIDGE;
+    let mut right = SVector::<f64, COLUMNS>::zeros();
+    for (r, own) in rows.iter().map(without) {
+        normal += r * r.transpose();
+        right += r * own;
+    }
+    let Some(found) = normal.cholesky().map(|c| c.solve(&right)) else { return 0.0 };
+    let error: Vec<f64> = rows.iter().map(without).map(|(r, own)| own - r.dot(&found)).collect();
+    let square: f64 = error.iter().map(|e| e * e).sum();
+    let pairs = error.windows(2).zip(&follows[1.min(follows.len())..]).filter(|(_, f)| **f);
+    let (mut product, mut count) = (0.0, 0.0);
+    for (pair, _) in pairs {
+        product += pair[0] * pair[1];
+        count += 1.0;
+    }
+    if !(square > 0.0) || count == 0.0 {
+        return 0.0;
+    }
+    let alike = (product / count) / (square / error.len() as f64);
+    // Of a first-order process.
+    ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
+}
+
+/// Ridge of a regression of columns of unit length.
+/// derived: rounding, for columns that are zero throughout.
+const RIDGE: f64 = 1e-12;
+
 /// The recorded effort among the known columns.
 fn effort_alone() -> SVector<f64, KNOWN> {
     SVector::<f64, KNOWN>::new(0.0, 0.0, 1.0)
@@ -70,28 +136,7 @@ impl Regression {
     #[must_use]
     pub fn of(seen: &[Seen], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
-        let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
-        let rms = |of: &dyn Fn(&Seen) -> f64| {
-            (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
-        };
-        let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
-        let mut gram = SMatrix::zeros();
-        for (s, u) in seen.iter().zip(effort) {
-            let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
-            let (v, q) = (s.velocity / speed, (s.position - mean) / travel);
-            let row = SVector::<f64, COLUMNS>::from([
-                s.inertial,
-                s.rest,
-                *u,
-                1.0,
-                v,
-                s.velocity.signum(),
-                q,
-                sine,
-                cosine,
-            ]);
-            gram += row * row.transpose();
-        }
+        let gram = rows(seen, effort, turns).iter().fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
         let log_inertia = seen.iter().map(|s| s.inertia.abs().max(1e-300).ln()).sum::<f64>() / n;
         Self { gram: gram * (weight / n), weight, log_inertia }
     }
@@ -122,7 +167,7 @@ impl Regression {
         let one = |inertia: &f64| {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
             let size = self.needed(*inertia);
-            let projected = self.projected((effort, self.size(1)), |noise| noise * size);
+            let projected = self.projected((effort, self.size(1)), BY_NEED, |noise| noise * size);
             let mut best = self.best(&projected, &needed, &effort_alone(), gain);
             best.evidence += self.weight * (inertia.ln() + self.log_inertia);
             best
@@ -134,7 +179,7 @@ impl Regression {
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
-        let projected = self.projected((self.size(2), by * self.size(1)), |noise| self.size(2) * noise);
+        let projected = self.projected((self.size(2), by * self.size(1)), BY_EFFORT, |noise| self.size(2) * noise);
         let one = |inertia: &f64| {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
             self.best(&projected, &effort_alone(), &needed, (1.0 / gain.1, 1.0 / gain.0))
@@ -150,9 +195,15 @@ impl Regression {
     }
 
     /// What is left of the known columns beside what may be missing, for every noise; deviations of an effort
-    /// and of a load.
-    fn projected(&self, (effort, load): (f64, f64), noise: impl Fn(f64) -> f64) -> Vec<Projected> {
+    /// and of a load. `unused` is what would explain itself.
+    fn projected(
+        &self,
+        (effort, load): (f64, f64),
+        unused: usize,
+        noise: impl Fn(f64) -> f64,
+    ) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
+        sd[unused] = 0.0;
         TILTING.into_iter().for_each(|i| sd[i] += load);
         let deviation = SMatrix::<f64, MISSING, MISSING>::from_diagonal(&sd);
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);

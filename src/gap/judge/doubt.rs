@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::gap::{
     fit::{
-        evidence::{Explained, Regression, Seen},
+        evidence::{Explained, Regression, Seen, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},
     },
     judge::convention::{AS_GIVEN, CONVENTIONS, Convention},
@@ -15,9 +15,6 @@ use crate::gap::{
 };
 use crate::note::{Note, NoteCode};
 
-/// Independent numbers of efforts and motion in a second.
-/// derived: four of a window, whose length is a second at most.
-const INDEPENDENT_HZ: f64 = 4.0;
 /// Delays of an effort that are allowed for, seconds.
 /// derived: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
 /// change over a stretch.
@@ -82,8 +79,12 @@ pub struct Scene<'a> {
 /// A joint of a scene.
 pub struct JointScene<'a> {
     scene: &'a Scene<'a>,
-    joint: usize,
-    stretches: Vec<Stretch>,
+    /// Index in the twin.
+    pub joint: usize,
+    /// Stretches in which it moves.
+    pub stretches: Vec<Stretch>,
+    /// Share of the stretches that say something new.
+    share: f64,
 }
 
 /// Evidence of both regressions as given, over all gains and inertias, with the best delay of each.
@@ -139,7 +140,27 @@ impl<'a> JointScene<'a> {
     /// Of a joint.
     #[must_use]
     pub fn of(scene: &'a Scene<'a>, joint: usize) -> Self {
-        Self { scene, joint, stretches: stretches(scene.runs, joint) }
+        let own = Self { scene, joint, stretches: stretches(scene.runs, joint), share: 1.0 };
+        let all: Vec<&Stretch> = own.stretches.iter().collect();
+        let (seen, efforts) = (own.seen(&all, &AS_GIVEN), own.efforts(joint, &all, 0.0));
+        own.with_share(&seen, &efforts)
+    }
+
+    /// With the share of the stretches that says something new by what is left of efforts over all of them.
+    #[must_use]
+    pub fn with_share(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Self {
+        let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
+        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
+        let key = |k: usize| self.stretches[known[k]].key;
+        let follows = |k: usize| k > 0 && key(k) == (key(k - 1).0, key(k - 1).1 + 1);
+        let follows: Vec<bool> = (0..known.len()).map(follows).collect();
+        let share = independent_share(&rows, &effort, self.turns(), &follows);
+        Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
+    }
+
+    fn turns(&self) -> bool {
+        self.scene.tree.joints[self.joint].motion == Motion::Turn
     }
 
     /// What a twin needs for each stretch, positions taken by a convention.
@@ -198,13 +219,12 @@ impl<'a> JointScene<'a> {
     }
 
     /// A regression over the stretches that have an effort.
-    fn regression(&self, seen: &[Seen], efforts: &[Option<f64>], stretches: &[&Stretch]) -> Regression {
+    fn regression(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Regression {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
         let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
-        let seconds: f64 = known.iter().map(|i| stretches[*i].time_s.1 - stretches[*i].time_s.0).sum();
-        let turns = self.scene.tree.joints[self.joint].motion == Motion::Turn;
-        Regression::of(&rows, &effort, turns, INDEPENDENT_HZ * seconds)
+        let weight = self.share * rows.len() as f64;
+        Regression::of(&rows, &effort, self.turns(), weight)
     }
 
     /// Evidence as given, over some stretches. `None` where they do not tell.
@@ -214,8 +234,7 @@ impl<'a> JointScene<'a> {
         let inertias = inertias(LARGEST_INERTIA);
         let mut best = Baseline { motion: f64::NEG_INFINITY, effort: f64::NEG_INFINITY, left: 1.0 };
         for delay_s in DELAYS_S {
-            let regression =
-                self.regression(&seen, &self.efforts(self.joint, stretches, delay_s), stretches);
+            let regression = self.regression(&seen, &self.efforts(self.joint, stretches, delay_s));
             if !regression.is_telling() {
                 return None;
             }
@@ -235,31 +254,32 @@ impl<'a> JointScene<'a> {
 
     /// Log odds of numbers that are seen, and of efforts that act, otherwise than as given. They are the less
     /// of those of the two regressions: the truth lies between them, whether motion or efforts err (Frisch
-    /// 1934). `log_unit` is the logarithm of the factor of the efforts.
+    /// 1934). `prices` come off: for each independent number, those of the motion and of the efforts.
     #[must_use]
     pub fn odds(
         &self,
-        (stretches, seen): (&[&Stretch], &[Seen]),
+        seen: &[Seen],
         efforts: &dyn Fn(f64) -> Vec<Option<f64>>,
         given: &Baseline,
         gains: &Gains,
-        log_unit: f64,
+        prices: (f64, f64),
     ) -> Option<Odds> {
         // A twin in other units whose inertia is far off as well is two changes.
         let inertias = inertias(LARGEST_RATIO);
         let mut best: Option<Odds> = None;
         for delay_s in DELAYS_S {
-            let regression = self.regression(seen, &efforts(delay_s), stretches);
+            let regression = self.regression(seen, &efforts(delay_s));
             if !regression.is_telling() {
                 return None;
             }
-            let unit = regression.weight() * log_unit;
+            let (of_motion, of_effort) =
+                (given.motion + regression.weight() * prices.0, given.effort + regression.weight() * prices.1);
             let mut all: Vec<(f64, Odds)> = Vec::new();
             for gain in gains {
                 let motion = regression.of_motion(&inertias, *gain);
                 let effort = regression.of_effort(&inertias, *gain);
                 for ((m, u), inertia) in motion.iter().zip(&effort).zip(&inertias) {
-                    let log = (m.evidence - given.motion).min(u.evidence + unit - given.effort);
+                    let log = (m.evidence - of_motion).min(u.evidence - of_effort);
                     let inertia_ratio = 1.0 / (inertia * u.factor);
                     all.push((log, Odds { log, inertia_ratio, left: u.left }));
                 }
@@ -286,11 +306,11 @@ impl<'a> JointScene<'a> {
             own.into_iter().map(|u| u.map(|u| u * convention.effort)).collect()
         };
         let odds = self.odds(
-            (&stretches, &seen),
+            &seen,
             &efforts,
             given,
             &about_one(),
-            convention.effort.abs().ln(),
+            (0.0, -convention.effort.abs().ln()),
         )?;
         let size = |s: &[Seen]| s.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt();
         Some(Odds { inertia_ratio: odds.inertia_ratio * size(&taken) / size(&seen).max(1e-300), ..odds })
@@ -308,7 +328,7 @@ impl<'a> JointScene<'a> {
         let seen = self.seen(&both, &AS_GIVEN);
         let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
         let given = Baseline { motion: own.motion, ..their };
-        self.odds((&both, &seen), &efforts, &given, &about_one(), 0.0)
+        self.odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }
 }
 

@@ -37,4 +37,5 @@ pub mod simplify;
 #[cfg(test)]
 mod simulated;
 pub mod spread;
+pub mod unsigned;
 pub mod verdict;
