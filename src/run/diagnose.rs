@@ -234,8 +234,7 @@ pub(super) fn find(
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let unsigned =
-        settle_signs(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
+    let unsigned = settle_signs(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
     let doubts = input_doubts(&recordings, tree, &moving, request.hold, &request.told);
     warnings.extend(doubts.values().map(Doubt::note));
     let mut joints: Vec<JointReport> = Vec::new();

@@ -18,6 +18,9 @@ const COLUMNS: usize = KNOWN + MISSING;
 /// Noises that are tried, as shares of the size of what errs: each half the one before.
 /// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
 const NOISES: i32 = 14;
+/// Most further noises, for what may have several sizes.
+/// derived: from a load to the inertia of a twin whose lengths are a thousand times too long.
+const MOST_NOISES: f64 = 40.0;
 
 /// A stretch of motion of a joint under a twin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,9 +70,8 @@ struct Projected {
 fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
-    let rms = |of: &dyn Fn(&Seen) -> f64| {
-        (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
-    };
+    let rms =
+        |of: &dyn Fn(&Seen) -> f64| (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300);
     let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
     let need = rms(&|s| s.rest);
     let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
@@ -164,10 +166,12 @@ impl Regression {
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         // What is missing is as large as the effort that acts, and a tilt as the load.
         let effort = (gain.0 * gain.1).sqrt() * self.size(2);
+        // One grid of noises for all inertias, which share the work.
+        let sizes = inertias.iter().map(|i| self.needed(*i));
+        let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
+        let projected = self.projected((effort, self.size(1)), BY_NEED, range);
         let one = |inertia: &f64| {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            let size = self.needed(*inertia);
-            let projected = self.projected((effort, self.size(1)), BY_NEED, |noise| noise * size);
             let mut best = self.best(&projected, &needed, &effort_alone(), gain);
             best.evidence += self.weight * (inertia.ln() + self.log_inertia);
             best
@@ -179,7 +183,8 @@ impl Regression {
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
-        let projected = self.projected((self.size(2), by * self.size(1)), BY_EFFORT, |noise| self.size(2) * noise);
+        let projected =
+            self.projected((self.size(2), by * self.size(1)), BY_EFFORT, (self.size(2), self.size(2)));
         let one = |inertia: &f64| {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
             self.best(&projected, &effort_alone(), &needed, (1.0 / gain.1, 1.0 / gain.0))
@@ -194,13 +199,13 @@ impl Regression {
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// What is left of the known columns beside what may be missing, for every noise; deviations of an effort
-    /// and of a load. `unused` is what would explain itself.
+    /// What is left of the known columns beside what may be missing, for every noise of what has a size within
+    /// a range; deviations of an effort and of a load. `unused` is what would explain itself.
     fn projected(
         &self,
         (effort, load): (f64, f64),
         unused: usize,
-        noise: impl Fn(f64) -> f64,
+        (least, most): (f64, f64),
     ) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
         sd[unused] = 0.0;
@@ -210,7 +215,7 @@ impl Regression {
         let missing = self.gram.fixed_view::<MISSING, MISSING>(KNOWN, KNOWN);
         let across = self.gram.fixed_view::<MISSING, KNOWN>(KNOWN, 0);
         let one = |i: i32| {
-            let variance = noise(f64::from(-i).exp2()).powi(2).max(1e-300);
+            let variance = (most * f64::from(-i).exp2()).powi(2).max(1e-300);
             let whole = SMatrix::identity() + deviation * missing * deviation / variance;
             let cholesky = whole.cholesky()?;
             let right = deviation * across / variance;
@@ -218,7 +223,8 @@ impl Regression {
             let log_determinant = 2.0 * (0..MISSING).map(|k| cholesky.l_dirty()[(k, k)].ln()).sum::<f64>();
             Some(Projected { products, twice: self.weight * variance.ln() + log_determinant })
         };
-        (0..NOISES).filter_map(one).collect()
+        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
+        (0..NOISES + more).filter_map(one).collect()
     }
 
     /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's

@@ -143,16 +143,16 @@ impl<'a> JointScene<'a> {
         let own = Self { scene, joint, stretches: stretches(scene.runs, joint), share: 1.0 };
         let all: Vec<&Stretch> = own.stretches.iter().collect();
         let (seen, efforts) = (own.seen(&all, &AS_GIVEN), own.efforts(joint, &all, 0.0));
-        own.with_share(&seen, &efforts)
+        own.with_share((&all, &seen), &efforts)
     }
 
-    /// With the share of the stretches that says something new by what is left of efforts over all of them.
+    /// With the share of the stretches that says something new by what is left of efforts over them.
     #[must_use]
-    pub fn with_share(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Self {
+    pub fn with_share(&self, (stretches, seen): (&[&Stretch], &[Seen]), efforts: &[Option<f64>]) -> Self {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
         let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
-        let key = |k: usize| self.stretches[known[k]].key;
+        let key = |k: usize| stretches[known[k]].key;
         let follows = |k: usize| k > 0 && key(k) == (key(k - 1).0, key(k - 1).1 + 1);
         let follows: Vec<bool> = (0..known.len()).map(follows).collect();
         let share = independent_share(&rows, &effort, self.turns(), &follows);
@@ -272,8 +272,10 @@ impl<'a> JointScene<'a> {
             if !regression.is_telling() {
                 return None;
             }
-            let (of_motion, of_effort) =
-                (given.motion + regression.weight() * prices.0, given.effort + regression.weight() * prices.1);
+            let (of_motion, of_effort) = (
+                given.motion + regression.weight() * prices.0,
+                given.effort + regression.weight() * prices.1,
+            );
             let mut all: Vec<(f64, Odds)> = Vec::new();
             for gain in gains {
                 let motion = regression.of_motion(&inertias, *gain);
@@ -305,13 +307,7 @@ impl<'a> JointScene<'a> {
             let own = self.efforts(self.joint, &stretches, delay_s);
             own.into_iter().map(|u| u.map(|u| u * convention.effort)).collect()
         };
-        let odds = self.odds(
-            &seen,
-            &efforts,
-            given,
-            &about_one(),
-            (0.0, -convention.effort.abs().ln()),
-        )?;
+        let odds = self.odds(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
         let size = |s: &[Seen]| s.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt();
         Some(Odds { inertia_ratio: odds.inertia_ratio * size(&taken) / size(&seen).max(1e-300), ..odds })
     }
@@ -323,12 +319,16 @@ impl<'a> JointScene<'a> {
         let both: Vec<&Stretch> = self.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
         let keys: BTreeSet<_> = both.iter().map(|s| s.key).collect();
         let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
-        let all = all_gains();
-        let (own, their) = (self.baseline(&both, &all)?, other.baseline(&theirs, &all)?);
         let seen = self.seen(&both, &AS_GIVEN);
         let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
+        // What wrong efforts leave of a motion resembles itself for long: the better explanation says how much
+        // each stretch says.
+        let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
+        let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
+        let gains = all_gains();
+        let (own, their) = (of(self).baseline(&both, &gains)?, of(other).baseline(&theirs, &gains)?);
         let given = Baseline { motion: own.motion, ..their };
-        self.odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
+        of(self).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }
 }
 

@@ -4,8 +4,9 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::SeedableRng;
 
 use super::{
-    doubt::{Doubt, Looks, Scene, doubts},
-    simulated::{simulated, with},
+    doubt::{Doubt, JointScene, LOG_ODDS, Looks, Scene, doubts},
+    simulated::{beside, simulated, with},
+    unsigned::magnitude_odds,
 };
 use crate::{
     gap::{
@@ -160,4 +161,31 @@ fn no_effect_of_the_catalogue_is_taken_for_another_convention() {
         let doubts = of_one(&pendulums(1), logs(&[(name, p)], 0..2));
         assert_eq!(doubts, [], "{name}");
     }
+}
+
+#[test]
+fn magnitudes_are_told_from_efforts_of_one_sense() {
+    let twin = pendulums(1);
+    let odds = |logs: Vec<JointLog>| {
+        let runs: Vec<RunMotion> = logs.into_iter().map(|log| vec![moved(log)]).collect();
+        let scene = Scene { tree: &twin, runs: &runs, joints: &[0], hold: Hold::Zero };
+        magnitude_odds(&JointScene::of(&scene, 0))
+    };
+    let mut magnitudes = logs(BRAKED, 0..2);
+    // Counts of a servo's load, which know no sign.
+    magnitudes.iter_mut().for_each(|l| l.effort.iter_mut().for_each(|u| *u = (500.0 * u.abs()).round()));
+    let said = odds(magnitudes).unwrap();
+    assert!(said > 20.0, "{said}");
+    // A joint that a motor only ever pushes one way, against a spring.
+    let effects = catalogue(0);
+    let plant = Plant::of(&twin, 0).unwrap();
+    let truth = with(&effects, &plant, &[("spring_return", &[1.0, -1.0])]);
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(6);
+    let pushed = (0..2).map(|run| beside(&effects, &truth, run, &mut rng, |_| 1.0));
+    let one_sense = pushed.map(|mut log| {
+        log.effort.iter_mut().for_each(|u| *u += 1.0);
+        log
+    });
+    let said = odds(one_sense.collect());
+    assert!(said.is_none_or(|odds| odds < LOG_ODDS), "{said:?}");
 }

@@ -49,7 +49,7 @@ pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
                 own.into_iter().zip(&sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
             };
             // How much each stretch says depends on what is left, which the sign decides.
-            let with = joint.with_share(&seen, &efforts(0.0));
+            let with = joint.with_share((&stretches, &seen), &efforts(0.0));
             let Some(given) = with.baseline(&stretches, &all_gains()) else { continue };
             // The sign of a motion that is to be explained comes from it: a bit of each of its numbers.
             let odds = with.odds(&seen, &efforts, &given, &gains, (LN_2, 0.0));
