@@ -9,7 +9,6 @@ use serde::Serialize;
 
 use super::{
     Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
-    signs::settle_signs,
 };
 use crate::{
     export::{
@@ -22,7 +21,6 @@ use crate::{
         fit::actuation::actuated,
         judge::{
             assess::{Runs, assess},
-            doubt::Doubt,
             format_model::FormatModel,
             format_note::format_note,
             refused::refused,
@@ -234,9 +232,7 @@ pub(super) fn find(
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let effects = catalogue(names.len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let unsigned = settle_signs(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
-    let doubts = input_doubts(&recordings, tree, &moving, request.hold, &request.told);
-    warnings.extend(doubts.values().map(Doubt::note));
+    let (unsigned, doubts) = input_doubts(&mut recordings, tree, &moving, request, &mut warnings);
     let mut joints: Vec<JointReport> = Vec::new();
     let mut left_out: Vec<String> = Vec::new();
     for &j in &moving {
@@ -244,17 +240,13 @@ pub(super) fn find(
         let name = tree.joints[j].name.clone();
         let stage = format!("diagnose/{name}");
         monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = match unsigned.get(&j) {
-            Some(why) => Err(why.clone()),
-            None => ready(request, &recordings, tree, j, &names, &mut warnings),
-        };
-        match ready {
+        let ready = || ready(request, &recordings, tree, j, &names, &mut warnings);
+        match unsigned.get(&j).map_or_else(ready, |why| Err(why.clone())) {
             Ok((plant, split)) => {
-                let turns = tree.joints[j].motion == Motion::Turn;
                 let runs = Runs {
                     fitted: split.fitted,
                     held_out: split.held_out,
-                    turns,
+                    turns: tree.joints[j].motion == Motion::Turn,
                     hold: request.hold,
                     effects: wanted.clone(),
                 };

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::{DiagnoseRequest, signs::settle_signs};
 use crate::gap::{
     fit::stretch::{Moved, RunMotion},
     judge::doubt::{Doubt, Scene, doubts},
@@ -12,9 +13,25 @@ use crate::gap::{
     },
     twin_tree::TwinTree,
 };
+use crate::note::Note;
+
+/// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
+/// Efforts get the sign that commands give them. Warnings are added for both.
+pub(super) fn input_doubts(
+    recordings: &mut [(Recording, bool)],
+    tree: &TwinTree,
+    moving: &[usize],
+    request: &DiagnoseRequest,
+    warnings: &mut Vec<Note>,
+) -> (BTreeMap<usize, String>, BTreeMap<usize, Doubt>) {
+    let unsigned = settle_signs(recordings, tree, moving, (request.hold, &request.told), warnings);
+    let doubts = doubts_of(recordings, tree, moving, request.hold, &request.told);
+    warnings.extend(doubts.values().map(Doubt::note));
+    (unsigned, doubts)
+}
 
 /// Doubts about the joints `moving` of a twin, by joint.
-pub(super) fn input_doubts(
+fn doubts_of(
     recordings: &[(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],

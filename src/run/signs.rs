@@ -41,7 +41,8 @@ pub(super) fn settle_signs(
             continue;
         }
         let what = format!(
-            "joint '{name}': its efforts are never negative, though its motion shows that it was driven both ways"
+            "joint '{name}': its efforts are never negative, though its motion shows that it was driven both \
+             ways"
         );
         if all.iter().all(|r| r.commands.iter().any(|c| c.joint == *name)) {
             recordings.iter_mut().for_each(|(r, _)| _ = sign_by_command(r, name));
@@ -54,8 +55,8 @@ pub(super) fn settle_signs(
                 samples.for_each(|s| s.effort.iter_mut().for_each(|u| *u = f64::NAN));
             }
             let why = format!(
-                "{what}: a magnitude without a sign is no effort; record the effort or current with its sign, or \
-                 what the joint is commanded to (--command)"
+                "{what}: a magnitude without a sign is no effort; record the effort or current with its \
+                 sign, or what the joint is commanded to (--command)"
             );
             refused.insert(j, why);
         }

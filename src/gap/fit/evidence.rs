@@ -5,8 +5,8 @@ use nalgebra::{SMatrix, SVector};
 
 /// What a twin needs and what is recorded: its inertia times the acceleration, the rest, the effort.
 const KNOWN: usize = 3;
-/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by the
-/// effort, or by what the twin needs beside its inertia.
+/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by
+/// the effort, or by what the twin needs beside its inertia.
 const MISSING: usize = 8;
 /// Of these, friction by the effort and by the twin's need: what errs cannot explain itself.
 const BY_EFFORT: usize = 6;
@@ -199,8 +199,8 @@ impl Regression {
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// What is left of the known columns beside what may be missing, for every noise of what has a size within
-    /// a range; deviations of an effort and of a load. `unused` is what would explain itself.
+    /// What is left of the known columns beside what may be missing, for every noise of what has a size
+    /// within a range; deviations of an effort and of a load. `unused` is what would explain itself.
     fn projected(
         &self,
         (effort, load): (f64, f64),

@@ -13,7 +13,6 @@ use crate::gap::{
     record::{drive::Hold, tracks::resampled},
     twin_tree::{Motion, TwinTree},
 };
-use crate::note::{Note, NoteCode};
 
 /// Delays of an effort that are allowed for, seconds.
 /// derived: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
@@ -321,8 +320,8 @@ impl<'a> JointScene<'a> {
         let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
         let seen = self.seen(&both, &AS_GIVEN);
         let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
-        // What wrong efforts leave of a motion resembles itself for long: the better explanation says how much
-        // each stretch says.
+        // What wrong efforts leave of a motion resembles itself for long: the better explanation decides how
+        // much each stretch says.
         let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
         let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
         let gains = all_gains();
@@ -340,23 +339,25 @@ pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
     let mut undecided: Vec<(usize, Vec<(Convention, f64)>)> = Vec::new();
     for own in &joints {
         let stretches: Vec<&Stretch> = own.stretches.iter().collect();
-        let Some(given) = own.baseline(&stretches, &all_gains()) else { continue };
+        // Efforts of another joint leave so much that lasts that these stretches alone tell nothing.
+        let given = own.baseline(&stretches, &all_gains());
         let motion = scene.tree.joints[own.joint].motion;
-        let conventions = CONVENTIONS.iter().filter(|c| c.concerns(motion));
-        let mut all: Vec<(Looks, Odds)> = conventions
-            .clone()
-            .filter_map(|c| Some((Looks::Convention(*c), own.of_convention(c, &given)?)))
-            .collect();
+        let of = |c: &Convention| Some((Looks::Convention(*c), own.of_convention(c, given.as_ref()?)?));
+        let mut all: Vec<(Looks, Odds)> =
+            CONVENTIONS.iter().filter(|c| c.concerns(motion)).filter_map(of).collect();
         for other in joints.iter().filter(|o| o.joint != own.joint) {
             let name = || scene.tree.joints[other.joint].name.clone();
             all.extend(own.by_efforts_of(other).map(|odds| (Looks::EffortsOf(name()), odds)));
         }
-        let of_twin = all.iter().filter_map(|(looks, odds)| match looks {
-            Looks::Convention(c) if c.is_of_twin() => Some((*c, odds.log)),
-            _ => None,
-        });
-        undecided.push((own.joint, of_twin.collect()));
-        if let Some(doubt) = doubt(&scene.tree.joints[own.joint].name, all, given.left) {
+        if given.is_some() {
+            let of_twin = all.iter().filter_map(|(looks, odds)| match looks {
+                Looks::Convention(c) if c.is_of_twin() => Some((*c, odds.log)),
+                _ => None,
+            });
+            undecided.push((own.joint, of_twin.collect()));
+        }
+        let left = given.map_or(1.0, |g| g.left);
+        if let Some(doubt) = doubt(&scene.tree.joints[own.joint].name, all, left) {
             found.insert(own.joint, doubt);
         }
     }
@@ -416,89 +417,4 @@ fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BT
 
 fn is_of_twin(looks: &Looks) -> bool {
     matches!(looks, Looks::Convention(c) if c.is_of_twin())
-}
-
-impl Looks {
-    /// What the input looks like.
-    #[must_use]
-    pub fn words(&self) -> String {
-        match self {
-            Self::Convention(c) => c.looks.to_owned(),
-            Self::EffortsOf(other) => format!("the efforts of joint '{other}' move it, its own do not"),
-        }
-    }
-
-    /// What to do.
-    fn remedy(&self) -> &'static str {
-        match self {
-            Self::Convention(c) => c.remedy,
-            Self::EffortsOf(_) => "check that names and efforts have one order in the recording",
-        }
-    }
-
-    fn code(&self) -> NoteCode {
-        match self {
-            Self::EffortsOf(_) => NoteCode::EffortsOfOtherJoint,
-            Self::Convention(c) if c.is_of_sign() => NoteCode::EffortSignTurned,
-            Self::Convention(_) => NoteCode::UnitsDoubtful,
-        }
-    }
-}
-
-impl Doubt {
-    /// What it is about.
-    #[must_use]
-    pub fn code(&self) -> NoteCode {
-        self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::code)
-    }
-
-    /// What the input looks like.
-    #[must_use]
-    pub fn looks(&self) -> String {
-        self.list(&Looks::words)
-    }
-
-    /// What to do.
-    #[must_use]
-    pub fn remedy(&self) -> String {
-        self.list(&|looks| looks.remedy().to_owned())
-    }
-
-    /// Different words of the class.
-    fn list(&self, of: &dyn Fn(&Looks) -> String) -> String {
-        let mut all: Vec<String> = Vec::new();
-        for words in self.looks.iter().map(of) {
-            if !all.contains(&words) {
-                all.push(words);
-            }
-        }
-        all.join(", or ")
-    }
-
-    /// It and its evidence, without the joint.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let (looks, remedy) = (self.looks(), self.remedy());
-        if let Some(by) = &self.by {
-            return format!("{looks}, as joint '{by}' shows: no name is given on such numbers; {remedy}");
-        }
-        let inertia = match self.code() {
-            NoteCode::UnitsDoubtful => {
-                format!("the twin's inertia is {:.1e} times what they show; ", self.inertia_ratio)
-            }
-            _ => String::new(),
-        };
-        let (so, given) = (100.0 * self.left.0, 100.0 * self.left.1);
-        format!(
-            "{looks}, by motion and efforts (log odds {:.0}): {inertia}so {so:.1} % of the squared effort is \
-             left unexplained, as given {given:.1} %; no name is given on such numbers; {remedy}",
-            self.log_odds
-        )
-    }
-
-    /// It as a warning.
-    #[must_use]
-    pub fn note(&self) -> Note {
-        Note::new(self.code(), format!("joint '{}': {}", self.joint, self.words()))
-    }
 }

@@ -7,6 +7,7 @@ pub mod doubt;
 pub mod doubt_json;
 #[cfg(test)]
 mod doubt_tests;
+pub mod doubt_words;
 pub mod format_model;
 #[cfg(test)]
 mod format_model_tests;

@@ -11,7 +11,7 @@ const FRICTIONS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 /// Inertias that are tried, as multiples of the twin's.
 /// derived: its own, and those of a small and a large gear.
 const INERTIAS: [f64; 3] = [1.0, 4.0, 16.0];
-/// Largest factor of an effort without a sign, as a power of two: such efforts are counts more often than not.
+/// Largest factor of an effort without a sign, as a power of two: such efforts often are counts.
 /// derived: from counts of a millionth to mega counts.
 const LARGEST_POWER: i32 = 20;
 
@@ -24,7 +24,7 @@ pub fn is_never_negative(runs: &[Recording], joint: &str) -> bool {
 }
 
 /// Log odds that efforts which are never negative are magnitudes, against efforts of one sense: with the sign
-/// of what the motion needs they are explained by it, and it by them. `None` where the motion says too little.
+/// of what the motion needs they are explained by it, and it by them. `None` where that says too little.
 #[must_use]
 pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     let stretches: Vec<&Stretch> = joint.stretches.iter().collect();
