@@ -139,6 +139,14 @@ codes! {
     Stopping = "stopping", "The run stops after its present step.";
     // Diagnoses.
     JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
+    UnitsDoubtful = "units_doubtful", "A twin or a recording looks as if it were in other units; the joint is \
+        not diagnosed.";
+    EffortSignTurned = "effort_sign_turned", "The efforts of a joint have the sign of the opposite axis; it \
+        is not diagnosed.";
+    EffortsOfOtherJoint = "efforts_of_other_joint", "The efforts that move a joint were recorded as those of \
+        another one; it is not diagnosed.";
+    EffortsWithoutSign = "efforts_without_sign", "The efforts of a joint are never negative, though it was \
+        driven both ways: their sign is that of the command less the position, or they are not used.";
     TwinUncertain = "twin_uncertain", "The twin is a reconstruction with errors of its own.";
     UnknownStoodIn = "unknown_stood_in", "The file of a format holds what predicts a joint better than the \
         twin; no effect in it is certain.";

@@ -20,9 +20,14 @@ use door::{DAMPING, INERTIAL, Sample, door, twin};
 use program::{Ended, end};
 
 fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
+    write_commanded(folder, name, samples, &[])
+}
+
+/// With the positions that a servo was given, where there are any.
+fn write_commanded(folder: &TempDir, name: &str, samples: &[Sample], commands: &[f64]) -> PathBuf {
     let path = folder.join(&format!("{name}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
-    for s in samples {
+    for (k, s) in samples.iter().enumerate() {
         let nanos = START + (s.time_s * 1e9).round() as i64;
         let stamp = Time { sec: (nanos / 1_000_000_000) as i32, nanosec: (nanos % 1_000_000_000) as u32 };
         let state = JointState {
@@ -33,6 +38,10 @@ fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
             effort: s.effort.clone(),
         };
         bag.message("/joint_states", "sensor_msgs/msg/JointState", nanos, &state);
+        if let Some(command) = commands.get(k) {
+            let sent = JointState { position: vec![*command], effort: Vec::new(), ..state };
+            bag.message("/joint_commands", "sensor_msgs/msg/JointState", nanos, &sent);
+        }
     }
     bag.finish();
     path
@@ -200,4 +209,101 @@ fn a_joint_of_another_name() {
         ended.stderr
     );
     assert!(report.is_none());
+}
+
+/// Runs of the door that went through `change`, its twin through `edit`; with what the program says.
+fn doubted(
+    name: &str,
+    edit: impl Fn(String) -> String,
+    change: impl Fn(&mut Vec<Sample>),
+) -> (Ended, serde_json::Value) {
+    let folder = TempDir::new(name);
+    let runs = changed(&folder, 10.0, 0.0, change);
+    let path = twin(&folder, INERTIAL);
+    std::fs::write(&path, edit(std::fs::read_to_string(&path).unwrap())).unwrap();
+    let (ended, report) = diagnose(&folder, &path, &runs);
+    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap_or_default();
+    let report = report.unwrap_or_else(|| panic!("{}", ended.stderr));
+    let doubt = &report["doubts"][0];
+    let looks = doubt["looks"][0].as_str().unwrap_or_else(|| panic!("{report:#}"));
+    assert!(page.contains(looks) && ended.stdout.contains(looks), "{looks}");
+    assert_eq!(report["verdict"], "unknown");
+    assert_eq!(report["findings"].as_array().unwrap().len(), 0);
+    assert_eq!(report["warnings"][0]["code"], doubt["code"]);
+    assert_eq!(ended.code, 3, "{}", ended.stdout);
+    (ended, report)
+}
+
+#[test]
+fn a_twin_in_millimeters() {
+    // 1 m from the hinge is 1000 mm.
+    let edit = |text: String| text.replace("<origin xyz=\"1 0 0\"/><mass", "<origin xyz=\"1000 0 0\"/><mass");
+    let (_, report) = doubted("gap-mm", edit, |_| {});
+    assert_eq!(report["doubts"][0]["code"], "units_doubtful");
+    let looks = report["doubts"][0]["looks"].to_string();
+    assert!(looks.contains("millimeters"), "{looks}");
+    let ratio = report["doubts"][0]["inertia_ratio"].as_f64().unwrap();
+    assert!((5e5..2e6).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_twin_in_grams() {
+    let edit = |text: String| text.replace("<mass value=\"2\"/>", "<mass value=\"2000\"/>");
+    let (_, report) = doubted("gap-g", edit, |_| {});
+    assert!(report["doubts"][0]["looks"].to_string().contains("grams"), "{report:#}");
+}
+
+#[test]
+fn efforts_of_the_opposite_sign() {
+    let turn = |s: &mut Vec<Sample>| s.iter_mut().for_each(|s| s.effort[0] = -s.effort[0]);
+    let (ended, report) = doubted("gap-sign", |text| text, turn);
+    assert_eq!(report["doubts"][0]["code"], "effort_sign_turned");
+    assert!(ended.stdout.contains("--effort-unit -1"), "{}", ended.stdout);
+}
+
+#[test]
+fn efforts_without_a_sign() {
+    refused("gap-magnitude", INERTIAL, &["never negative", "with its sign", "--command"], |s| {
+        s.iter_mut().for_each(|s| s.effort[0] = s.effort[0].abs());
+    });
+}
+
+#[test]
+fn efforts_without_a_sign_get_that_of_the_command() {
+    let folder = TempDir::new("gap-magnitude-command");
+    let runs: Vec<PathBuf> = (0..3)
+        .map(|run| {
+            let samples = door(run, 10.0, 0.0, DAMPING);
+            // A servo of 20 N m/rad whose load is read in steps of a hundredth.
+            let commands: Vec<f64> = samples.iter().map(|s| s.position[0] + s.effort[0] / 20.0).collect();
+            let mut read = samples;
+            read.iter_mut().for_each(|s| s.effort[0] = (100.0 * s.effort[0].abs()).round() / 100.0);
+            write_commanded(&folder, &format!("run_{run}"), &read, &commands)
+        })
+        .collect();
+    let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &runs);
+    let report = report.unwrap_or_else(|| panic!("{}", ended.stderr));
+    assert!(ended.stdout.contains("that of the command less the position"), "{}", ended.stdout);
+    assert_eq!(report["warnings"][0]["code"], "efforts_without_sign");
+    assert_eq!(report["verdict"], "none", "{report:#}");
+}
+
+#[test]
+fn inspect_says_what_a_bag_of_joint_states_is_good_for() {
+    let folder = TempDir::new("gap-inspect");
+    let inspect = |path: &Path| end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("inspect").arg(path));
+    let whole = write(&folder, "whole", &door(0, 5.0, 0.0, DAMPING));
+    let said = inspect(&whole);
+    assert_eq!(said.code, 0, "{}", said.stdout);
+    for words in [
+        "door_joint: 500 samples, 5.0 s, 100.0 Hz, positions, efforts; usable by diagnose",
+        "usable: yes, by diagnose",
+    ] {
+        assert!(said.stdout.contains(words), "`{words}` is not in {}", said.stdout);
+    }
+    let mut without = door(0, 5.0, 0.0, DAMPING);
+    without.iter_mut().for_each(|s| s.effort.clear());
+    let said = inspect(&write(&folder, "without", &without));
+    assert_eq!(said.code, 1, "{}", said.stdout);
+    assert!(said.stdout.contains("no effort of joint 'door_joint'"), "{}", said.stdout);
 }

@@ -56,10 +56,19 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     Ok(ended(outcome.verdict, &outcome.warnings))
 }
 
-/// Degraded where too little was recorded to say anything, or a file could not be made better than the twin.
+/// What a script must not miss: a file that could not be made better than the twin, and numbers that are not
+/// what they are taken for.
+const DEGRADING: [NoteCode; 4] = [
+    NoteCode::FormatKeepsTwin,
+    NoteCode::UnitsDoubtful,
+    NoteCode::EffortSignTurned,
+    NoteCode::EffortsOfOtherJoint,
+];
+
+/// Degraded where too little was recorded to say anything, too.
 fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
-    let keeps_twin = warnings.iter().any(|w| w.code == NoteCode::FormatKeepsTwin);
-    if verdict == Verdict::Insufficient || keeps_twin { Exit::Degraded } else { Exit::Done }
+    let degrades = warnings.iter().any(|w| DEGRADING.contains(&w.code));
+    if verdict == Verdict::Insufficient || degrades { Exit::Degraded } else { Exit::Done }
 }
 
 #[cfg(test)]
@@ -70,6 +79,7 @@ mod tests {
     fn the_exit_code_says_that_a_file_keeps_the_twin() {
         let with = |code| ended(Verdict::Named, &[Note::new(code, "")]);
         assert_eq!(with(NoteCode::FormatKeepsTwin), Exit::Degraded);
+        assert_eq!(with(NoteCode::UnitsDoubtful), Exit::Degraded);
         assert_eq!(with(NoteCode::FormatHoldsLess), Exit::Done);
         assert_eq!(ended(Verdict::Insufficient, &[]), Exit::Degraded);
     }

@@ -5,7 +5,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{bag::Bag, bag_index::BagIndex, dataset, source::Source, topics::INFO_TYPE, views::Views};
+use super::{
+    bag::Bag,
+    bag_index::BagIndex,
+    dataset,
+    inspect_motion::{MotionInspection, inspect_motion, is_of_joints},
+    source::Source,
+    topics::INFO_TYPE,
+    views::Views,
+};
 use crate::{
     capture::{CaptureConfig, CaptureError, Split},
     limits::SHOWN,
@@ -46,8 +54,10 @@ pub struct StateInspection {
     pub warnings: Vec<Note>,
     /// Posed RGB-D views that could be used.
     pub views: usize,
-    /// Why it cannot be used.
+    /// Why `reconstruct` cannot use it.
     pub problem: Option<String>,
+    /// What it shows of joints, where `reconstruct` cannot use it.
+    pub motion: MotionInspection,
 }
 
 /// What is at a path.
@@ -157,6 +167,9 @@ fn inspect_bag(
             // What `Views` would have reported, had it come that far.
             seen.warnings = [bag.warnings.clone(), index.damage()].concat();
             seen.problem = Some(error.to_string());
+            if seen.topics.iter().any(|t| is_of_joints(&t.type_name)) {
+                seen.motion = inspect_motion(path);
+            }
         }
     }
     Ok((seen, index))
@@ -224,10 +237,18 @@ fn inspect_dataset(
 }
 
 impl Inspection {
-    /// Whether `reconstruct` can use it as it stands.
+    /// Whether `reconstruct` can use it as it stands, or `diagnose`, where it holds motion of joints.
     #[must_use]
     pub fn is_usable(&self) -> bool {
+        self.is_reconstructible() || self.is_diagnosable()
+    }
+
+    fn is_reconstructible(&self) -> bool {
         self.problem.is_none() && self.recordings.iter().all(|r| r.problem.is_none())
+    }
+
+    fn is_diagnosable(&self) -> bool {
+        !self.recordings.is_empty() && self.recordings.iter().all(|r| r.motion.is_usable)
     }
 
     /// The inspection as text for a terminal.
@@ -241,6 +262,7 @@ impl Inspection {
             self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
         match problems.as_slice() {
             [] => text.push_str("usable: yes\n"),
+            _ if self.is_diagnosable() => text.push_str("usable: yes, by diagnose\n"),
             problems => {
                 text.push_str("usable: no\n");
                 for problem in problems {
@@ -279,6 +301,7 @@ impl StateInspection {
         list(text, "transforms", &self.transforms);
         list(text, "used", &self.chosen);
         list(text, "warnings", &self.warnings);
+        list(text, "joints", &self.motion.joints);
         _ = writeln!(text, "  posed RGB-D views: {}", self.views);
     }
 }

@@ -23,12 +23,13 @@ use crate::{
     note::{Note, NoteCode},
 };
 
-/// Types of the messages that are read.
-const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+/// Type of the messages that most drivers publish.
+pub const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 const WRENCH: &str = "geometry_msgs/msg/WrenchStamped";
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
 const TF: &str = "tf2_msgs/msg/TFMessage";
-const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
+/// Type of the messages of a broadcaster of all interfaces.
+pub const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
 const TYPES: [&str; 8] = [JOINT_STATE, WRENCH, POSE, TF, DYNAMIC, CONTROLLER_STATE, TRAJECTORY, ARRAY];
 
 #[derive(Default)]

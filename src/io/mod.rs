@@ -53,6 +53,7 @@ mod conformance_tests;
 mod dataset;
 mod expansion;
 mod inspect;
+mod inspect_motion;
 mod mcap_file;
 mod mcap_record;
 mod offered_qos;

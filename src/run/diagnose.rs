@@ -7,7 +7,9 @@ use std::{
 
 use serde::Serialize;
 
-use super::{Event, Monitor, RunError, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE};
+use super::{
+    Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
+};
 use crate::{
     export::{
         DiagnosisFacts,
@@ -22,6 +24,7 @@ use crate::{
             format_model::FormatModel,
             format_note::format_note,
             multibody::fit_chains,
+            refused::refused,
             report::{self, ExportNote, JointReport, Report},
             verdict::Verdict,
         },
@@ -215,6 +218,72 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
+/// Joints of a twin that move by themselves.
+fn moving(tree: &TwinTree) -> Vec<usize> {
+    let moves = |j: &usize| tree.joints[*j].motion != Motion::Fixed && !tree.joints[*j].is_mimic;
+    (0..tree.joints.len()).filter(moves).collect()
+}
+
+/// All joints, assessed.
+struct Assessed {
+    joints: Vec<JointReport>,
+    /// Why others are not.
+    left_out: Vec<String>,
+    warnings: Vec<Note>,
+}
+
+/// Assesses the joints of a twin by what was recorded of them.
+fn assessed(
+    request: &DiagnoseRequest,
+    tree: &TwinTree,
+    recorded: Recorded,
+    effects: &Catalogue,
+    monitor: &Monitor,
+) -> Result<Assessed, RunError> {
+    let Recorded { mut recordings, off_axis, mut warnings } = recorded;
+    let moving = moving(tree);
+    let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
+    let wanted = indices(effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
+    let (unsigned, doubts) = input_doubts(&mut recordings, tree, &moving, request, &mut warnings);
+    // By joint, in the order of the twin.
+    let mut joints: BTreeMap<usize, JointReport> = BTreeMap::new();
+    let (mut examined, mut left_out) = (Vec::new(), Vec::new());
+    for &j in &moving {
+        monitor.check()?;
+        let name = tree.joints[j].name.clone();
+        let stage = format!("diagnose/{name}");
+        monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
+        let ready = || ready(request, &recordings, tree, j, &names, &mut warnings);
+        match unsigned.get(&j).map_or_else(ready, |why| Err(why.clone())) {
+            Ok((plant, split)) => {
+                let runs = Runs {
+                    fitted: split.fitted,
+                    held_out: split.held_out,
+                    turns: tree.joints[j].motion == Motion::Turn,
+                    hold: request.hold,
+                    effects: wanted.clone(),
+                };
+                let mut rng = stage_rng(request.seed, &stage, 0);
+                if let Some(doubt) = doubts.get(&j) {
+                    joints.insert(j, refused(effects, &plant, doubt, runs));
+                } else {
+                    examined.push((j, examine(effects, &plant, &name, runs, &mut rng), rng));
+                }
+            }
+            Err(why) => left_out.push(why),
+        }
+    }
+    let mut own: Vec<(usize, &mut Examined)> = examined.iter_mut().map(|(j, e, _)| (*j, e)).collect();
+    fit_chains(tree, &mut own);
+    for (j, examined, mut rng) in examined {
+        monitor.check()?;
+        joints.insert(j, conclude(examined, &mut rng));
+    }
+    let joints: Vec<JointReport> =
+        joints.into_iter().map(|(j, report)| beside_axis(report, &off_axis, j)).collect();
+    Ok(Assessed { joints, left_out, warnings })
+}
+
 /// Diagnoses a twin, whose URDF is `text`, by motion; writes nothing.
 pub(super) fn find(
     request: &DiagnoseRequest,
@@ -223,55 +292,16 @@ pub(super) fn find(
     monitor: &Monitor,
 ) -> Result<Found, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let Recorded { recordings, off_axis, mut warnings } = read_runs(request, tree, monitor)?;
-    let moving: Vec<usize> = (0..tree.joints.len())
-        .filter(|&j| tree.joints[j].motion != Motion::Fixed && !tree.joints[j].is_mimic)
-        .collect();
-    let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
-    let effects = catalogue(names.len().saturating_sub(1));
-    let wanted = indices(&effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let mut examined = Vec::new();
-    let mut refused: Vec<String> = Vec::new();
-    for &j in &moving {
-        monitor.check()?;
-        let name = tree.joints[j].name.clone();
-        let stage = format!("diagnose/{name}");
-        monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = ready(request, &recordings, tree, j, &names, &mut warnings);
-        match ready {
-            Ok((plant, split)) => {
-                let turns = tree.joints[j].motion == Motion::Turn;
-                let runs = Runs {
-                    fitted: split.fitted,
-                    held_out: split.held_out,
-                    turns,
-                    hold: request.hold,
-                    effects: wanted.clone(),
-                };
-                let mut rng = stage_rng(request.seed, &stage, 0);
-                examined.push((j, examine(&effects, &plant, &name, runs, &mut rng), rng));
-            }
-            Err(why) => refused.push(why),
-        }
-    }
-    let mut own: Vec<(usize, &mut Examined)> = examined.iter_mut().map(|(j, e, _)| (*j, e)).collect();
-    fit_chains(tree, &mut own);
-    let mut joints: Vec<JointReport> = Vec::new();
-    for (j, examined, mut rng) in examined {
-        monitor.check()?;
-        let mut report = conclude(examined, &mut rng);
-        // Of all runs the one whose poses leave the joint farthest.
-        let measured = off_axis.iter().filter_map(|e| e.get(&j).copied());
-        report.off_axis = measured.max_by(|a, b| a.excess().total_cmp(&b.excess()));
-        joints.push(report);
-    }
+    let effects = catalogue(moving(tree).len().saturating_sub(1));
+    let recorded = read_runs(request, tree, monitor)?;
+    let Assessed { joints, left_out, mut warnings } = assessed(request, tree, recorded, &effects, monitor)?;
     monitor.check()?;
     if joints.is_empty() {
         let why =
-            if refused.is_empty() { "the twin has no moving joint".to_owned() } else { refused.join("; ") };
+            if left_out.is_empty() { "the twin has no moving joint".to_owned() } else { left_out.join("; ") };
         return Err(RunError::stage("diagnose", why));
     }
-    warnings.extend(refused.into_iter().map(|why| Note::new(NoteCode::JointNotDiagnosed, why)));
+    warnings.extend(left_out.into_iter().map(|why| Note::new(NoteCode::JointNotDiagnosed, why)));
     let (urdf, mut exports) =
         urdf::urdf(text, tree, &joints, &effects, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let (mjcf, notes) = mjcf::mjcf(tree, &joints, &effects, "twin.xml");
@@ -299,6 +329,12 @@ pub(super) fn find(
         summary: report::summary(&joints),
         warnings,
     })
+}
+
+/// A report with what poses show beside the joint: of all runs the one whose poses leave it farthest.
+fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
+    let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
+    JointReport { off_axis: measured.max_by(|a, b| a.excess().total_cmp(&b.excess())), ..report }
 }
 
 /// The page; the twin comes with its URDF.

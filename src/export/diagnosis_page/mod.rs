@@ -123,6 +123,9 @@ fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
     let d = &joint.diagnosis;
     let found: Vec<String> = d.findings.iter().map(|f| values::sentence(joint, f, effects)).collect();
     let name = escape_xml(&joint.joint);
+    if let Some(doubt) = &joint.doubt {
+        return format!("{name}: {}", escape_xml(&doubt.looks()));
+    }
     match d.verdict {
         Verdict::None => format!("{name}: the twin agrees with the runs"),
         Verdict::Unknown => format!("{name}: something that no effect of the catalog explains well enough"),
@@ -226,7 +229,9 @@ fn remarks(joint: &JointReport) -> String {
             f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
         said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));
     }
-    if d.verdict == Verdict::Unknown && joint.nearest.is_none() {
+    if let Some(doubt) = &joint.doubt {
+        said.push(format!("Not diagnosed: {}.", escape_xml(&doubt.words())));
+    } else if d.verdict == Verdict::Unknown && joint.nearest.is_none() {
         said.push("No effect of the catalog comes near.".into());
     }
     if let (Some(near), Some(gap)) = (&d.nearest, &joint.nearest) {
@@ -238,7 +243,7 @@ fn remarks(joint: &JointReport) -> String {
             residual(gap.after, joint.turns)
         ));
     }
-    if d.verdict != Verdict::Insufficient {
+    if d.verdict != Verdict::Insufficient && joint.doubt.is_none() {
         said.push(next::disagreement(joint));
     }
     if let Some((share, noises)) = joint.remainder() {

@@ -50,6 +50,9 @@ pub fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) ->
                 format!("To know {}{share} better: {}.", words(&f.effect), of(f))
             })
         }
+        Verdict::Unknown if joint.doubt.is_some() => {
+            joint.doubt.as_ref().map_or(String::new(), |d| escape_xml(&d.remedy()) + ", and diagnose again.")
+        }
         Verdict::Unknown => match (place(joint), d.before.first()) {
             (Some(text), _) => text,
             (None, Some(w)) => wanted(w, joint.turns),

@@ -153,6 +153,7 @@ fn joint(length: usize) -> JointReport {
         replay: Vec::new(),
         nearest: None,
         off_axis: None,
+        doubt: None,
     }
 }
 

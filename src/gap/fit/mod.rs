@@ -4,6 +4,7 @@ pub mod acting;
 pub mod actuation;
 #[cfg(test)]
 mod derivative_tests;
+pub mod evidence;
 pub mod likely_noise;
 pub mod multibody;
 pub mod noise;
@@ -12,5 +13,6 @@ pub mod rollout;
 pub mod shooting;
 pub mod smooth;
 pub mod starts;
+pub mod stretch;
 pub mod whiten;
 pub mod whitening;

@@ -101,6 +101,7 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
         replay: Vec::new(),
         nearest: None,
         off_axis: None,
+        doubt: None,
     };
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
@@ -154,7 +155,7 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
 }
 
 /// Measured positions of all runs.
-fn tracks(runs: &Runs) -> Vec<Track> {
+pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
     let track = |is_held_out| {
         move |log: &JointLog| Track {
             run: log.run.clone(),

@@ -1,7 +1,13 @@
 //! Which effects are named: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
+pub mod convention;
 pub mod cross_validation;
+pub mod doubt;
+pub mod doubt_json;
+#[cfg(test)]
+mod doubt_tests;
+pub mod doubt_words;
 pub mod format_model;
 #[cfg(test)]
 mod format_model_tests;
@@ -21,6 +27,7 @@ pub mod offset;
 mod one_way_damping;
 pub mod orthogonal;
 pub mod proof;
+pub mod refused;
 pub mod regression;
 #[cfg(test)]
 mod remainder_tests;
@@ -33,4 +40,5 @@ pub mod simplify;
 #[cfg(test)]
 mod simulated;
 pub mod spread;
+pub mod unsigned;
 pub mod verdict;

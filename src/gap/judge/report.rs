@@ -4,6 +4,8 @@ use serde::Serialize;
 
 use crate::gap::{
     judge::{
+        doubt::Doubt,
+        doubt_json::DoubtJson,
         format_model::FormatModel,
         law::Law,
         proof::{Gap, RunSeries, left_of},
@@ -40,6 +42,8 @@ pub struct JointReport {
     pub nearest: Option<Gap>,
     /// What poses of the part show that the joint cannot make, where poses were read.
     pub off_axis: Option<OffAxis>,
+    /// Why it is not diagnosed, where twin and recording do not mean the same by their numbers.
+    pub doubt: Option<Doubt>,
 }
 
 /// Measured positions of a run, or of a part of it.
@@ -130,6 +134,8 @@ pub struct Report {
     off_axis: Vec<OffAxisJson>,
     /// What was found of servos and of efforts without a known unit.
     actuators: Vec<ActuatorJson>,
+    /// Joints that are not diagnosed, since twin and recording do not mean the same by their numbers.
+    doubts: Vec<DoubtJson>,
     exports: Vec<ExportNote>,
 }
 
@@ -267,6 +273,7 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
         remainder: joints.iter().filter_map(remainder).collect(),
         off_axis: joints.iter().filter_map(off_axis).collect(),
         actuators: joints.iter().filter_map(actuator).collect(),
+        doubts: joints.iter().filter_map(|j| j.doubt.as_ref().map(DoubtJson::of)).collect(),
         exports,
     }
 }

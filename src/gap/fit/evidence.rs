@@ -1,0 +1,254 @@
+//! How probable recorded efforts make recorded motion under a twin, and the motion these efforts: two linear
+//! regressions with proper priors, one for each of the two that may err. See docs/method.md 14.14.
+
+use nalgebra::{SMatrix, SVector};
+
+/// What a twin needs and what is recorded: its inertia times the acceleration, the rest, the effort.
+const KNOWN: usize = 3;
+/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by
+/// the effort, or by what the twin needs beside its inertia.
+const MISSING: usize = 8;
+/// Of these, friction by the effort and by the twin's need: what errs cannot explain itself.
+const BY_EFFORT: usize = 6;
+const BY_NEED: usize = 7;
+/// Of these, what an axis that stands otherwise changes.
+const TILTING: [usize; 3] = [0, 4, 5];
+const COLUMNS: usize = KNOWN + MISSING;
+
+/// Noises that are tried, as shares of the size of what errs: each half the one before.
+/// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
+const NOISES: i32 = 14;
+/// Most further noises, for what may have several sizes.
+/// derived: from a load to the inertia of a twin whose lengths are a thousand times too long.
+const MOST_NOISES: f64 = 40.0;
+
+/// A stretch of motion of a joint under a twin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Position, rad or m.
+    pub position: f64,
+    /// Velocity.
+    pub velocity: f64,
+    /// The twin's inertia times the acceleration, N m or N.
+    pub inertial: f64,
+    /// What else the twin needs for the motion, N m or N: load, damping, friction, what other joints make.
+    pub rest: f64,
+    /// The twin's inertia: the effort by the acceleration in the unit that it was recorded in.
+    pub inertia: f64,
+}
+
+/// Stretches and efforts of a joint, ready to be regressed.
+#[derive(Clone, Debug)]
+pub struct Regression {
+    gram: SMatrix<f64, COLUMNS, COLUMNS>,
+    /// Independent numbers in the rows.
+    weight: f64,
+    /// Mean logarithm of the inertia.
+    log_inertia: f64,
+}
+
+/// What a regression finds.
+#[derive(Clone, Copy, Debug)]
+pub struct Explained {
+    /// Log evidence.
+    pub evidence: f64,
+    /// Factor of what explains.
+    pub factor: f64,
+    /// Share of the squares that is left.
+    pub left: f64,
+}
+
+/// What may be missing, taken out of the known columns under one noise.
+struct Projected {
+    /// Products of what is left of the columns, by the variance of the noise.
+    products: SMatrix<f64, KNOWN, KNOWN>,
+    /// What the noise and the priors add to minus twice the log evidence.
+    twice: f64,
+}
+
+/// Columns of each stretch.
+fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
+    let n = seen.len().max(1) as f64;
+    let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
+    let rms =
+        |of: &dyn Fn(&Seen) -> f64| (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300);
+    let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
+    let need = rms(&|s| s.rest);
+    let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
+    let one = |(s, u): (&Seen, &f64)| {
+        let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
+        let (v, q) = (s.velocity / speed, (s.position - mean) / travel);
+        let sign = s.velocity.signum();
+        let (by_effort, by_need) = (u.abs() / size * sign, s.rest.abs() / need * sign);
+        SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need])
+    };
+    seen.iter().zip(effort).map(one).collect()
+}
+
+/// Share of the stretches that say something new: what of the efforts no factor of what is known, and
+/// nothing that may be missing, explains still resembles itself from one stretch to the next. `follows` says
+/// of each stretch whether it follows the one before it.
+#[must_use]
+pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
+    let rows = rows(seen, effort, turns);
+    let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
+    let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
+    // The effort's own column is what is explained.
+    let without = |r: &SVector<f64, COLUMNS>| {
+        let mut r = r.component_mul(&scale);
+        let own = std::mem::take(&mut r[2]);
+        r[KNOWN + BY_EFFORT] = 0.0;
+        (r, own)
+    };
+    let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * RIDGE;
+    let mut right = SVector::<f64, COLUMNS>::zeros();
+    for (r, own) in rows.iter().map(without) {
+        normal += r * r.transpose();
+        right += r * own;
+    }
+    let Some(found) = normal.cholesky().map(|c| c.solve(&right)) else { return 0.0 };
+    let error: Vec<f64> = rows.iter().map(without).map(|(r, own)| own - r.dot(&found)).collect();
+    let square: f64 = error.iter().map(|e| e * e).sum();
+    let pairs = error.windows(2).zip(&follows[1.min(follows.len())..]).filter(|(_, f)| **f);
+    let (mut product, mut count) = (0.0, 0.0);
+    for (pair, _) in pairs {
+        product += pair[0] * pair[1];
+        count += 1.0;
+    }
+    if !(square > 0.0) || count == 0.0 {
+        return 0.0;
+    }
+    let alike = (product / count) / (square / error.len() as f64);
+    // Of a first-order process.
+    ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
+}
+
+/// Ridge of a regression of columns of unit length.
+/// derived: rounding, for columns that are zero throughout.
+const RIDGE: f64 = 1e-12;
+
+/// The recorded effort among the known columns.
+fn effort_alone() -> SVector<f64, KNOWN> {
+    SVector::<f64, KNOWN>::new(0.0, 0.0, 1.0)
+}
+
+impl Regression {
+    /// Of rows with their efforts; `turns` where sine and cosine of the position mean something. `weight` is
+    /// the number of independent numbers in them.
+    #[must_use]
+    pub fn of(seen: &[Seen], effort: &[f64], turns: bool, weight: f64) -> Self {
+        let n = seen.len().max(1) as f64;
+        let gram = rows(seen, effort, turns).iter().fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
+        let log_inertia = seen.iter().map(|s| s.inertia.abs().max(1e-300).ln()).sum::<f64>() / n;
+        Self { gram: gram * (weight / n), weight, log_inertia }
+    }
+
+    /// Root mean square of a known column.
+    fn size(&self, column: usize) -> f64 {
+        (self.gram[(column, column)] / self.weight).sqrt()
+    }
+
+    /// Independent numbers in the rows.
+    #[must_use]
+    pub fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// Whether there are an effort and a motion to compare.
+    #[must_use]
+    pub fn is_telling(&self) -> bool {
+        self.weight > 2.0 * COLUMNS as f64 && self.size(0) > 0.0 && self.size(2) > 0.0
+    }
+
+    /// What explains the accelerations by the efforts, in the units that they were recorded in. Each of the
+    /// inertias is tried; gains are those of one range.
+    #[must_use]
+    pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
+        // What is missing is as large as the effort that acts, and a tilt as the load.
+        let effort = (gain.0 * gain.1).sqrt() * self.size(2);
+        // One grid of noises for all inertias, which share the work.
+        let sizes = inertias.iter().map(|i| self.needed(*i));
+        let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
+        let projected = self.projected((effort, self.size(1)), BY_NEED, range);
+        let one = |inertia: &f64| {
+            let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
+            let mut best = self.best(&projected, &needed, &effort_alone(), gain);
+            best.evidence += self.weight * (inertia.ln() + self.log_inertia);
+            best
+        };
+        inertias.iter().map(one).collect()
+    }
+
+    /// What explains the efforts by the motion.
+    #[must_use]
+    pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
+        let by = 1.0 / (gain.0 * gain.1).sqrt();
+        let projected =
+            self.projected((self.size(2), by * self.size(1)), BY_EFFORT, (self.size(2), self.size(2)));
+        let one = |inertia: &f64| {
+            let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
+            self.best(&projected, &effort_alone(), &needed, (1.0 / gain.1, 1.0 / gain.0))
+        };
+        inertias.iter().map(one).collect()
+    }
+
+    /// Size of what the twin needs with an inertia.
+    fn needed(&self, inertia: f64) -> f64 {
+        let needed = SVector::<f64, KNOWN>::new(inertia, 1.0, 0.0);
+        let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
+        ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
+    }
+
+    /// What is left of the known columns beside what may be missing, for every noise of what has a size
+    /// within a range; deviations of an effort and of a load. `unused` is what would explain itself.
+    fn projected(
+        &self,
+        (effort, load): (f64, f64),
+        unused: usize,
+        (least, most): (f64, f64),
+    ) -> Vec<Projected> {
+        let mut sd = SVector::<f64, MISSING>::repeat(effort);
+        sd[unused] = 0.0;
+        TILTING.into_iter().for_each(|i| sd[i] += load);
+        let deviation = SMatrix::<f64, MISSING, MISSING>::from_diagonal(&sd);
+        let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
+        let missing = self.gram.fixed_view::<MISSING, MISSING>(KNOWN, KNOWN);
+        let across = self.gram.fixed_view::<MISSING, KNOWN>(KNOWN, 0);
+        let one = |i: i32| {
+            let variance = (most * f64::from(-i).exp2()).powi(2).max(1e-300);
+            let whole = SMatrix::identity() + deviation * missing * deviation / variance;
+            let cholesky = whole.cholesky()?;
+            let right = deviation * across / variance;
+            let products = known / variance - right.transpose() * cholesky.solve(&right);
+            let log_determinant = 2.0 * (0..MISSING).map(|k| cholesky.l_dirty()[(k, k)].ln()).sum::<f64>();
+            Some(Projected { products, twice: self.weight * variance.ln() + log_determinant })
+        };
+        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
+        (0..NOISES + more).filter_map(one).collect()
+    }
+
+    /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's
+    /// approximation. The multiples are each as likely as any other on a logarithmic scale.
+    fn best(
+        &self,
+        all: &[Projected],
+        left: &SVector<f64, KNOWN>,
+        right: &SVector<f64, KNOWN>,
+        (low, high): (f64, f64),
+    ) -> Explained {
+        let mut best = Explained { evidence: f64::NEG_INFINITY, factor: 1.0, left: 1.0 };
+        for one in all {
+            let of = |a: &SVector<f64, KNOWN>, b: &SVector<f64, KNOWN>| (a.transpose() * one.products * b)[0];
+            let (square, across, own) = (of(left, left), of(left, right), of(right, right).max(1e-300));
+            let factor = (across / own).clamp(low, high);
+            let error = square - 2.0 * factor * across + factor * factor * own;
+            // Of the range the posterior holds this share.
+            let share = (std::f64::consts::TAU / own).sqrt() / (factor * (high / low).ln());
+            let evidence = -0.5 * (one.twice + error) + share.min(1.0).ln();
+            if evidence > best.evidence {
+                best = Explained { evidence, factor, left: error.max(0.0) / square.max(1e-300) };
+            }
+        }
+        best
+    }
+}

@@ -1,0 +1,131 @@
+//! What a recording or a twin may mean by its numbers other than the program takes them for.
+
+use crate::gap::twin_tree::{Motion, TwinTree};
+
+/// A convention that is not the program's. Factors are those that bring numbers to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Convention {
+    /// Of the twin's lengths.
+    pub lengths: f64,
+    /// Of its masses.
+    pub masses: f64,
+    /// Of its inertia tensors beside these.
+    pub tensors: f64,
+    /// Of recorded efforts.
+    pub effort: f64,
+    /// Of recorded angles.
+    pub angles: f64,
+    /// Of recorded ways of joints that slide.
+    pub ways: f64,
+    /// What the numbers look like.
+    pub looks: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+/// As the program takes them: SI units and radians, efforts in the sense of the axis.
+pub const AS_GIVEN: Convention = Convention {
+    lengths: 1.0,
+    masses: 1.0,
+    tensors: 1.0,
+    effort: 1.0,
+    angles: 1.0,
+    ways: 1.0,
+    looks: "as given",
+    remedy: "",
+};
+
+/// Where a name of a unit stands for a thousandth.
+const MILLI: f64 = 1e-3;
+/// derived: of a degree, radians.
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// A convention of the twin: factors of lengths, masses and inertia tensors.
+const fn twin(lengths: f64, masses: f64, tensors: f64, looks: &'static str) -> Convention {
+    let remedy = "give the twin in kg, m and kg m^2";
+    Convention { lengths, masses, tensors, looks, remedy, ..AS_GIVEN }
+}
+
+/// Conventions that are looked for. Each is a single change.
+pub const CONVENTIONS: &[Convention] = &[
+    twin(MILLI, 1.0, 1.0, "the twin's lengths look like millimeters"),
+    twin(1.0, MILLI, 1.0, "the twin's masses look like grams"),
+    twin(MILLI, MILLI, 1.0, "the twin's lengths look like millimeters and its masses like grams"),
+    twin(1.0, 1.0, MILLI * MILLI, "the twin's inertia tensors look like kg mm^2"),
+    twin(1.0, 1.0, MILLI * MILLI * MILLI, "the twin's inertia tensors look like g mm^2"),
+    twin(1.0 / MILLI, 1.0, 1.0, "the twin's lengths look like kilometers"),
+    twin(1.0, 1.0 / MILLI, 1.0, "the twin's masses look like tonnes"),
+    Convention {
+        effort: -1.0,
+        looks: "its efforts have the sign of the opposite axis",
+        remedy: "record efforts in the sense of the axis, or turn them with --effort-unit -1",
+        ..AS_GIVEN
+    },
+    Convention {
+        effort: MILLI,
+        looks: "its efforts look like thousandths of N m or N (mN m, or mA)",
+        remedy: "give their unit with --effort-unit, 0.001 for mN m, or --effort-unit unknown",
+        ..AS_GIVEN
+    },
+    Convention {
+        angles: DEGREE,
+        looks: "its positions look like degrees",
+        remedy: "record positions in radians",
+        ..AS_GIVEN
+    },
+    Convention {
+        ways: MILLI,
+        looks: "its positions look like millimeters",
+        remedy: "record positions in meters",
+        ..AS_GIVEN
+    },
+];
+
+impl Convention {
+    /// Whether it is one of the twin, which all of its joints share.
+    #[must_use]
+    pub fn is_of_twin(&self) -> bool {
+        [self.lengths, self.masses, self.tensors] != [1.0; 3]
+    }
+
+    /// Whether it turns the sign of efforts alone.
+    #[must_use]
+    pub fn is_of_sign(&self) -> bool {
+        self.effort < 0.0
+    }
+
+    /// Whether a joint that moves so shows it at all.
+    #[must_use]
+    pub fn concerns(&self, motion: Motion) -> bool {
+        match motion {
+            Motion::Turn => self.ways == 1.0,
+            Motion::Slide => self.angles == 1.0,
+            Motion::Fixed => false,
+        }
+    }
+
+    /// The twin in SI units, if it was written so.
+    #[must_use]
+    pub fn twin(&self, tree: &TwinTree) -> TwinTree {
+        let mut tree = tree.clone();
+        for link in &mut tree.links {
+            link.mass_kg *= self.masses;
+            link.center_of_mass.coords *= self.lengths;
+            link.inertia *= self.masses * self.lengths * self.lengths * self.tensors;
+        }
+        for joint in &mut tree.joints {
+            joint.parent_from_joint.translation.vector *= self.lengths;
+        }
+        tree
+    }
+
+    /// Factor of recorded positions of a joint.
+    #[must_use]
+    pub fn of_position(&self, motion: Motion) -> f64 {
+        match motion {
+            Motion::Turn => self.angles,
+            Motion::Slide => self.ways,
+            Motion::Fixed => 1.0,
+        }
+    }
+}

@@ -1,0 +1,420 @@
+//! Whether a twin and a recording mean the same by their numbers: conventions under which the recorded
+//! motion and efforts agree by far better than as they are given. See docs/method.md 14.14.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::gap::{
+    fit::{
+        evidence::{Explained, Regression, Seen, independent_share},
+        stretch::{RunMotion, Stretch, mean_signal, stretches},
+    },
+    judge::convention::{AS_GIVEN, CONVENTIONS, Convention},
+    model::effect::LARGEST_RATIO,
+    record::{drive::Hold, tracks::resampled},
+    twin_tree::{Motion, TwinTree},
+};
+
+/// Delays of an effort that are allowed for, seconds.
+/// derived: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
+/// change over a stretch.
+const DELAYS_S: [f64; 8] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15];
+/// Log odds beforehand of a convention against numbers that are what they are taken for.
+/// derived: one joint in ten thousand may lose its diagnosis to each of them by chance.
+pub const LOG_PRIOR: f64 = -9.21;
+/// Log odds at which a convention is said.
+/// derived: a weight of 0.95, as that of a name.
+pub const LOG_ODDS: f64 = 2.944;
+/// Least factor of the twin's inertia.
+/// derived: the bound of the effect `inertia`.
+const LEAST_INERTIA: f64 = 0.1;
+/// Largest factor of the twin's inertia.
+/// derived: the armature of a gear of 1:350 and a small link; the effect has no bound.
+const LARGEST_INERTIA: f64 = 1e4;
+/// Ratio of two neighboring factors of the inertia.
+/// derived: between two of them an inertia is 5 % off, as well as inertias are known.
+const INERTIA_RATIO: f64 = 1.1;
+/// Largest factor of the effort under another convention: a change of its own.
+/// derived: the root of ten, half way to the next power.
+const LARGEST_GAIN: f64 = 3.162;
+
+/// What an input looks like.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Looks {
+    /// Of another convention.
+    Convention(Convention),
+    /// The efforts that move this joint were recorded as those of another one.
+    EffortsOf(String),
+}
+
+/// Why a joint is not diagnosed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Doubt {
+    /// Joint.
+    pub joint: String,
+    /// What its input looks like, the likeliest first: a class that has a weight of 0.95 together.
+    pub looks: Vec<Looks>,
+    /// Log odds of it, prior included.
+    pub log_odds: f64,
+    /// The twin's inertia as a multiple of what motion and effort show.
+    pub inertia_ratio: f64,
+    /// Share of the squared effort that is left under it, and as given.
+    pub left: (f64, f64),
+    /// Another joint shows it; this one does not contradict.
+    pub by: Option<String>,
+}
+
+/// What is looked at.
+pub struct Scene<'a> {
+    /// The twin.
+    pub tree: &'a TwinTree,
+    /// Fitted runs.
+    pub runs: &'a [RunMotion],
+    /// Joints of the twin that may be diagnosed.
+    pub joints: &'a [usize],
+    /// How efforts run between samples.
+    pub hold: Hold,
+}
+
+/// A joint of a scene.
+pub struct JointScene<'a> {
+    scene: &'a Scene<'a>,
+    /// Index in the twin.
+    pub joint: usize,
+    /// Stretches in which it moves.
+    pub stretches: Vec<Stretch>,
+    /// Share of the stretches that say something new.
+    share: f64,
+}
+
+/// Evidence of both regressions as given, over all gains and inertias, with the best delay of each.
+pub struct Baseline {
+    motion: f64,
+    effort: f64,
+    left: f64,
+}
+
+/// Log odds of a convention against what is given.
+#[derive(Clone, Copy, Debug)]
+pub struct Odds {
+    /// Without the prior.
+    pub log: f64,
+    /// The twin's inertia as a multiple of what is found.
+    pub inertia_ratio: f64,
+    /// Share of the squared effort that is left.
+    pub left: f64,
+}
+
+/// Ranges of gains, each as likely as any other.
+pub type Gains = Vec<(f64, f64)>;
+
+/// All gains that the catalogue allows of numbers that are what they are taken for.
+#[must_use]
+pub fn all_gains() -> Gains {
+    let steps = LARGEST_RATIO.log2().ceil() as i32;
+    // By each of them what may be missing is as large as the effort that acts.
+    (-steps..steps).step_by(2).map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2())).collect()
+}
+
+/// Gains of an effort in another convention.
+fn about_one() -> Gains {
+    vec![(1.0 / LARGEST_GAIN, LARGEST_GAIN)]
+}
+
+/// Factors of the inertia, each as likely as any other.
+fn inertias(largest: f64) -> Vec<f64> {
+    let count = (largest / LEAST_INERTIA).ln() / INERTIA_RATIO.ln();
+    (0..=count.ceil() as i32).map(|i| LEAST_INERTIA * INERTIA_RATIO.powi(i)).collect()
+}
+
+/// Logarithm of a mean of exponentials.
+fn log_mean(values: &[f64]) -> f64 {
+    let top = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !top.is_finite() {
+        return f64::NEG_INFINITY;
+    }
+    top + (values.iter().map(|x| (x - top).exp()).sum::<f64>() / values.len() as f64).ln()
+}
+
+impl<'a> JointScene<'a> {
+    /// Of a joint.
+    #[must_use]
+    pub fn of(scene: &'a Scene<'a>, joint: usize) -> Self {
+        let own = Self { scene, joint, stretches: stretches(scene.runs, joint), share: 1.0 };
+        let all: Vec<&Stretch> = own.stretches.iter().collect();
+        let (seen, efforts) = (own.seen(&all, &AS_GIVEN), own.efforts(joint, &all, 0.0));
+        own.with_share((&all, &seen), &efforts)
+    }
+
+    /// With the share of the stretches that says something new by what is left of efforts over them.
+    #[must_use]
+    pub fn with_share(&self, (stretches, seen): (&[&Stretch], &[Seen]), efforts: &[Option<f64>]) -> Self {
+        let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
+        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
+        let key = |k: usize| stretches[known[k]].key;
+        let follows = |k: usize| k > 0 && key(k) == (key(k - 1).0, key(k - 1).1 + 1);
+        let follows: Vec<bool> = (0..known.len()).map(follows).collect();
+        let share = independent_share(&rows, &effort, self.turns(), &follows);
+        Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
+    }
+
+    fn turns(&self) -> bool {
+        self.scene.tree.joints[self.joint].motion == Motion::Turn
+    }
+
+    /// What a twin needs for each stretch, positions taken by a convention.
+    #[must_use]
+    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<Seen> {
+        let tree = convention.twin(self.scene.tree);
+        let (n, joint) = (tree.joints.len(), self.joint);
+        let factor: Vec<f64> = tree.joints.iter().map(|j| convention.of_position(j.motion)).collect();
+        let zero = vec![0.0; n];
+        let mut unit = zero.clone();
+        unit[joint] = 1.0;
+        let scaled =
+            |values: &[f64]| -> Vec<f64> { values.iter().zip(&factor).map(|(x, f)| x * f).collect() };
+        let spec = &tree.joints[joint];
+        let one = |s: &&Stretch| {
+            let (q, v, a) = (scaled(&s.position), scaled(&s.velocity), scaled(&s.acceleration));
+            let inertia = tree.inverse_dynamics(&q, &zero, &unit, false)[joint];
+            let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
+            let inertial = inertia * a[joint];
+            let own = spec.damping * v[joint] + spec.friction * v[joint].signum();
+            Seen {
+                position: q[joint],
+                velocity: v[joint],
+                inertial,
+                rest: whole - inertial + own,
+                inertia: inertia * factor[joint],
+            }
+        };
+        stretches.iter().map(one).collect()
+    }
+
+    /// Recorded efforts of a joint over stretches, late by a delay.
+    #[must_use]
+    pub fn efforts(&self, of: usize, stretches: &[&Stretch], delay_s: f64) -> Vec<Option<f64>> {
+        let hold = self.scene.hold;
+        let mut found = Vec::with_capacity(stretches.len());
+        // Stretches come run by run.
+        for part in stretches.chunk_by(|a, b| a.key.0 == b.key.0) {
+            let run = &self.scene.runs[part[0].key.0];
+            let log = |j: usize| run[j].as_ref().and_then(|m| m.log.as_ref());
+            let (Some(own), Some(other)) = (log(self.joint), log(of)) else {
+                found.extend(part.iter().map(|_| None));
+                continue;
+            };
+            let brought;
+            let values = if own.time_s == other.time_s {
+                &other.effort
+            } else {
+                brought = resampled(&other.time_s, &other.effort, &own.time_s, hold);
+                &brought
+            };
+            let means = mean_signal((own, values), part, hold, delay_s);
+            found.extend(means.into_iter().map(|u| u.filter(|u| u.is_finite())));
+        }
+        found
+    }
+
+    /// A regression over the stretches that have an effort.
+    fn regression(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Regression {
+        let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
+        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
+        let weight = self.share * rows.len() as f64;
+        Regression::of(&rows, &effort, self.turns(), weight)
+    }
+
+    /// Evidence as given, over some stretches. `None` where they do not tell.
+    #[must_use]
+    pub fn baseline(&self, stretches: &[&Stretch], gains: &Gains) -> Option<Baseline> {
+        let seen = self.seen(stretches, &AS_GIVEN);
+        let inertias = inertias(LARGEST_INERTIA);
+        let mut best = Baseline { motion: f64::NEG_INFINITY, effort: f64::NEG_INFINITY, left: 1.0 };
+        for delay_s in DELAYS_S {
+            let regression = self.regression(&seen, &self.efforts(self.joint, stretches, delay_s));
+            if !regression.is_telling() {
+                return None;
+            }
+            let motion: Vec<f64> =
+                gains.iter().flat_map(|g| regression.of_motion(&inertias, *g)).map(|e| e.evidence).collect();
+            let effort: Vec<Explained> =
+                gains.iter().flat_map(|g| regression.of_effort(&inertias, *g)).collect();
+            best.motion = best.motion.max(log_mean(&motion));
+            let evidence = log_mean(&effort.iter().map(|e| e.evidence).collect::<Vec<_>>());
+            if evidence > best.effort {
+                let top = effort.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+                (best.effort, best.left) = (evidence, top.map_or(1.0, |t| t.left));
+            }
+        }
+        Some(best)
+    }
+
+    /// Log odds of numbers that are seen, and of efforts that act, otherwise than as given. They are the less
+    /// of those of the two regressions: the truth lies between them, whether motion or efforts err (Frisch
+    /// 1934). `prices` come off: for each independent number, those of the motion and of the efforts.
+    #[must_use]
+    pub fn odds(
+        &self,
+        seen: &[Seen],
+        efforts: &dyn Fn(f64) -> Vec<Option<f64>>,
+        given: &Baseline,
+        gains: &Gains,
+        prices: (f64, f64),
+    ) -> Option<Odds> {
+        // A twin in other units whose inertia is far off as well is two changes.
+        let inertias = inertias(LARGEST_RATIO);
+        let mut best: Option<Odds> = None;
+        for delay_s in DELAYS_S {
+            let regression = self.regression(seen, &efforts(delay_s));
+            if !regression.is_telling() {
+                return None;
+            }
+            let (of_motion, of_effort) = (
+                given.motion + regression.weight() * prices.0,
+                given.effort + regression.weight() * prices.1,
+            );
+            let mut all: Vec<(f64, Odds)> = Vec::new();
+            for gain in gains {
+                let motion = regression.of_motion(&inertias, *gain);
+                let effort = regression.of_effort(&inertias, *gain);
+                for ((m, u), inertia) in motion.iter().zip(&effort).zip(&inertias) {
+                    let log = (m.evidence - of_motion).min(u.evidence - of_effort);
+                    let inertia_ratio = 1.0 / (inertia * u.factor);
+                    all.push((log, Odds { log, inertia_ratio, left: u.left }));
+                }
+            }
+            let log = log_mean(&all.iter().map(|a| a.0).collect::<Vec<_>>());
+            let top = all.iter().max_by(|a, b| a.0.total_cmp(&b.0))?.1;
+            if best.is_none_or(|b| log > b.log) {
+                best = Some(Odds { log, ..top });
+            }
+        }
+        best
+    }
+
+    /// Log odds of a convention.
+    fn of_convention(&self, convention: &Convention, given: &Baseline) -> Option<Odds> {
+        let stretches: Vec<&Stretch> = self.stretches.iter().collect();
+        let (seen, taken) = (self.seen(&stretches, convention), self.seen(&stretches, &AS_GIVEN));
+        if seen == taken && convention.effort == 1.0 {
+            // A slide knows nothing of lengths.
+            return None;
+        }
+        let efforts = |delay_s: f64| -> Vec<Option<f64>> {
+            let own = self.efforts(self.joint, &stretches, delay_s);
+            own.into_iter().map(|u| u.map(|u| u * convention.effort)).collect()
+        };
+        let odds = self.odds(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
+        let size = |s: &[Seen]| s.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt();
+        Some(Odds { inertia_ratio: odds.inertia_ratio * size(&taken) / size(&seen).max(1e-300), ..odds })
+    }
+
+    /// Log odds that the efforts of another joint move this one: that they explain its motion better than its
+    /// own do, and are explained better by it than by that joint's.
+    fn by_efforts_of(&self, other: &Self) -> Option<Odds> {
+        let keys: BTreeSet<_> = other.stretches.iter().map(|s| s.key).collect();
+        let both: Vec<&Stretch> = self.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
+        let keys: BTreeSet<_> = both.iter().map(|s| s.key).collect();
+        let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
+        let seen = self.seen(&both, &AS_GIVEN);
+        let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
+        // What wrong efforts leave of a motion resembles itself for long: the better explanation decides how
+        // much each stretch says.
+        let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
+        let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
+        let gains = all_gains();
+        let (own, their) = (of(self).baseline(&both, &gains)?, of(other).baseline(&theirs, &gains)?);
+        let given = Baseline { motion: own.motion, ..their };
+        of(self).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
+    }
+}
+
+/// Doubts about the input, by joint of the twin.
+#[must_use]
+pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
+    let joints: Vec<JointScene> = scene.joints.iter().map(|j| JointScene::of(scene, *j)).collect();
+    let mut found = BTreeMap::new();
+    let mut undecided: Vec<(usize, Vec<(Convention, f64)>)> = Vec::new();
+    for own in &joints {
+        let stretches: Vec<&Stretch> = own.stretches.iter().collect();
+        // Efforts of another joint leave so much that lasts that these stretches alone tell nothing.
+        let given = own.baseline(&stretches, &all_gains());
+        let motion = scene.tree.joints[own.joint].motion;
+        let of = |c: &Convention| Some((Looks::Convention(*c), own.of_convention(c, given.as_ref()?)?));
+        let mut all: Vec<(Looks, Odds)> =
+            CONVENTIONS.iter().filter(|c| c.concerns(motion)).filter_map(of).collect();
+        for other in joints.iter().filter(|o| o.joint != own.joint) {
+            let name = || scene.tree.joints[other.joint].name.clone();
+            all.extend(own.by_efforts_of(other).map(|odds| (Looks::EffortsOf(name()), odds)));
+        }
+        if given.is_some() {
+            let of_twin = all.iter().filter_map(|(looks, odds)| match looks {
+                Looks::Convention(c) if c.is_of_twin() => Some((*c, odds.log)),
+                _ => None,
+            });
+            undecided.push((own.joint, of_twin.collect()));
+        }
+        let left = given.map_or(1.0, |g| g.left);
+        if let Some(doubt) = doubt(&scene.tree.joints[own.joint].name, all, left) {
+            found.insert(own.joint, doubt);
+        }
+    }
+    shared(scene, &undecided, &mut found);
+    found
+}
+
+/// The doubt about one joint, where there is one.
+fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
+    all.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
+    let best = all.first()?.1;
+    let logs: Vec<f64> = all.iter().map(|a| a.1.log).collect();
+    let log_odds = log_mean(&logs) + (logs.len() as f64).ln() + LOG_PRIOR;
+    if !(log_odds > LOG_ODDS) {
+        return None;
+    }
+    // The fewest that have the weight of a name together.
+    let total: f64 = logs.iter().map(|l| (l - best.log).exp()).sum();
+    let mut weight = 0.0;
+    let mut looks = Vec::new();
+    for (one, odds) in all {
+        if weight > 0.95 * total {
+            break;
+        }
+        weight += (odds.log - best.log).exp();
+        looks.push(one);
+    }
+    Some(Doubt {
+        joint: joint.to_owned(),
+        looks,
+        log_odds,
+        inertia_ratio: best.inertia_ratio,
+        left: (best.left.min(1.0), left.min(1.0)),
+        by: None,
+    })
+}
+
+/// A convention of the twin that one joint shows counts for those that do not contradict it.
+fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BTreeMap<usize, Doubt>) {
+    let shown = found.values().filter(|d| d.looks.iter().all(is_of_twin));
+    let Some(sure) = shown.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).cloned() else { return };
+    for j in scene.joints.iter().filter(|j| !found.contains_key(j)).copied().collect::<Vec<_>>() {
+        let own = all.iter().find(|(joint, _)| *joint == j).map(|(_, odds)| odds.as_slice());
+        let contradicts = |looks: &Looks| {
+            let log = |own: &[(Convention, f64)]| {
+                own.iter().find(|(c, _)| *looks == Looks::Convention(*c)).map(|(_, log)| *log)
+            };
+            // What does not change with the convention does not rest on it.
+            own.is_some_and(|own| log(own).is_none_or(|log| log < LOG_PRIOR))
+        };
+        if !sure.looks.iter().all(contradicts) {
+            let joint = scene.tree.joints[j].name.clone();
+            found.insert(j, Doubt { joint, by: Some(sure.joint.clone()), ..sure.clone() });
+        }
+    }
+}
+
+fn is_of_twin(looks: &Looks) -> bool {
+    matches!(looks, Looks::Convention(c) if c.is_of_twin())
+}

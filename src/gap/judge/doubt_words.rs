@@ -1,0 +1,90 @@
+//! A doubt in words.
+
+use super::doubt::{Doubt, Looks};
+use crate::note::{Note, NoteCode};
+
+impl Looks {
+    /// What the input looks like.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            Self::Convention(c) => c.looks.to_owned(),
+            Self::EffortsOf(other) => format!("the efforts of joint '{other}' move it, its own do not"),
+        }
+    }
+
+    /// What to do.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Convention(c) => c.remedy,
+            Self::EffortsOf(_) => "check that names and efforts have one order in the recording",
+        }
+    }
+
+    fn code(&self) -> NoteCode {
+        match self {
+            Self::EffortsOf(_) => NoteCode::EffortsOfOtherJoint,
+            Self::Convention(c) if c.is_of_sign() => NoteCode::EffortSignTurned,
+            Self::Convention(_) => NoteCode::UnitsDoubtful,
+        }
+    }
+}
+
+impl Doubt {
+    /// What it is about.
+    #[must_use]
+    pub fn code(&self) -> NoteCode {
+        self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::code)
+    }
+
+    /// What the input looks like.
+    #[must_use]
+    pub fn looks(&self) -> String {
+        self.list(&Looks::words)
+    }
+
+    /// What to do.
+    #[must_use]
+    pub fn remedy(&self) -> String {
+        self.list(&|looks| looks.remedy().to_owned())
+    }
+
+    /// Different words of the class.
+    fn list(&self, of: &dyn Fn(&Looks) -> String) -> String {
+        let mut all: Vec<String> = Vec::new();
+        for words in self.looks.iter().map(of) {
+            if !all.contains(&words) {
+                all.push(words);
+            }
+        }
+        all.join(", or ")
+    }
+
+    /// It and its evidence, without the joint.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let (looks, remedy) = (self.looks(), self.remedy());
+        if let Some(by) = &self.by {
+            return format!("{looks}, as joint '{by}' shows: no name is given on such numbers; {remedy}");
+        }
+        let inertia = match self.code() {
+            NoteCode::UnitsDoubtful => {
+                format!("the twin's inertia is {:.1e} times what they show; ", self.inertia_ratio)
+            }
+            _ => String::new(),
+        };
+        let (so, given) = (100.0 * self.left.0, 100.0 * self.left.1);
+        format!(
+            "{looks}, by motion and efforts (log odds {:.0}): {inertia}so {so:.1} % of the squared effort is \
+             left unexplained, as given {given:.1} %; no name is given on such numbers; {remedy}",
+            self.log_odds
+        )
+    }
+
+    /// It as a warning.
+    #[must_use]
+    pub fn note(&self) -> Note {
+        Note::new(self.code(), format!("joint '{}': {}", self.joint, self.words()))
+    }
+}

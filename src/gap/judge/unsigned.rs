@@ -1,0 +1,80 @@
+//! Efforts of which only the magnitude was recorded, though the joint was driven both ways.
+
+use std::f64::consts::LN_2;
+
+use super::doubt::{JointScene, LOG_ODDS, all_gains};
+use crate::gap::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
+
+/// Friction that is tried beside what the twin needs for a motion, as shares of that.
+/// derived: none, and a half to twice of it: what a sign follows of the two.
+const FRICTIONS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
+/// Inertias that are tried, as multiples of the twin's.
+/// derived: its own, and those of a small and a large gear.
+const INERTIAS: [f64; 3] = [1.0, 4.0, 16.0];
+/// Largest factor of an effort without a sign, as a power of two: such efforts often are counts.
+/// derived: from counts of a millionth to mega counts.
+const LARGEST_POWER: i32 = 20;
+
+/// Whether efforts of a joint were recorded and none is negative, in any run.
+#[must_use]
+pub fn is_never_negative(runs: &[Recording], joint: &str) -> bool {
+    let samples = runs.iter().filter_map(|r| r.samples(joint)).flat_map(|s| s.effort.iter().copied());
+    let known: Vec<f64> = samples.filter(|u| u.is_finite()).collect();
+    known.iter().all(|u| *u >= 0.0) && known.iter().any(|u| *u > 0.0)
+}
+
+/// Log odds that efforts which are never negative are magnitudes, against efforts of one sense: with the sign
+/// of what the motion needs they are explained by it, and it by them. `None` where that says too little.
+#[must_use]
+pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
+    let stretches: Vec<&Stretch> = joint.stretches.iter().collect();
+    let seen = joint.seen(&stretches, &AS_GIVEN);
+    let rms = |of: &dyn Fn(usize) -> f64| {
+        ((0..seen.len()).map(|i| of(i).powi(2)).sum::<f64>() / seen.len().max(1) as f64).sqrt()
+    };
+    let gains: Vec<(f64, f64)> = (-LARGEST_POWER..LARGEST_POWER)
+        .step_by(2)
+        .map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2()))
+        .collect();
+    let mut best: Option<f64> = None;
+    for inertia in INERTIAS {
+        let need = |i: usize| inertia * seen[i].inertial + seen[i].rest;
+        let size = rms(&need);
+        for friction in FRICTIONS {
+            let sign: Vec<f64> = (0..seen.len())
+                .map(|i| (need(i) + friction * size * seen[i].velocity.signum()).signum())
+                .collect();
+            let efforts = |delay_s: f64| -> Vec<Option<f64>> {
+                let own = joint.efforts(joint.joint, &stretches, delay_s);
+                own.into_iter().zip(&sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
+            };
+            // How much each stretch says depends on what is left, which the sign decides.
+            let with = joint.with_share((&stretches, &seen), &efforts(0.0));
+            let Some(given) = with.baseline(&stretches, &all_gains()) else { continue };
+            // The sign of a motion that is to be explained comes from it: a bit of each of its numbers.
+            let odds = with.odds(&seen, &efforts, &given, &gains, (LN_2, 0.0));
+            let tried = ((INERTIAS.len() * FRICTIONS.len()) as f64).ln();
+            best = odds.map(|o| o.log - tried).into_iter().chain(best).reduce(f64::max);
+        }
+    }
+    best
+}
+
+/// Whether it is likelier than a name must be.
+#[must_use]
+pub fn is_magnitude(joint: &JointScene) -> bool {
+    magnitude_odds(joint).is_some_and(|odds| odds > LOG_ODDS)
+}
+
+/// Gives efforts the sign of the command less the position; whether the run has commands of the joint. Where
+/// none was given yet there is no effort.
+pub fn sign_by_command(run: &mut Recording, joint: &str) -> bool {
+    let Some(command) = run.commands.iter().find(|c| c.joint == joint) else { return false };
+    let Some(samples) = run.joints.iter_mut().find(|s| s.name == joint) else { return false };
+    let commanded = command.at_samples(&samples.time_s, &samples.position);
+    for ((u, c), q) in samples.effort.iter_mut().zip(&commanded).zip(&samples.position) {
+        let error = c - q;
+        *u = if error.is_nan() { f64::NAN } else { *u * error.signum() };
+    }
+    true
+}

@@ -1,0 +1,63 @@
+//! What of a twin and its runs is not what it is taken for, before any effect is looked for.
+
+use std::collections::BTreeMap;
+
+use super::{DiagnoseRequest, signs::settle_signs};
+use crate::gap::{
+    fit::stretch::{Moved, RunMotion},
+    judge::doubt::{Doubt, Scene, doubts},
+    record::{
+        command::{EffortUnit, Told},
+        drive::Hold,
+        recording::Recording,
+    },
+    twin_tree::TwinTree,
+};
+use crate::note::Note;
+
+/// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
+/// Efforts get the sign that commands give them. Warnings are added for both.
+pub(super) fn input_doubts(
+    recordings: &mut [(Recording, bool)],
+    tree: &TwinTree,
+    moving: &[usize],
+    request: &DiagnoseRequest,
+    warnings: &mut Vec<Note>,
+) -> (BTreeMap<usize, String>, BTreeMap<usize, Doubt>) {
+    let unsigned = settle_signs(recordings, tree, moving, (request.hold, &request.told), warnings);
+    let doubts = doubts_of(recordings, tree, moving, request.hold, &request.told);
+    warnings.extend(doubts.values().map(Doubt::note));
+    (unsigned, doubts)
+}
+
+/// Doubts about the joints `moving` of a twin, by joint.
+fn doubts_of(
+    recordings: &[(Recording, bool)],
+    tree: &TwinTree,
+    moving: &[usize],
+    hold: Hold,
+    told: &Told,
+) -> BTreeMap<usize, Doubt> {
+    // Of efforts without a known unit neither sign nor size say anything; the factor is found.
+    if told.unit == EffortUnit::Unknown {
+        return BTreeMap::new();
+    }
+    // Joints that follow others have no efforts of their own.
+    let joints: Vec<usize> =
+        moving.iter().copied().filter(|j| tree.chain(*j).iter().all(|k| !tree.joints[*k].is_mimic)).collect();
+    let fitted = recordings.iter().filter(|(_, held)| !held).map(|(recording, _)| recording);
+    let runs: Vec<RunMotion> = fitted.map(|r| motions(r, tree, &joints, told)).collect();
+    doubts(&Scene { tree, runs: &runs, joints: &joints, hold })
+}
+
+/// What a run shows of the joints.
+pub(super) fn motions(run: &Recording, tree: &TwinTree, joints: &[usize], told: &Told) -> RunMotion {
+    let one = |j: usize| {
+        let name = &tree.joints[j].name;
+        let motion = run.motion(name).ok().filter(|_| joints.contains(&j))?;
+        let log = run.joint(name, &[], told, &mut Vec::new()).ok();
+        // A servo's efforts are not known before it is.
+        Some(Moved { log: log.filter(|l| l.commanded.is_empty()), motion })
+    };
+    (0..tree.joints.len()).map(one).collect()
+}

@@ -1,0 +1,65 @@
+//! Efforts without a sign: given one by commands, or not used.
+
+use std::collections::BTreeMap;
+
+use super::doubts::motions;
+use crate::{
+    gap::{
+        fit::stretch::RunMotion,
+        judge::{
+            doubt::{JointScene, Scene},
+            unsigned::{is_magnitude, is_never_negative, sign_by_command},
+        },
+        record::{command::Told, drive::Hold, recording::Recording},
+        twin_tree::TwinTree,
+    },
+    note::{Note, NoteCode},
+};
+
+/// Gives efforts that are magnitudes their sign, where all runs have commands of the joint, and takes them
+/// away where not: why, by joint. Of the runs the flag says whether only the proof reads them.
+pub(super) fn settle_signs(
+    recordings: &mut [(Recording, bool)],
+    tree: &TwinTree,
+    moving: &[usize],
+    (hold, told): (Hold, &Told),
+    warnings: &mut Vec<Note>,
+) -> BTreeMap<usize, String> {
+    let mut refused = BTreeMap::new();
+    let all: Vec<Recording> = recordings.iter().map(|(r, _)| r.clone()).collect();
+    let suspects: Vec<usize> =
+        moving.iter().copied().filter(|j| is_never_negative(&all, &tree.joints[*j].name)).collect();
+    if suspects.is_empty() {
+        return refused;
+    }
+    let fitted = recordings.iter().filter(|(_, held)| !held);
+    let runs: Vec<RunMotion> = fitted.map(|(r, _)| motions(r, tree, moving, told)).collect();
+    let scene = Scene { tree, runs: &runs, joints: moving, hold };
+    for j in suspects {
+        let name = &tree.joints[j].name;
+        if !is_magnitude(&JointScene::of(&scene, j)) {
+            continue;
+        }
+        let what = format!(
+            "joint '{name}': its efforts are never negative, though its motion shows that it was driven both \
+             ways"
+        );
+        if all.iter().all(|r| r.commands.iter().any(|c| c.joint == *name)) {
+            recordings.iter_mut().for_each(|(r, _)| _ = sign_by_command(r, name));
+            let text = format!("{what}: their sign is that of the command less the position");
+            warnings.push(Note::new(NoteCode::EffortsWithoutSign, text));
+        } else {
+            // Nothing may use them, the other joints of a chain neither.
+            for (run, _) in recordings.iter_mut() {
+                let samples = run.joints.iter_mut().filter(|s| s.name == *name);
+                samples.for_each(|s| s.effort.iter_mut().for_each(|u| *u = f64::NAN));
+            }
+            let why = format!(
+                "{what}: a magnitude without a sign is no effort; record the effort or current with its \
+                 sign, or what the joint is commanded to (--command)"
+            );
+            refused.insert(j, why);
+        }
+    }
+    refused
+}
