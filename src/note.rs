@@ -139,8 +139,8 @@ codes! {
     Stopping = "stopping", "The run stops after its present step.";
     // Diagnoses.
     JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
-    UnitsDoubtful = "units_doubtful", "A twin or a recording looks as if it were in other units; the joint is \
-        not diagnosed.";
+    UnitsDoubtful = "units_doubtful", "A twin or a recording looks as if it were in other units; the joint \
+        is not diagnosed.";
     EffortSignTurned = "effort_sign_turned", "The efforts of a joint have the sign of the opposite axis; it \
         is not diagnosed.";
     EffortsOfOtherJoint = "efforts_of_other_joint", "The efforts that move a joint were recorded as those of \

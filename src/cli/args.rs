@@ -216,6 +216,7 @@ pub struct DiagnoseArgs {
     /// Newton meters (newtons) that one unit of the recorded efforts is, or `unknown` for currents, duty
     /// cycles or counts: the factor is then found
     #[arg(long, value_name = "FACTOR", value_parser = effort_unit, default_value = "1")]
+    #[arg(allow_hyphen_values = true)]
     pub effort_unit: EffortUnit,
     /// Position controller that follows recorded commands; they then count before efforts. What is not given
     /// is found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not given), delay

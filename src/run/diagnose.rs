@@ -444,8 +444,8 @@ enum SplitError {
     Chain { joint: String, source: RecordingError },
 }
 
-/// Most runs of which each gives its last third to the proof: a fit of one whole run would know its conditions
-/// alone.
+/// Most runs of which each gives its last third to the proof: a fit of one whole run would know its
+/// conditions alone.
 const MOST_DIVIDED: usize = 2;
 
 /// Logs of one joint. Of up to two runs each gives its last third to the proof.

@@ -69,8 +69,8 @@ pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel
     is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
 }
 
-/// Windows of each length that two models were not fitted to: those of held-out runs, and those of each fitted
-/// run under the parameters that the others give.
+/// Windows of each length that two models were not fitted to: those of held-out runs, and those of each
+/// fitted run under the parameters that the others give.
 pub struct Unseen {
     windows: [Vec<Compared>; LENGTHS.len()],
     floor: f64,
@@ -125,8 +125,8 @@ impl Unseen {
         self.windows.iter().any(is_better)
     }
 
-    /// Whether the file of a joint with the model is surely better than one with the other: over whole windows
-    /// in the mean, in the median and in the sum of squares.
+    /// Whether the file of a joint with the model is surely better than one with the other: over whole
+    /// windows in the mean, in the median and in the sum of squares.
     #[must_use]
     pub fn serve_better(&self) -> bool {
         let [with, without] = sizes_of(&self.windows[0]);

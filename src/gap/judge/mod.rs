@@ -27,6 +27,7 @@ pub mod offset;
 mod one_way_damping;
 pub mod orthogonal;
 pub mod proof;
+pub mod refined;
 pub mod refused;
 pub mod regression;
 #[cfg(test)]

@@ -1,9 +1,7 @@
 //! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion
 //! for any of these.
 
-use nalgebra::DMatrix;
 use rand_core::Rng;
-use rayon::prelude::*;
 
 use crate::gap::{
     fit::{
@@ -17,6 +15,7 @@ use crate::gap::{
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
         offset::with_offset,
+        refined::refined,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, candidate, search},
         simplify::{HALF_WIDTH, simplified},
@@ -24,7 +23,7 @@ use crate::gap::{
     },
     model::{
         effect::{Coverage, Dimension, Place},
-        joint_model::{JointModel, SETTLE_S, Term},
+        joint_model::{JointModel, Term},
     },
     record::off_axis::MAX_LEFT,
 };
@@ -407,64 +406,6 @@ fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     let starts = Some(chosen.fit.starts.as_slice());
     candidate(problem, fit(problem, &model, starts, chosen.fit.noise, Free::All, Pace::thorough(2)))
 }
-
-/// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
-/// covariance with what the parameters moved by the small steps and with the settle time: neither is known
-/// better. A delay is not known better than the stamps.
-fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
-    let problem = &problem.refined();
-    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
-    let at = |settle_s: f64, from: &Fit, steps: usize| {
-        let model = JointModel { settle_s, ..from.model.clone() };
-        fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace { steps, ..pace })
-    };
-    let fine = at(coarse.model.settle_s, coarse, pace.steps);
-    let mut fits = vec![fine.clone()];
-    if fine.model.has_friction(problem.catalogue) {
-        let own = fine.model.settle_s;
-        let between = SETTLE_S.iter().copied().filter(|s| *s != own);
-        // The grid's ratio of two is too coarse for an average: likely times lie close about the best.
-        let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
-        let more: Vec<Fit> = between
-            .chain(near)
-            .collect::<Vec<_>>()
-            .par_iter()
-            .map(|s| at(*s, &fine, pace.steps / 2))
-            .collect();
-        fits.extend(more);
-    }
-    let best = fits.iter().map(|f| f.log_likelihood).fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = fits.iter().map(|f| (f.log_likelihood - best).exp()).collect();
-    let total: f64 = weights.iter().sum();
-    let mean =
-        |of: &dyn Fn(&Fit) -> f64| fits.iter().zip(&weights).map(|(f, w)| w * of(f)).sum::<f64>() / total;
-    let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.parameters()).collect();
-    let parameters: Vec<f64> = (0..own[0].len())
-        .map(|i| own.iter().zip(&weights).map(|(p, w)| w * p[i]).sum::<f64>() / total)
-        .collect();
-    let mut covariance = fits
-        .iter()
-        .zip(&weights)
-        .fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
-    for (i, before) in coarse.model.parameters().into_iter().enumerate() {
-        let spread: f64 =
-            own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
-        // What small steps leave, a third of the shift that they made, and the spread over settle times.
-        covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
-    }
-    let model =
-        JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
-    // Beside a delay the lag was held at zero, and is as uncertain as its prior.
-    if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
-        covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
-    }
-    (model, Spread { covariance, witnesses: fine.witnesses })
-}
-
-/// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is
-/// left: the error of a step is of first order at worst, and the last one is a quarter.
-/// derived: `((1 - 1/4) / (1/4))^2`.
-const STEP_RATIO: f64 = 9.0;
 
 fn findings(
     problem: &Problem,

@@ -74,7 +74,7 @@ impl<'a> Dynamics<'a> {
         self.driven.iter().map(|d| &d.sensor)
     }
 
-    /// Moves positions and velocities by `h` seconds: half a step, the velocity at the middle, the other half.
+    /// Moves positions and velocities by `h` seconds: half a step, the velocity at the middle, half a step.
     pub fn step(&self, q: &mut [f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let drift = |q: &mut [f64], v: &[f64]| q.iter_mut().zip(v).for_each(|(q, v)| *q += 0.5 * h * v);
         drift(q, v);
@@ -108,13 +108,34 @@ impl<'a> Dynamics<'a> {
         mass
     }
 
-    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to the velocity
-    /// that it settles to, or acts at its bound.
+    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to the
+    /// velocity that it settles to, or acts at its bound. Coriolis efforts are those of the mean velocity,
+    /// which a first pass gives: those of the velocity before would feed or eat energy.
     fn kick(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
+        let position = self.spread(q);
+        let mass = self.mass(&position);
+        let mut after = v.to_vec();
+        for _ in 0..2 {
+            let mean: Vec<f64> = v.iter().zip(&after).map(|(a, b)| 0.5 * (a + b)).collect();
+            let rest =
+                self.tree.inverse_dynamics(&position, &self.spread(&mean), &vec![0.0; position.len()], true);
+            after.copy_from_slice(v);
+            self.kicked(q, &mut after, (h, &rest), &mass, inputs);
+        }
+        v.copy_from_slice(&after);
+    }
+
+    /// Changes velocities over `h` seconds, where the tree takes the efforts `rest` without accelerating.
+    fn kicked(
+        &self,
+        q: &[f64],
+        v: &mut [f64],
+        (h, rest): (f64, &[f64]),
+        mass: &DMatrix<f64>,
+        inputs: &Inputs,
+    ) {
         let n = v.len();
-        let (position, velocity) = (self.spread(q), self.spread(v));
-        let rest = self.tree.inverse_dynamics(&position, &velocity, &vec![0.0; position.len()], true);
-        let mut matrix = self.mass(&position);
+        let mut matrix = mass.clone();
         let (mut total, mut bound) = (DVector::zeros(n), DVector::zeros(n));
         let mut acted = Vec::with_capacity(n);
         for (i, driven) in self.driven.iter().enumerate() {
@@ -165,8 +186,8 @@ impl<'a> Dynamics<'a> {
         self.settle(v, &kicks, &inverse, &(bound * h), h);
     }
 
-    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound` N m s:
-    /// Gauss and Seidel's sweeps over the joints (Jean 1999).
+    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound`, N m s
+    /// or N s: Gauss and Seidel's sweeps over the joints (Jean 1999).
     fn settle(
         &self,
         v: &mut [f64],
