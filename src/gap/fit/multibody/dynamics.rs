@@ -186,8 +186,8 @@ impl<'a> Dynamics<'a> {
         self.settle(v, &kicks, &inverse, &(bound * h), h);
     }
 
-    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound`, N m s
-    /// or N s: Gauss and Seidel's sweeps over the joints (Jean 1999).
+    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound`,
+    /// N m s or N s: Gauss and Seidel's sweeps over the joints (Jean 1999).
     fn settle(
         &self,
         v: &mut [f64],
@@ -210,7 +210,7 @@ impl<'a> Dynamics<'a> {
             let mut moved = 0.0f64;
             for i in 0..n {
                 let wanted: f64 = taken[i] + (after[i] - targets[i]) / inverse[(i, i)];
-                let change = wanted.clamp(-bound[i], bound[i]) - taken[i];
+                let change = wanted.max(-bound[i]).min(bound[i]) - taken[i];
                 taken[i] += change;
                 for (k, after) in after.iter_mut().enumerate() {
                     *after -= inverse[(k, i)] * change;
