@@ -244,7 +244,8 @@ fn assessed(
     let moving = moving(tree);
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let wanted = indices(effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let (unsigned, doubts) = input_doubts(&mut recordings, tree, &moving, request, &mut warnings);
+    let (unsigned, doubts) =
+        input_doubts(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
     // By joint, in the order of the twin.
     let mut joints: BTreeMap<usize, JointReport> = BTreeMap::new();
     let (mut examined, mut left_out) = (Vec::new(), Vec::new());

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::{DiagnoseRequest, signs::settle_signs};
+use super::{run_motion::motions, signs::settle_signs};
 use crate::gap::{
-    fit::stretch::{Moved, RunMotion},
+    fit::stretch::RunMotion,
     judge::doubt::{Doubt, Scene, doubts},
     record::{
         command::{EffortUnit, Told},
@@ -21,11 +21,11 @@ pub(super) fn input_doubts(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],
-    request: &DiagnoseRequest,
+    (hold, told): (Hold, &Told),
     warnings: &mut Vec<Note>,
 ) -> (BTreeMap<usize, String>, BTreeMap<usize, Doubt>) {
-    let unsigned = settle_signs(recordings, tree, moving, (request.hold, &request.told), warnings);
-    let doubts = doubts_of(recordings, tree, moving, request.hold, &request.told);
+    let unsigned = settle_signs(recordings, tree, moving, (hold, told), warnings);
+    let doubts = doubts_of(recordings, tree, moving, hold, told);
     warnings.extend(doubts.values().map(Doubt::note));
     (unsigned, doubts)
 }
@@ -48,16 +48,4 @@ fn doubts_of(
     let fitted = recordings.iter().filter(|(_, held)| !held).map(|(recording, _)| recording);
     let runs: Vec<RunMotion> = fitted.map(|r| motions(r, tree, &joints, told)).collect();
     doubts(&Scene { tree, runs: &runs, joints: &joints, hold })
-}
-
-/// What a run shows of the joints.
-pub(super) fn motions(run: &Recording, tree: &TwinTree, joints: &[usize], told: &Told) -> RunMotion {
-    let one = |j: usize| {
-        let name = &tree.joints[j].name;
-        let motion = run.motion(name).ok().filter(|_| joints.contains(&j))?;
-        let log = run.joint(name, &[], told, &mut Vec::new()).ok();
-        // A servo's efforts are not known before it is.
-        Some(Moved { log: log.filter(|l| l.commanded.is_empty()), motion })
-    };
-    (0..tree.joints.len()).map(one).collect()
 }

@@ -23,6 +23,7 @@ mod outcome;
 mod pictures;
 mod reconstruct;
 mod reconstruct_twin;
+mod run_motion;
 mod scene;
 mod signs;
 mod stage;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::doubts::motions;
+use super::run_motion::motions;
 use crate::{
     gap::{
         fit::stretch::RunMotion,

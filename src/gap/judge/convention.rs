@@ -36,6 +36,7 @@ pub const AS_GIVEN: Convention = Convention {
 };
 
 /// Where a name of a unit stands for a thousandth.
+/// derived: the prefix.
 const MILLI: f64 = 1e-3;
 /// derived: of a degree, radians.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;

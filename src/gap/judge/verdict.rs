@@ -260,10 +260,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let total: f64 = 1.0 + weights.iter().sum::<f64>();
     rivals.truncate(rivals_in_doubt(1.0, &weights));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (mut model, mut spread) = refined(problem, &chosen.fit);
-    if effects.is_empty() {
-        (model, spread) = with_offset(problem, model, spread);
-    }
+    let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
