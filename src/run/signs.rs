@@ -26,9 +26,8 @@ pub(super) fn settle_signs(
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {
     let mut refused = BTreeMap::new();
-    let all: Vec<Recording> = recordings.iter().map(|(r, _)| r.clone()).collect();
-    let suspects: Vec<usize> =
-        moving.iter().copied().filter(|j| is_never_negative(&all, &tree.joints[*j].name)).collect();
+    let of_all = |j: &usize| is_never_negative(recordings.iter().map(|(r, _)| r), &tree.joints[*j].name);
+    let suspects: Vec<usize> = moving.iter().copied().filter(of_all).collect();
     if suspects.is_empty() {
         return refused;
     }
@@ -44,7 +43,7 @@ pub(super) fn settle_signs(
             "joint '{name}': its efforts are never negative, though its motion shows that it was driven both \
              ways"
         );
-        if all.iter().all(|r| r.commands.iter().any(|c| c.joint == *name)) {
+        if recordings.iter().all(|(r, _)| r.commands.iter().any(|c| c.joint == *name)) {
             recordings.iter_mut().for_each(|(r, _)| _ = sign_by_command(r, name));
             let text = format!("{what}: their sign is that of the command less the position");
             warnings.push(Note::new(NoteCode::EffortsWithoutSign, text));

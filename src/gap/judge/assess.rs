@@ -18,6 +18,7 @@ use crate::gap::{
         verdict::{Diagnosis, Verdict, diagnose},
     },
     model::{
+        effect::Coverage,
         joint_model::{Catalogue, JointModel},
         plant::Plant,
     },
@@ -88,21 +89,8 @@ pub fn examine<'c>(
 pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
     let effects = problem.catalogue;
-    let mut report = JointReport {
-        joint: name.clone(),
-        turns: problem.turns,
-        diagnosis: diagnosis.clone(),
-        gap: None,
-        series: Vec::new(),
-        laws: Vec::new(),
-        tracks,
-        coverage: problem.coverage.clone(),
-        in_format: Vec::new(),
-        replay: Vec::new(),
-        nearest: None,
-        off_axis: None,
-        doubt: None,
-    };
+    let mut report =
+        unproven(name.clone(), problem.turns, diagnosis.clone(), tracks, problem.coverage.clone());
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
     }
@@ -152,6 +140,31 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     report.replay = replay(&name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
+}
+
+/// The report of a diagnosis of which nothing is proven.
+pub(super) fn unproven(
+    joint: String,
+    turns: bool,
+    diagnosis: Diagnosis,
+    tracks: Vec<Track>,
+    coverage: Coverage,
+) -> JointReport {
+    JointReport {
+        joint,
+        turns,
+        diagnosis,
+        gap: None,
+        series: Vec::new(),
+        laws: Vec::new(),
+        tracks,
+        coverage,
+        in_format: Vec::new(),
+        replay: Vec::new(),
+        nearest: None,
+        off_axis: None,
+        doubt: None,
+    }
 }
 
 /// Measured positions of all runs.

@@ -28,15 +28,15 @@ const SURELY: f64 = 1.959_964;
 
 /// Root mean square residuals of windows of each length.
 type Sizes = [Vec<f64>; LENGTHS.len()];
+/// Residuals of each of these windows.
+type Residuals = [Vec<Vec<f64>>; LENGTHS.len()];
 
 /// The set without the effects that do not surely better the windows of runs that they were not fitted to,
 /// the one that betters them least first.
 #[must_use]
 pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
-    let predicted = |model: &JointModel| -> Sizes {
-        crossed(&folds, model, chosen.fit.noise).map(|w| w.iter().map(|r| rms(r)).collect())
-    };
+    let predicted = |model: &JointModel| sizes_of(&crossed(&folds, model, chosen.fit.noise));
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
     loop {
@@ -119,7 +119,7 @@ impl Unseen {
     #[must_use]
     pub fn bear_out(&self) -> bool {
         let is_better = |windows: &Vec<Compared>| {
-            let [with, without] = sizes_of(&acting(windows));
+            let [with, without] = both(&acting(windows));
             surely_halves(&with, &without, self.floor)
         };
         self.windows.iter().any(is_better)
@@ -129,7 +129,7 @@ impl Unseen {
     /// windows in the mean, in the median and in the sum of squares.
     #[must_use]
     pub fn serve_better(&self) -> bool {
-        let [with, without] = sizes_of(&self.windows[0]);
+        let [with, without] = both(&self.windows[0]);
         errors_better(&with, &without) > SURELY
             && median(with.clone()) < median(without.clone())
             && rms(&with) < rms(&without)
@@ -150,12 +150,13 @@ fn acting(windows: &[Compared]) -> Vec<Compared> {
     sorted.into_iter().take_while(is_needed).collect()
 }
 
-fn sizes_of(windows: &[Compared]) -> [Vec<f64>; 2] {
+/// Residuals with and without.
+fn both(windows: &[Compared]) -> [Vec<f64>; 2] {
     [windows.iter().map(|w| w.with).collect(), windows.iter().map(|w| w.without).collect()]
 }
 
 /// Residuals of the windows of each part under a model with parameters that its complement gives.
-fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> [Vec<Vec<f64>>; LENGTHS.len()] {
+fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
     let one = |[fitted, other]: &[Problem; 2]| {
         let known = fit(fitted, model, None, noise, Free::All, Pace::WARM).model;
         left(other, &known)
@@ -177,11 +178,15 @@ fn surely_halves(with: &[f64], without: &[f64], floor: f64) -> bool {
 
 /// Root mean square residuals of windows of each length under a model.
 fn sizes(problem: &Problem, model: &JointModel) -> Sizes {
-    left(problem, model).map(|windows| windows.iter().map(|r| rms(r)).collect())
+    sizes_of(&left(problem, model))
+}
+
+fn sizes_of(residuals: &Residuals) -> Sizes {
+    std::array::from_fn(|length| residuals[length].iter().map(|r| rms(r)).collect())
 }
 
 /// Residuals of windows of each length under a model.
-fn left(problem: &Problem, model: &JointModel) -> [Vec<Vec<f64>>; LENGTHS.len()] {
+fn left(problem: &Problem, model: &JointModel) -> Residuals {
     LENGTHS.map(|share| {
         let problem = problem.with_windows(share);
         let (model, starts) = started(&problem, model);

@@ -110,9 +110,14 @@ pub type Gains = Vec<(f64, f64)>;
 /// All gains that the catalogue allows of numbers that are what they are taken for.
 #[must_use]
 pub fn all_gains() -> Gains {
-    let steps = LARGEST_RATIO.log2().ceil() as i32;
+    gains_up_to(LARGEST_RATIO.log2().ceil() as i32)
+}
+
+/// Gains up to a power of two and down to one over it.
+#[must_use]
+pub fn gains_up_to(power: i32) -> Gains {
     // By each of them what may be missing is as large as the effort that acts.
-    (-steps..steps).step_by(2).map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2())).collect()
+    (-power..power).step_by(2).map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2())).collect()
 }
 
 /// Gains of an effort in another convention.

@@ -10,8 +10,13 @@ use crate::gap::{
         problem::Problem,
         shooting::Free,
     },
-    judge::{assess::Examined, search::price, simplify::SIMPLER, spread::Spread},
-    model::joint_model::{JointModel, Term},
+    judge::{
+        assess::Examined,
+        search::price,
+        simplify::{SIMPLER, special_terms},
+        spread::Spread,
+    },
+    model::joint_model::JointModel,
     twin_tree::TwinTree,
 };
 
@@ -131,14 +136,9 @@ fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
                 without.terms.remove(t);
                 with(i, without, 0.0);
             }
-            let general = catalogue[term.effect].spec();
-            for effect in
-                general.contains.iter().filter_map(|n| catalogue.iter().position(|e| e.name() == *n))
-            {
-                // Shared parameters come first in both.
-                let shared = catalogue[effect].parameters().len().min(term.p.len());
+            for special_term in special_terms(&joints.problems[i], term) {
                 let mut special = model.clone();
-                special.terms[t] = Term { effect, p: term.p[..shared].to_vec() };
+                special.terms[t] = special_term;
                 with(i, special, SIMPLER);
             }
         }

@@ -49,28 +49,37 @@ fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidat
     )
 }
 
+/// The special cases of an effect, with the parameters that they share with it.
+#[must_use]
+pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
+    let general = &problem.catalogue[term.effect];
+    let one = |name: &&str| {
+        let effect = problem.catalogue.iter().position(|e| e.name() == *name)?;
+        let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
+        let own = problem.catalogue[effect].parameters();
+        for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
+            // Shared parameters come first in both, so the same place and unit mean the same number.
+            if own.dimension == other.dimension {
+                p[k] = term.p[k];
+            }
+        }
+        Some(Term { effect, p })
+    };
+    general.spec().contains.iter().filter_map(one).collect()
+}
+
 /// The best set with one effect replaced by a special case of it that does about as well, or that lacks only
 /// strengths which may as well be zero. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
     for (i, (at, term)) in chosen.fit.model.placed().enumerate() {
         let general = &problem.catalogue[term.effect];
-        for name in general.spec().contains {
-            let Some(effect) = problem.catalogue.iter().position(|e| e.name() == *name) else { continue };
-            let Some(mut p) = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next() else {
-                continue;
-            };
-            let own = problem.catalogue[effect].parameters();
-            for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
-                // Shared parameters come first in both, so the same place and unit mean the same number.
-                if own.dimension == other.dimension {
-                    p[k] = term.p[k];
-                }
-            }
+        for special in special_terms(problem, term) {
+            let own = problem.catalogue[special.effect].parameters();
             let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
             let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
             let mut model = chosen.fit.model.clone();
-            model.terms[i] = Term { effect, p };
+            model.terms[i] = special;
             let begun =
                 fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.noise, Free::All, Pace::NEXT);
             let begun = candidate(problem, begun);

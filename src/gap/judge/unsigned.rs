@@ -2,7 +2,7 @@
 
 use std::f64::consts::LN_2;
 
-use super::doubt::{JointScene, LOG_ODDS, all_gains};
+use super::doubt::{JointScene, LOG_ODDS, all_gains, gains_up_to};
 use crate::gap::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
 
 /// Friction that is tried beside what the twin needs for a motion, as shares of that.
@@ -17,8 +17,8 @@ const LARGEST_POWER: i32 = 20;
 
 /// Whether efforts of a joint were recorded and none is negative, in any run.
 #[must_use]
-pub fn is_never_negative(runs: &[Recording], joint: &str) -> bool {
-    let samples = runs.iter().filter_map(|r| r.samples(joint)).flat_map(|s| s.effort.iter().copied());
+pub fn is_never_negative<'r>(runs: impl Iterator<Item = &'r Recording>, joint: &str) -> bool {
+    let samples = runs.filter_map(|r| r.samples(joint)).flat_map(|s| s.effort.iter().copied());
     let known: Vec<f64> = samples.filter(|u| u.is_finite()).collect();
     known.iter().all(|u| *u >= 0.0) && known.iter().any(|u| *u > 0.0)
 }
@@ -32,10 +32,7 @@ pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     let rms = |of: &dyn Fn(usize) -> f64| {
         ((0..seen.len()).map(|i| of(i).powi(2)).sum::<f64>() / seen.len().max(1) as f64).sqrt()
     };
-    let gains: Vec<(f64, f64)> = (-LARGEST_POWER..LARGEST_POWER)
-        .step_by(2)
-        .map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2()))
-        .collect();
+    let gains = gains_up_to(LARGEST_POWER);
     let mut best: Option<f64> = None;
     for inertia in INERTIAS {
         let need = |i: usize| inertia * seen[i].inertial + seen[i].rest;

@@ -123,6 +123,23 @@ pub struct Nearest {
 }
 
 impl Diagnosis {
+    /// A verdict about a model in which nothing was found.
+    #[must_use]
+    pub fn without_findings(verdict: Verdict, model: JointModel) -> Self {
+        Self {
+            verdict,
+            findings: Vec::new(),
+            before: Vec::new(),
+            model,
+            left: 0.0,
+            lacks: Vec::new(),
+            noise: EffortNoise::default(),
+            actuator: Vec::new(),
+            nearest: None,
+            spread: None,
+        }
+    }
+
     /// Takes the names back: they explain too little.
     pub fn withdraw(&mut self) {
         let twin = self.model.without_effects();
@@ -197,18 +214,8 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let lacks = lacks(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
-        return Diagnosis {
-            verdict: Verdict::Insufficient,
-            findings: Vec::new(),
-            before: Vec::new(),
-            model: JointModel::of(&problem.plant),
-            left: 0.0,
-            lacks,
-            noise: EffortNoise::default(),
-            actuator: Vec::new(),
-            nearest: None,
-            spread: None,
-        };
+        let nothing = Diagnosis::without_findings(Verdict::Insufficient, JointModel::of(&problem.plant));
+        return Diagnosis { lacks, ..nothing };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
     let chosen = &chosen;
@@ -232,18 +239,8 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let excess = |d: &Dependence| d.gain - n.ln() * d.bins.len() as f64;
     let least = least_gain(Variable::ALL.len());
     let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
-    let mut diagnosis = Diagnosis {
-        verdict: Verdict::None,
-        findings: Vec::new(),
-        before,
-        model: twin,
-        left: 0.0,
-        lacks,
-        noise: chosen.fit.noise,
-        actuator: Vec::new(),
-        nearest: None,
-        spread: None,
-    };
+    let nothing = Diagnosis::without_findings(Verdict::None, twin);
+    let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
