@@ -5,7 +5,7 @@
 
 pub mod capture {
     pub use crate::capture::{
-        Capture, CaptureConfig, CaptureError, Correspondence, NoiseConfig, RgbdFrame, scene_box,
+        Capture, CaptureConfig, CaptureError, Correspondence, NoiseConfig, RgbdFrame, TrackCamera, scene_box,
     };
 }
 pub mod config {

@@ -86,6 +86,9 @@ codes! {
     ImagesUndistorted = "images_undistorted", "Images are undistorted by their camera's lens model.";
     ViewsKept = "views_kept", "How many views of a state are kept.";
     MatchesRead = "matches_read", "Matches came with the recording.";
+    CameraTracked = "camera_tracked", "The camera poses were tracked by what the camera sees.";
+    ViewsLost = "views_lost", "The camera was lost in a stretch of views; they are not used.";
+    UprightByImages = "upright_by_images", "No support plane was found; up is what is up in the images.";
     NoiseMeasured = "noise_measured", "The depth noise was measured.";
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
     SensorChecked = "sensor_checked", "The depth sensor's own errors were looked for, together with the \

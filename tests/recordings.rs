@@ -8,7 +8,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use artitwin::internal::{
-    capture::{Capture, CaptureConfig, CaptureError},
+    capture::{Capture, CaptureConfig, CaptureError, TrackCamera},
     io::{inspect, open},
 };
 use common::*;
@@ -36,6 +36,14 @@ fn error_of(name: &str, change: impl Fn(&mut Options)) -> CaptureError {
         Err(error) => error,
         Ok(capture) => panic!("{name}: {} frames", capture.states[0].len()),
     }
+}
+
+/// What is said of poses of a kind where the camera is not to be tracked.
+fn untracked_error(name: &str, poses: PoseKind) -> CaptureError {
+    let folder = TempDir::new(name);
+    write_states(&folder.join("cabinet"), &Options { poses, ..Options::default() });
+    let config = CaptureConfig { tracking: TrackCamera::Never, ..config() };
+    open(&[folder.join("cabinet")], &config, 0).unwrap_err()
 }
 
 /// Compares with the rendered views; `color_tolerance` is the mean difference of a channel.
@@ -267,12 +275,12 @@ fn missing_poses_are_dropped_or_refused() {
         capture.warnings
     );
 
-    let error = error_of("none", |o| o.poses = PoseKind::None);
+    let error = untracked_error("none", PoseKind::None);
     assert!(
         matches!(error, CaptureError::NoTransform { .. }) && error.to_string().contains(OPTICAL),
         "{error}"
     );
-    let error = error_of("static", |o| o.poses = PoseKind::Static);
+    let error = untracked_error("static", PoseKind::Static);
     assert!(
         matches!(error, CaptureError::StaticCamera { .. }) && error.to_string().contains("--topic pose="),
         "{error}"

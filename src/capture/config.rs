@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CaptureError, NoiseConfig, RefinePoses};
+use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera};
 use crate::limits::BYTES_PER_PIXEL;
 
 /// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
@@ -48,6 +48,9 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
+    /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
+    /// `always`, or `never`.
+    pub tracking: TrackCamera,
     /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where
     /// frames clearly agree better then, or `never`.
     pub refine_poses: RefinePoses,
@@ -109,6 +112,7 @@ impl Default for CaptureConfig {
             noise: NoiseConfig::default(),
             measure_noise: true,
             denoise: true,
+            tracking: TrackCamera::Auto,
             refine_poses: RefinePoses::Auto,
         }
     }

@@ -130,6 +130,29 @@ pub enum CaptureError {
         /// Why the first one has none.
         first: String,
     },
+    /// The camera cannot be tracked.
+    #[error(
+        "state {state}: the recording holds no camera poses, and the camera cannot be tracked through its \
+         {views} views: no two of them hang together; move slower, keep something with texture and depth in \
+         view, or record camera poses (/tf)"
+    )]
+    NotTracked {
+        /// The state.
+        state: usize,
+        /// Views that were looked at.
+        views: usize,
+    },
+    /// The states have no common world.
+    #[error(
+        "state {state} cannot be brought into the world of state 0: {reason}; keep in view what stands \
+         still, or record camera poses of both states in one frame"
+    )]
+    StatesUnaligned {
+        /// The state.
+        state: usize,
+        /// Why.
+        reason: String,
+    },
     /// Every pose is NaN or no rotation.
     #[error(
         "all {count} camera poses on `{topic}` are invalid (NaN, infinite or no unit quaternion); check the \

@@ -16,6 +16,7 @@ mod select;
 mod state;
 mod sync;
 mod tf;
+mod tracking;
 mod undistort;
 mod window;
 
@@ -39,4 +40,7 @@ pub use select::{common_focus, spread_views};
 pub use state::Split;
 pub use sync::{nearest, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
+pub use tracking::{
+    Observation, Track, TrackCamera, Tracker, TrackingFindings, Unaligned, UpBy, align_tracks,
+};
 pub use undistort::{Distortion, UndistortMap};

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{NoiseConfig, PoseFindings, RgbdFrame, features::PixelMatch};
+use super::{NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
 use crate::note::Note;
 
 /// The recording: frames of every state, and what was found or lost on the way.
@@ -17,6 +17,9 @@ pub struct Capture {
     /// Depth noise: the model of the settings, scaled to what the recording shows unless the settings say
     /// otherwise.
     pub noise: NoiseConfig,
+    /// How the camera was tracked, of each state; empty where poses came with the recording.
+    #[serde(default)]
+    pub tracking: Vec<TrackingFindings>,
     /// What was found of the camera poses.
     pub poses: PoseFindings,
     /// What was degraded: damage, drops, frames not used.

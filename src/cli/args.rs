@@ -31,6 +31,8 @@ pub enum Command {
     Reconstruct(Box<ReconstructArgs>),
     /// Show what a recording holds and what it lacks
     Inspect(InspectArgs),
+    /// Track the camera of a recording by what it sees, and print its poses
+    Track(TrackArgs),
     /// Measure finished runs against the truth
     Evaluate(EvaluateArgs),
     /// Find what would keep a simulator from loading a URDF folder as it is meant
@@ -107,6 +109,17 @@ pub struct InspectArgs {
     /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0, state1, ...
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
+}
+
+/// Options of `track`.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example: artitwin track bags/drawer > poses.txt")]
+pub struct TrackArgs {
+    /// Recordings: a rosbag2 folder or an .mcap file a state, or a folder of state0, state1, ...
+    #[arg(value_name = "BAG", required = true)]
+    pub sources: Vec<PathBuf>,
+    #[command(flatten)]
+    pub settings: SettingArgs,
 }
 
 /// Options of `node`.
@@ -298,6 +311,9 @@ pub struct SynthArgs {
     /// Views of each state
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().views)]
     pub views: usize,
+    /// Views a second, in place of their number: a camera that a hand carries at 0.35 m/s
+    #[arg(long, value_name = "HZ", conflicts_with = "views")]
+    pub rate: Option<f64>,
     /// Width of the images, pixels
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().width)]
     pub width: usize,

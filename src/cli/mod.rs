@@ -20,6 +20,7 @@ mod render;
 mod settings;
 mod synth;
 mod terminal;
+mod track;
 
 use std::process::ExitCode;
 
@@ -60,6 +61,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
     match command {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Track(args) => track::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),

@@ -34,6 +34,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         // The option takes no less than 2.
         further: usize::from(args.states) - 2,
         views: args.views,
+        rate_hz: args.rate,
         width: args.width,
         height: args.height,
         sensor,

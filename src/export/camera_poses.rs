@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::number::round_significant;
-use crate::capture::{PoseCorrection, SensorCalibration};
+use crate::capture::{PoseCorrection, SensorCalibration, TrackingFindings};
 
 /// Significant digits.
 const DIGITS: usize = 4;
@@ -39,6 +39,46 @@ impl CameraPosesReport {
             })
         };
         states.iter().enumerate().filter_map(report).collect()
+    }
+}
+
+/// How the camera was tracked through a state of a recording without poses.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CameraTrackingReport {
+    /// State of the object.
+    pub state: usize,
+    /// Views that were looked at.
+    pub views: usize,
+    /// Views whose pose was found.
+    pub tracked: usize,
+    /// First and last view of each stretch in which the camera was lost, by their numbers from 0.
+    pub lost: Vec<[usize; 2]>,
+    /// Views that the others were placed by.
+    pub keyframes: usize,
+    /// Pairs of them that were compared because they show the same again, beside those on the way.
+    pub loops: usize,
+    /// By how much closing loops moved keyframes, root mean square, millimeters.
+    pub closed_mm: f64,
+    /// Standard deviation of a keyframe's place against its neighbors in the direction that is known least,
+    /// median, millimeters.
+    pub least_known_mm: f64,
+}
+
+impl CameraTrackingReport {
+    /// Of all states; none where poses were recorded.
+    #[must_use]
+    pub fn of(states: &[TrackingFindings]) -> Vec<Self> {
+        let report = |(state, found): (usize, &TrackingFindings)| Self {
+            state,
+            views: found.views,
+            tracked: found.tracked,
+            lost: found.lost.clone(),
+            keyframes: found.keyframes,
+            loops: found.pairs[1],
+            closed_mm: round_significant(1e3 * found.closed_m, DIGITS),
+            least_known_mm: round_significant(1e3 * found.least_known_m, DIGITS),
+        };
+        states.iter().enumerate().map(report).collect()
     }
 }
 

@@ -25,7 +25,7 @@ mod urdf;
 mod usda;
 mod viewer;
 
-pub use camera_poses::{CameraPosesReport, DepthSensorReport, WorldFrameReport};
+pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 #[cfg(test)]

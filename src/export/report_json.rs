@@ -6,7 +6,7 @@ use nalgebra::Unit;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    camera_poses::{CameraPosesReport, DepthSensorReport, WorldFrameReport},
+    camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport},
     number::round_significant,
     part_count::PartCountReport,
     start::InitialMotion,
@@ -233,6 +233,9 @@ pub struct RunFacts {
     /// How the number of parts was found.
     #[serde(default)]
     pub part_count: Option<PartCountReport>,
+    /// How the camera was tracked through each state; empty where its poses were recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_tracking: Vec<CameraTrackingReport>,
     /// What was found of the camera poses of each state.
     #[serde(default)]
     pub camera_poses: Vec<CameraPosesReport>,

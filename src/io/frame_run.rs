@@ -8,7 +8,7 @@ use super::{
     recording::measured_noise, ros2msg::definitions::RosMessage as _, views::Views,
 };
 use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, isolate, spread_views},
+    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views},
     gap::{camera::record::frames::FrameRun, record::tracks::Streams},
     geometry::Pose,
     note::{Note, NoteCode},
@@ -33,8 +33,10 @@ pub fn read_frame_run(
     config.check()?;
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag)?;
+    // Frames are compared with a twin that stands in the world of the recorded poses.
+    let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
     let views = Views::find(&bag, &index, config, 0)?;
-    let poses: Vec<Pose> = views.views.iter().map(|v| v.world_from_camera).collect();
+    let poses: Vec<Pose> = views.views.iter().filter_map(|v| v.world_from_camera).collect();
     let chosen: Vec<(usize, usize)> =
         spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
     config.check_memory(&[views.sizes(chosen.len())])?;

@@ -52,8 +52,10 @@ pub struct StateInspection {
     pub chosen: Vec<Note>,
     /// Damage and loss.
     pub warnings: Vec<Note>,
-    /// Posed RGB-D views that could be used.
+    /// RGB-D views that could be used.
     pub views: usize,
+    /// Whether they have no poses, so that the camera is tracked by what it sees.
+    pub untracked: bool,
     /// Why `reconstruct` cannot use it.
     pub problem: Option<String>,
     /// What it shows of joints, where `reconstruct` cannot use it.
@@ -159,6 +161,7 @@ fn inspect_bag(
     match Views::find(&bag, &index, config, state) {
         Ok(views) => {
             seen.views = views.views.len();
+            seen.untracked = views.are_untracked();
             seen.chosen = views.notes;
             seen.warnings = views.warnings;
         }
@@ -302,7 +305,16 @@ impl StateInspection {
         list(text, "used", &self.chosen);
         list(text, "warnings", &self.warnings);
         list(text, "joints", &self.motion.joints);
-        _ = writeln!(text, "  posed RGB-D views: {}", self.views);
+        if self.untracked && self.problem.is_none() {
+            _ = writeln!(text, "  RGB-D views: {}", self.views);
+            _ = writeln!(
+                text,
+                "  camera poses: none recorded; the camera is tracked by what it sees (`artitwin track` shows how \
+                 far)"
+            );
+        } else {
+            _ = writeln!(text, "  posed RGB-D views: {}", self.views);
+        }
     }
 }
 

@@ -72,6 +72,7 @@ mod synth_matrix;
 mod synth_sensor;
 mod synth_twin;
 mod topics;
+mod tracking;
 mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
@@ -83,7 +84,7 @@ pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
-pub use recording::{object_name, open, state_count};
+pub use recording::{object_name, open, state_count, track_camera};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};
 pub use views::check_size;

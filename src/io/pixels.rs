@@ -191,7 +191,8 @@ impl Decoder<'_> {
             id: String::new(),
             stamp_nanos: view.stamp_nanos,
             intrinsics,
-            world_from_camera: view.world_from_camera,
+            // A camera that is to be tracked stands in its own frame.
+            world_from_camera: view.world_from_camera.unwrap_or_default(),
             rgb,
             depth_m,
             mask,

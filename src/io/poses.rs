@@ -1,7 +1,7 @@
 //! Where the camera's poses come from.
 
 use super::{bag_index::BagIndex, topics::TopicChoice};
-use crate::capture::{CaptureConfig, CaptureError, TfBuffer, stamp_secs};
+use crate::capture::{CaptureConfig, CaptureError, TfBuffer, TrackCamera, stamp_secs};
 
 /// Where the camera's poses come from.
 pub struct PoseSource {
@@ -17,6 +17,27 @@ pub struct PoseSource {
 }
 
 impl PoseSource {
+    /// Where the poses come from, or `None` where the camera is to be tracked.
+    ///
+    /// # Errors
+    /// Those of [`Self::find`], where the settings ask for poses or those of the recording are damaged.
+    pub fn wanted(
+        index: &BagIndex,
+        topics: &TopicChoice,
+        config: &CaptureConfig,
+    ) -> Result<Option<Self>, CaptureError> {
+        // Who names a frame or a topic of poses wants those.
+        let asked = config.world_frame.is_some() || config.pose_frame.is_some() || topics.pose.is_some();
+        match (config.tracking, Self::find(index, topics, config)) {
+            (TrackCamera::Always, _) => Ok(None),
+            (
+                TrackCamera::Auto,
+                Err(CaptureError::NoTransform { .. } | CaptureError::StaticCamera { .. }),
+            ) if !asked => Ok(None),
+            (_, found) => found.map(Some),
+        }
+    }
+
     /// Finds where the poses of the color images come from: the topic that was asked for, else /tf if the
     /// camera moves there, else the only pose topic.
     ///

@@ -11,12 +11,13 @@ use super::{
     dataset,
     pixels::{Decoded, decode_views},
     source::Source,
+    tracking::{TrackedState, track, worlds},
     views::{View, Views, views_kept},
 };
 use crate::{
     capture::{
         Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, cameras, denoise, isolate, noise_factor, refine_poses, spread_views,
+        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, noise_factor, refine_poses, spread_views,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -36,8 +37,8 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
     config.check()?;
     let source = Source::of(sources)?;
     let mut capture = match &source {
-        Source::States(paths) => open_states(paths, config)?,
-        Source::Both(path) => open_both(path, config)?,
+        Source::States(paths) => open_states(paths, config, seed)?,
+        Source::Both(path) => open_both(path, config, seed)?,
         Source::Keyframes(path) => dataset::open_keyframes(path, config)?,
         Source::StartEnd(path) => dataset::open_start_end(path, config)?,
     };
@@ -68,6 +69,33 @@ pub fn object_name(sources: &[PathBuf]) -> Result<String, CaptureError> {
     Ok(Source::of(sources)?.object_name())
 }
 
+/// Poses of the optical frame by stamp, nanoseconds, in the order of time.
+pub type Trajectory = Vec<(i64, Pose)>;
+
+/// The camera's way through each state as it is tracked by what it sees, whether or not poses were
+/// recorded; with what is to be said of it: notes, then warnings. Of bags, one a state.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn track_camera(
+    sources: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+) -> Result<(Vec<Trajectory>, [Vec<Note>; 2]), CaptureError> {
+    config.check()?;
+    let config = &CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
+    let paths = match Source::of(sources)? {
+        Source::States(paths) => paths,
+        _ => return Err(CaptureError::NotTracked { state: 0, views: 0 }),
+    };
+    let mut capture = Capture::of_states(paths.len());
+    let recordings = posed_states(&mut capture, &paths, config, seed)?;
+    let trajectory = |(_, views): &(Bag, Views)| -> Trajectory {
+        views.views.iter().filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
+    };
+    Ok((recordings.iter().map(trajectory).collect(), [capture.notes, capture.warnings]))
+}
+
 /// Number of states that the recordings at the paths hold.
 ///
 /// # Errors
@@ -76,7 +104,7 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
     Ok(Source::of(sources)?.states())
 }
 
-fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, CaptureError> {
+fn open_states(paths: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
     // Refused, not ignored: somebody meant one of the two.
     if !config.split_secs.is_empty() || config.topics.marker.is_some() {
         return Err(CaptureError::Split {
@@ -87,14 +115,11 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
         });
     }
     let mut capture = Capture::of_states(paths.len());
+    let recordings = posed_states(&mut capture, paths, config, seed)?;
     let mut found = Vec::new();
-    for (state, path) in paths.iter().enumerate() {
-        let bag = Bag::open(path)?;
-        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
-        let chosen: Vec<_> = spread(&views.views, &(0..views.views.len()).collect::<Vec<_>>(), config)
-            .into_iter()
-            .map(|v| (state, v))
-            .collect();
+    for (state, (bag, views)) in recordings.into_iter().enumerate() {
+        let all: Vec<usize> = (0..views.views.len()).collect();
+        let chosen: Vec<_> = spread(&views.views, &all, config).into_iter().map(|v| (state, v)).collect();
         let note = views_kept(state, chosen.len(), views.views.len());
         found.push((bag, views, chosen, note));
     }
@@ -115,11 +140,47 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig) -> Result<Capture, Cap
     }
 }
 
-fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+/// The bags of all states, a bag a state, with their views; the camera is tracked where none has poses.
+fn posed_states(
+    capture: &mut Capture,
+    paths: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+) -> Result<Vec<(Bag, Views)>, CaptureError> {
+    let mut recordings = Vec::new();
+    for (state, path) in paths.iter().enumerate() {
+        let bag = Bag::open(path)?;
+        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
+        recordings.push((bag, views));
+    }
+    // All states or none: poses of one say nothing of another state's map.
+    if recordings.iter().any(|(_, views)| views.are_untracked()) {
+        let always = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
+        for (state, (bag, views)) in recordings.iter_mut().enumerate() {
+            if !views.are_untracked() {
+                *views = Views::find(bag, &BagIndex::read(bag)?, &always, state)?;
+            }
+        }
+    }
+    if recordings.iter().all(|(_, views)| views.are_untracked()) {
+        let mut tracked = Vec::new();
+        for (state, (bag, views)) in recordings.iter().enumerate() {
+            let all: Vec<usize> = (0..views.views.len()).collect();
+            tracked.push(track(bag, views, &all, config, (state, seed))?);
+        }
+        let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
+        for ((tracked, world), (_, views)) in tracked.into_iter().zip(worlds).zip(&mut recordings) {
+            give_poses(capture, &mut views.views, tracked, &world);
+        }
+    }
+    Ok(recordings)
+}
+
+fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag)?;
     // Of the whole bag: one choice of topics and one source of poses for both states.
-    let views = Views::find(&bag, &index, config, 0)?;
+    let mut views = Views::find(&bag, &index, config, 0)?;
     let (first, last) = index.span_nanos().unwrap_or_default();
     let split = match (&views.topics.marker, config.split_secs.as_slice()) {
         (Some(topic), _) => {
@@ -129,7 +190,7 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
         (None, times) => Split::at(times, first, last)?,
     };
     let mut capture = Capture::of_states(2);
-    let mut chosen = Vec::new();
+    let mut of_states = Vec::new();
     for state in 0..2 {
         let of_state: Vec<usize> = (0..views.views.len())
             // By recording time: markers of std_msgs have no stamp.
@@ -140,6 +201,20 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
                 reason: format!("no usable view lies in state {state}; {} views in all", views.views.len()),
             });
         }
+        of_states.push(of_state);
+    }
+    if views.are_untracked() {
+        let mut tracked = Vec::new();
+        for (state, of_state) in of_states.iter().enumerate() {
+            tracked.push(track(&bag, &views, of_state, config, (state, seed))?);
+        }
+        let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
+        for (tracked, world) in tracked.into_iter().zip(worlds) {
+            give_poses(&mut capture, &mut views.views, tracked, &world);
+        }
+    }
+    let mut chosen = Vec::new();
+    for (state, of_state) in of_states.into_iter().enumerate() {
         let kept = spread(&views.views, &of_state, config);
         capture.notes.push(views_kept(state, kept.len(), of_state.len()));
         chosen.extend(kept.into_iter().map(|v| (state, v)));
@@ -149,11 +224,23 @@ fn open_both(path: &Path, config: &CaptureConfig) -> Result<Capture, CaptureErro
     Ok(capture)
 }
 
-/// The views kept of those given, in time order.
+/// Gives tracked views of a state their poses in the world.
+fn give_poses(capture: &mut Capture, views: &mut [View], tracked: TrackedState, world_from_map: &Pose) {
+    let TrackedState { track, views: seen, notes, warnings } = tracked;
+    for (view, pose) in seen.into_iter().zip(track.poses) {
+        views[view].world_from_camera = pose.map(|pose| world_from_map * pose);
+    }
+    capture.tracking.push(track.findings);
+    capture.notes.extend(notes);
+    capture.warnings.extend(warnings);
+}
+
+/// The views kept of those given that have a pose, in time order.
 fn spread(views: &[View], of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
     // Farthest views first (2.4): neighbors in time show nearly the same.
-    let poses: Vec<Pose> = of_state.iter().map(|v| views[*v].world_from_camera).collect();
-    spread_views(&poses, config.frames_per_state).into_iter().map(|i| of_state[i]).collect()
+    let (posed, poses): (Vec<usize>, Vec<Pose>) =
+        of_state.iter().filter_map(|&v| Some((v, views[v].world_from_camera?))).unzip();
+    spread_views(&poses, config.frames_per_state).into_iter().map(|i| posed[i]).collect()
 }
 
 fn add_frames(

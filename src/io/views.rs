@@ -47,8 +47,8 @@ pub struct View {
     pub mask: Option<usize>,
     /// Its camera, an index into [`Views::cameras`].
     pub camera: usize,
-    /// Pose of the optical frame.
-    pub world_from_camera: Pose,
+    /// Pose of the optical frame; `None` where the camera is to be tracked.
+    pub world_from_camera: Option<Pose>,
 }
 
 /// The views of a bag.
@@ -56,7 +56,7 @@ pub struct View {
 pub struct Views {
     /// The topics they come from.
     pub topics: TopicChoice,
-    /// Frame of the poses.
+    /// Frame of the poses; none where the camera is to be tracked.
     pub world_frame: String,
     /// Distinct cameras.
     pub cameras: Vec<Camera>,
@@ -100,12 +100,17 @@ impl Views {
         // what is lost at each step is reported apart.
         let matches = found.synchronize(index, config, state)?;
         let cameras = found.find_cameras(index)?;
-        let poses = PoseSource::find(index, &found.topics, config)?;
-        found.world_frame = poses.world.clone();
-        found.place(index, config, state, &matches, &cameras, &poses)?;
+        let poses = PoseSource::wanted(index, &found.topics, config)?;
+        match &poses {
+            Some(poses) => {
+                found.world_frame = poses.world.clone();
+                found.place(index, config, state, &matches, &cameras, poses)?;
+            }
+            None => found.without_poses(&matches, &cameras)?,
+        }
         found.notes.push(Note::new(
             NoteCode::TopicsChosen,
-            format!("{}: {}", bag.path.display(), found.describe_topics(&poses)),
+            format!("{}: {}", bag.path.display(), found.describe_topics(poses.as_ref())),
         ));
         Ok(found)
     }
@@ -118,13 +123,13 @@ impl Views {
         (frames, width, height)
     }
 
-    fn describe_topics(&self, poses: &PoseSource) -> String {
+    fn describe_topics(&self, poses: Option<&PoseSource>) -> String {
         let t = &self.topics;
         let mask = t.mask.as_ref().map_or("no mask topic".into(), |m| format!("masks {m}"));
-        format!(
-            "color {}, depth {}, camera_info {}, {mask}, poses of `{}` in `{}` from {}",
-            t.color, t.depth, t.color_info, poses.optical, poses.world, poses.origin
-        )
+        let poses = poses.map_or("no camera poses: tracked by the images".into(), |p| {
+            format!("poses of `{}` in `{}` from {}", p.optical, p.world, p.origin)
+        });
+        format!("color {}, depth {}, camera_info {}, {mask}, {poses}", t.color, t.depth, t.color_info)
     }
 
     /// Color, depth and mask messages that belong together, with the losses reported.
@@ -325,30 +330,15 @@ impl Views {
     ) -> Result<(), CaptureError> {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
         let delay = (config.pose_delay_secs * 1e9) as i64;
-        let mut by_stamp = infos.entries.clone();
-        // By stamp, as `nearest` wants it; the bag's order is that of the recording.
-        by_stamp.sort_by_key(|e| e.0);
-        let info_stamps: Vec<i64> = by_stamp.iter().map(|e| e.0).collect();
+        let by_stamp = by_stamp(infos);
         let (mut failures, mut first_failure) = (0, None);
         for m in matches {
             let stamp = m.color.stamp_nanos;
-            let camera = match infos.distinct.len() {
-                // One camera holds for all frames, also where its camera_info was sent once.
-                1 => 0,
-                _ => nearest(&info_stamps, stamp).map_or(0, |i| by_stamp[i].1),
-            };
+            let camera = by_stamp.camera(stamp);
             self.check_sizes(m, self.cameras[camera].intrinsics)?;
             // (2.2), at the stamp of the color image; nothing is extrapolated.
             match poses.tf.lookup(&poses.world, &poses.optical, stamp + delay, gap) {
-                Ok(world_from_camera) => self.views.push(View {
-                    stamp_nanos: stamp,
-                    log_nanos: m.color.log_nanos,
-                    color: m.color.ordinal,
-                    depth: m.depth.ordinal,
-                    mask: m.mask.as_ref().map(|e| e.ordinal),
-                    camera,
-                    world_from_camera,
-                }),
+                Ok(world_from_camera) => self.views.push(View::of(m, camera, Some(world_from_camera))),
                 Err(error) => {
                     failures += 1;
                     first_failure.get_or_insert(error);
@@ -388,6 +378,23 @@ impl Views {
         Ok(())
     }
 
+    /// Gives every match its camera; the camera is to be tracked.
+    fn without_poses(&mut self, matches: &[Matched], infos: &InfoTopic) -> Result<(), CaptureError> {
+        let by_stamp = by_stamp(infos);
+        for m in matches {
+            let camera = by_stamp.camera(m.color.stamp_nanos);
+            self.check_sizes(m, self.cameras[camera].intrinsics)?;
+            self.views.push(View::of(m, camera, None));
+        }
+        Ok(())
+    }
+
+    /// Whether the camera is to be tracked.
+    #[must_use]
+    pub fn are_untracked(&self) -> bool {
+        self.views.iter().all(|v| v.world_from_camera.is_none())
+    }
+
     fn check_sizes(&self, m: &Matched, camera: Intrinsics) -> Result<(), CaptureError> {
         let messages = [(Some(&m.color), &self.topics.color), (Some(&m.depth), &self.topics.depth)];
         let mask = (m.mask.as_ref(), self.topics.mask.as_ref().unwrap_or(&self.topics.color));
@@ -423,6 +430,42 @@ pub fn check_size(
         expected_width: camera.width,
         expected_height: camera.height,
     })
+}
+
+/// Cameras by stamp.
+struct ByStamp {
+    stamps: Vec<i64>,
+    cameras: Vec<usize>,
+    several: bool,
+}
+
+fn by_stamp(infos: &InfoTopic) -> ByStamp {
+    let mut entries = infos.entries.clone();
+    // By stamp, as `nearest` wants it; the bag's order is that of the recording.
+    entries.sort_by_key(|e| e.0);
+    let (stamps, cameras) = entries.into_iter().unzip();
+    ByStamp { stamps, cameras, several: infos.distinct.len() != 1 }
+}
+
+impl ByStamp {
+    /// The camera of an image; one holds for all, also where its camera_info was sent once.
+    fn camera(&self, stamp: i64) -> usize {
+        if self.several { nearest(&self.stamps, stamp).map_or(0, |i| self.cameras[i]) } else { 0 }
+    }
+}
+
+impl View {
+    fn of(matched: &Matched, camera: usize, world_from_camera: Option<Pose>) -> Self {
+        Self {
+            stamp_nanos: matched.color.stamp_nanos,
+            log_nanos: matched.color.log_nanos,
+            color: matched.color.ordinal,
+            depth: matched.depth.ordinal,
+            mask: matched.mask.as_ref().map(|e| e.ordinal),
+            camera,
+            world_from_camera,
+        }
+    }
 }
 
 struct Matched {

@@ -9,8 +9,8 @@ use crate::{
     capture::Capture,
     config::{Config, Engine, Init, preset_cost},
     export::{
-        CameraPosesReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering, ReportPictures, RunFacts,
-        StageTime, WorldFrameReport, compare_starts, nearest_starts,
+        CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
+        ReportPictures, RunFacts, StageTime, WorldFrameReport, compare_starts, nearest_starts,
     },
     field::InstructionSet,
     note::{Note, NoteCode},
@@ -53,6 +53,7 @@ pub(super) fn facts(
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
+        camera_tracking: CameraTrackingReport::of(&capture.tracking),
         camera_poses: CameraPosesReport::of(&capture.poses.states),
         world_frame: twin.model.links.first().and_then(|root| {
             let middle = root.inertial.center_of_mass;

@@ -113,8 +113,10 @@ pub struct SynthConfig {
     pub skew_deg: f64,
     /// States filmed beyond the first two, at other positions of the joints.
     pub further: usize,
-    /// Views of each state.
+    /// Views of each state, where no rate says how many.
     pub views: usize,
+    /// Views a second of a camera carried by hand; their number then follows from the camera's way.
+    pub rate_hz: Option<f64>,
     /// Image width, pixels.
     pub width: usize,
     /// Image height, pixels.
@@ -137,6 +139,7 @@ impl Default for SynthConfig {
             skew_deg: 0.0,
             further: 0,
             views: 30,
+            rate_hz: None,
             width: 640,
             height: 480,
             sensor: None,
@@ -162,6 +165,9 @@ pub enum SynthConfigError {
     /// Views of a state.
     #[error("{0} views: give 2 to 1000")]
     Views(usize),
+    /// Views a second.
+    #[error("rate {0}: give 1 to 60 views a second")]
+    Rate(f64),
     /// States in all.
     #[error("{0} states: give 2 to 100")]
     States(usize),
@@ -205,6 +211,9 @@ impl SynthConfig {
         }
         if !(2..=1000).contains(&self.views) {
             return Err(SynthConfigError::Views(self.views));
+        }
+        if let Some(rate_hz) = self.rate_hz.filter(|r| !(1.0..=60.0).contains(r)) {
+            return Err(SynthConfigError::Rate(rate_hz));
         }
         if self.further > 98 {
             return Err(SynthConfigError::States(self.further + 2));
@@ -266,6 +275,7 @@ mod tests {
         assert!(
             check(|c| c.noise = f64::NAN).is_err()
                 && check(|c| c.views = 1).is_err()
+                && check(|c| c.rate_hz = Some(f64::NAN)).is_err()
                 && check(|c| c.width = 10).is_err()
         );
     }

@@ -93,10 +93,10 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let clutter = camera.clutter(&whole_way(object), object.world_from_rest.translation.vector.z);
     let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
     let depth_camera = DepthCamera::scaled(config.noise);
-    let period_nanos = period_nanos(&path, config);
+    let (views, period_nanos) = pace(&path, config);
     // Views stand in the middle of their share of the path: poses shortly before and after lie on it too.
-    let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / config.views as f64;
-    let cameras: Vec<Pose> = (0..config.views).map(|i| path.pose(time(i, 0.0))).collect();
+    let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / views as f64;
+    let cameras: Vec<Pose> = (0..views).map(|i| path.pose(time(i, 0.0))).collect();
     let hands: Vec<Vec<Solid>> =
         cameras.iter().enumerate().map(|(i, pose)| camera.hand(take, i, pose, &sphere)).collect();
     // Few views have a hand; all others share one scene.
@@ -115,7 +115,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
         let depth_rng = &mut rng("depth", i);
         let depth_mm =
             depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
-        let velocity = velocity(&path, time(i, 0.0), config.views as f64 * period_nanos as f64 * 1e-9);
+        let velocity = velocity(&path, time(i, 0.0), views as f64 * period_nanos as f64 * 1e-9);
         // Depth is read from the sharp view: blur and shift are of color alone.
         view.color = camera.colors(take, i, &view, &intrinsics, &velocity);
         // One error for both poses about a view, or interpolation would average it away.
@@ -135,9 +135,9 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             has_hand: !hands[i].is_empty(),
         }
     };
-    let frames: Vec<SynthFrame> = (0..config.views).map(frame).collect();
+    let frames: Vec<SynthFrame> = (0..views).map(frame).collect();
     // Scenes with their hands: what a hand hides was not seen.
-    let eyes: Vec<(&Scene, Pose)> = (0..config.views).map(|i| (scene(i), cameras[i])).collect();
+    let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, poses }
 }
@@ -149,15 +149,19 @@ pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
     HandheldCamera::drawn(sensor, &intrinsics(config), config.seed)
 }
 
-/// Time between views. That of a sensor lets a hand carry the camera; a clean recording knows no effect that
-/// time has.
-fn period_nanos(path: &CameraPath, config: &SynthConfig) -> i64 {
-    if config.sensor.is_none() {
-        return PERIOD_NANOS;
+/// Number of views and time between them, nanoseconds. Those of a sensor or of a rate let a hand carry the
+/// camera; a clean recording knows no effect that time has.
+fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
+    if config.sensor.is_none() && config.rate_hz.is_none() {
+        return (config.views, PERIOD_NANOS);
     }
     let at = |i: usize| path.pose(i as f64 / WAY_PIECES as f64).translation.vector;
     let way_m: f64 = (0..WAY_PIECES).map(|i| (at(i + 1) - at(i)).norm()).sum();
-    (1e3 * way_m / HAND_SPEED / config.views as f64).ceil() as i64 * 1_000_000
+    let seconds = way_m / HAND_SPEED;
+    match config.rate_hz {
+        Some(rate_hz) => (((rate_hz * seconds).round() as usize).max(2), (1e9 / rate_hz).round() as i64),
+        None => (config.views, (1e3 * seconds / config.views as f64).ceil() as i64 * 1_000_000),
+    }
 }
 
 /// Velocity of the camera in its own frame, on a path that takes `seconds`.
@@ -219,4 +223,28 @@ fn drift(config: &SynthConfig) -> Pose {
     let shift = random::direction(rng).into_inner() * config.drift.translation_m;
     let turn = random::direction(rng).into_inner() * config.drift.rotation_rad;
     Pose::new(shift, turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_says_how_many_views_a_hand_takes_on_the_same_way() {
+        let path = CameraPath::new(nalgebra::Point3::origin(), 0.5, 0.3, 0.4, &mut stage_rng(3, "path", 0));
+        let seconds = |config: &SynthConfig| {
+            let (views, period_nanos) = pace(&path, config);
+            (views, 1e-9 * views as f64 * period_nanos as f64)
+        };
+        let by_hand =
+            SynthConfig { sensor: Some(HandheldSensor::new(1.0)), views: 100, ..SynthConfig::default() };
+        let (slow, fast) = (
+            seconds(&SynthConfig { rate_hz: Some(5.0), ..by_hand.clone() }),
+            seconds(&SynthConfig { rate_hz: Some(30.0), ..by_hand.clone() }),
+        );
+        let (_, whole_s) = seconds(&by_hand);
+        assert!(slow.0.abs_diff((5.0 * whole_s) as usize) <= 1, "{slow:?} {whole_s}");
+        assert!(fast.0.abs_diff((30.0 * whole_s) as usize) <= 4, "{fast:?} {whole_s}");
+        assert!((slow.1 - fast.1).abs() < 0.2 && (slow.1 - whole_s).abs() < 0.2);
+    }
 }

@@ -4,7 +4,6 @@ pub(crate) mod agreement;
 pub(crate) mod patch;
 pub(crate) mod ransac;
 pub(crate) mod residual;
-pub(crate) mod rigid_fit;
 pub(crate) mod round_part;
 pub(crate) mod search;
 pub(crate) mod slid_panel;

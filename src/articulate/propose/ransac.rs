@@ -7,8 +7,8 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{observations::LiftedMatch, propose::rigid_fit::rigid_fit};
-use crate::geometry::Pose;
+use crate::articulate::observations::LiftedMatch;
+use crate::geometry::{Pose, rigid_fit};
 
 /// How motions are proposed. Lengths are shares of the object's longest side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

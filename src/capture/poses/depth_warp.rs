@@ -16,7 +16,7 @@ const INTERVALS: f64 = 8.0;
 /// Values that the spline has support from, along one side.
 const ORDER: usize = 4;
 /// Values that a pixel has support from.
-pub(super) const SUPPORT: usize = ORDER * ORDER;
+pub(in crate::capture) const SUPPORT: usize = ORDER * ORDER;
 /// Distance over which the errors are alike, as a share of the width: 90 pixels of 640 (residual errors of
 /// lens and rectification: Teichman, Miller and Thrun 2013).
 const CORRELATED: f64 = 0.14;
@@ -36,7 +36,7 @@ pub struct DepthWarp {
 
 /// What a pixel has of each value about it.
 #[derive(Clone, Copy)]
-pub(super) struct Support {
+pub(in crate::capture) struct Support {
     /// The first of them; the others follow in four rows of four.
     first: usize,
     columns: usize,
@@ -63,7 +63,7 @@ impl DepthWarp {
     }
 
     /// What the pixel has of the values.
-    pub(super) fn support(&self, [u, v]: [f64; 2]) -> Support {
+    pub(in crate::capture) fn support(&self, [u, v]: [f64; 2]) -> Support {
         let along = |pixel: f64, count: usize| {
             let at = (pixel / self.step_px).max(0.0);
             // The last pixel may lie on the end of the last interval.
@@ -81,7 +81,7 @@ impl DepthWarp {
     }
 
     /// Its slopes along the image, 1/pixel.
-    pub(super) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+    pub(in crate::capture) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         const STEP: f64 = 0.5;
         // The spline bends over tens of pixels, so that the difference over one is its slope.
         let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
@@ -89,7 +89,7 @@ impl DepthWarp {
     }
 
     /// Share of each value in the mean over the image.
-    pub(super) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
+    pub(in crate::capture) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
         let mut mean = DVector::zeros(self.values.len());
         let mut count = 0.0;
         for pixel in some_pixels(intrinsics) {
@@ -100,14 +100,14 @@ impl DepthWarp {
     }
 
     /// Root mean square over the image of what differs from the mean.
-    pub(super) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
+    pub(in crate::capture) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
         let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
 
     /// Covariance of the values for errors of unit size that are alike over the distance of correlation.
-    pub(super) fn smooth(&self) -> DMatrix<f64> {
+    pub(in crate::capture) fn smooth(&self) -> DMatrix<f64> {
         let width = self.step_px * INTERVALS;
         let place =
             |k: usize| [k % self.shape[0], k / self.shape[0]].map(|i| i as f64 * self.step_px / width);
@@ -119,7 +119,7 @@ impl DepthWarp {
     }
 
     /// Puts every reading of the frames right.
-    pub(super) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
+    pub(in crate::capture) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
             let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
@@ -141,7 +141,11 @@ fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
 }
 
 /// Inverse depth and its slopes at a pixel, put right.
-pub(super) fn corrected_plane(warp: &DepthWarp, pixel: [f64; 2], plane: Vector3<f64>) -> Vector3<f64> {
+pub(in crate::capture) fn corrected_plane(
+    warp: &DepthWarp,
+    pixel: [f64; 2],
+    plane: Vector3<f64>,
+) -> Vector3<f64> {
     let factor = 1.0 + warp.at(pixel);
     let slopes = warp.slopes(pixel);
     // The inverse depth is divided by 1 + c: the quotient rule.

@@ -135,7 +135,7 @@ pub(super) fn half_log_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
 }
 
 /// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).
-pub(super) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
+pub(in crate::capture) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
     let rotation = target_from_source.rotation.to_rotation_matrix();
     let mut carried = Matrix6::zeros();
     carried.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());

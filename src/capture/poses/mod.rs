@@ -14,19 +14,20 @@
 
 mod agreement;
 mod correction;
-mod depth_warp;
-mod drift;
+pub(super) mod depth_warp;
+pub(super) mod drift;
 mod error_draw;
 mod landmarks;
-mod pairs;
-mod pose_noise;
+pub(super) mod observed;
+pub(super) mod pairs;
+pub(super) mod pose_noise;
 mod reading_weights;
 mod sensor;
-mod sensor_errors;
+pub(super) mod sensor_errors;
 mod solve;
-mod surfels;
+pub(super) mod surfels;
 mod trajectory;
-mod world;
+pub(super) mod world;
 
 use nalgebra::{Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -175,8 +176,9 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
     let world = |s: usize| {
         let expected = mean_noise(0).beside(&mean_noise(s));
         let matches = landmarks.between([0, s], [&states[0], &states[s]]);
-        let (pair, surfels) = ([&*states[0], &*states[s]], [&*surfels[0], &*surfels[s]]);
-        let (correction, follow) = world::correct(pair, surfels, matches, &expected)?;
+        let poses = [0, s].map(|s| world::poses_of(&states[s]));
+        let (poses, surfels) = (poses.each_ref().map(Vec::as_slice), [&*surfels[0], &*surfels[s]]);
+        let (correction, follow) = world::correct(poses, surfels, matches, &expected)?;
         draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
         Some(correction)
     };

@@ -34,13 +34,13 @@ const MEDIAN_EVERY: usize = 4;
 
 /// What frames see, and from where.
 #[derive(Clone, Copy)]
-pub(super) struct Views<'a> {
+pub(in crate::capture) struct Views<'a> {
     pub surfels: &'a [Surfels],
     pub world_from_camera: &'a [Pose],
 }
 
 /// Which surfels of frames are compared.
-pub(super) struct Comparison {
+pub(in crate::capture) struct Comparison {
     /// Of each frame and way to face: surfels that are fitted, and surfels that are held out.
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
@@ -48,14 +48,16 @@ pub(super) struct Comparison {
     /// Landmarks that match, by pair of frames.
     matches: Matches,
     noise: PoseNoise,
+    /// Surfels of a pair that are compared at most, for each way to face.
+    most_of_facing: usize,
 }
 
 /// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
-pub(super) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
+pub(in crate::capture) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
 
 /// Which surfels are compared.
 #[derive(Clone, Copy)]
-pub(super) enum Subset {
+pub(in crate::capture) enum Subset {
     /// Those that poses are fitted to.
     Fitted,
     /// The others.
@@ -66,7 +68,7 @@ pub(super) enum Subset {
 const SENSOR: usize = 2 * SUPPORT + 2;
 
 /// Normal equations of all pairs.
-pub(super) struct Sums {
+pub(in crate::capture) struct Sums {
     /// Of each, in their order.
     pub pairs: Vec<PairSums>,
     /// Of the sensor's errors, where they are wanted.
@@ -77,7 +79,7 @@ pub(super) struct Sums {
 
 /// Normal equations of one pair: of the frame that is compared (first) and the one that it is compared with.
 #[derive(Clone, Copy)]
-pub(super) struct PairSums {
+pub(in crate::capture) struct PairSums {
     pub frames: [usize; 2],
     pub information: [Matrix6<f64>; 3],
     pub gradient: [Vector6<f64>; 2],
@@ -85,7 +87,7 @@ pub(super) struct PairSums {
 
 /// Normal equations of the sensor's errors.
 #[derive(Clone)]
-pub(super) struct SensorSums {
+pub(in crate::capture) struct SensorSums {
     pub information: DMatrix<f64>,
     /// Between the poses (six rows each) and the sensor.
     pub between: DMatrix<f64>,
@@ -111,7 +113,7 @@ struct Rows {
 }
 
 /// What a change of poses does to held-out surfels.
-pub(super) struct Gain {
+pub(in crate::capture) struct Gain {
     /// Mean of the frames' gains in its standard errors.
     pub sigmas: f64,
     /// Robust standard deviation of the distances before and after, meters.
@@ -119,7 +121,7 @@ pub(super) struct Gain {
 }
 
 /// The same of one state's pairs.
-pub(super) struct Changes {
+pub(in crate::capture) struct Changes {
     frames: usize,
     pairs: Vec<PairChange>,
 }
@@ -186,7 +188,13 @@ impl Comparison {
         noise: PoseNoise,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        Self { sets, pairs, matches, noise }
+        let most_of_facing = most_of_facing(COMPARED, pairs.len());
+        Self { sets, pairs, matches, noise, most_of_facing }
+    }
+
+    /// The same with about so many surfels in a round, all pairs together.
+    pub fn comparing(self, surfels: usize) -> Self {
+        Self { most_of_facing: most_of_facing(surfels, self.pairs.len()), ..self }
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
@@ -334,11 +342,10 @@ impl Comparison {
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
-        let most = (COMPARED / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS;
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {
-            let stride = cells.len().div_ceil(most).max(1);
+            let stride = cells.len().div_ceil(self.most_of_facing).max(1);
             // Every pair begins elsewhere, so that together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
@@ -423,6 +430,11 @@ fn robust_scale(ratios: Vec<Ratios>) -> f64 {
     (SIGMAS_PER_MAD * median(ratios.into_iter().flat_map(|r| r.kept).collect()).unwrap_or(0.0)).max(1.0)
 }
 
+/// Surfels of a pair for each way to face, where so many are compared in all pairs together.
+fn most_of_facing(compared: usize, pairs: usize) -> usize {
+    (compared / pairs.max(1)).max(LEAST_OF_PAIR) / FACINGS
+}
+
 /// The surfels of a frame that are held out, or those that are not, by the way that they face.
 fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
     let is_held_out = |cell: u32| surfels.block(cell, BLOCK).iter().sum::<usize>().is_multiple_of(HELD_OUT);
@@ -431,7 +443,7 @@ fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
 }
 
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
-fn by_poses(r: &Residual) -> [f64; 12] {
+pub(in crate::capture) fn by_poses(r: &Residual) -> [f64; 12] {
     // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane,
     // which is as if the point moved back.
     let own = r.point.coords.cross(&r.normal);

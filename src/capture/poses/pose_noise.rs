@@ -16,25 +16,25 @@ impl PoseNoise {
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
     /// The smallest of interest: a micrometer, and a microradian.
-    pub(super) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
+    pub(in crate::capture) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
 
     /// By how much a point at some depth is off, one standard deviation, meters.
-    pub(super) fn displacement_m(&self, depth_m: f64) -> f64 {
+    pub(in crate::capture) fn displacement_m(&self, depth_m: f64) -> f64 {
         self.translation_m.hypot(self.rotation_rad * depth_m)
     }
 
     /// Of the mean of so many poses.
-    pub(super) fn of_mean(&self, count: usize) -> Self {
+    pub(in crate::capture) fn of_mean(&self, count: usize) -> Self {
         self.times(1.0 / (count.max(1) as f64).sqrt())
     }
 
     /// So many times as large.
-    pub(super) fn times(&self, factor: f64) -> Self {
+    pub(in crate::capture) fn times(&self, factor: f64) -> Self {
         Self { translation_m: factor * self.translation_m, rotation_rad: factor * self.rotation_rad }
     }
 
     /// No larger than another.
-    pub(super) fn at_most(&self, most: &Self) -> Self {
+    pub(in crate::capture) fn at_most(&self, most: &Self) -> Self {
         Self {
             translation_m: self.translation_m.min(most.translation_m),
             rotation_rad: self.rotation_rad.min(most.rotation_rad),
@@ -42,7 +42,7 @@ impl PoseNoise {
     }
 
     /// No smaller than what can be of interest.
-    pub(super) fn at_least(&self) -> Self {
+    pub(in crate::capture) fn at_least(&self) -> Self {
         Self {
             translation_m: self.translation_m.max(Self::LEAST.translation_m),
             rotation_rad: self.rotation_rad.max(Self::LEAST.rotation_rad),
@@ -50,7 +50,7 @@ impl PoseNoise {
     }
 
     /// Of the difference of two.
-    pub(super) fn beside(&self, other: &Self) -> Self {
+    pub(in crate::capture) fn beside(&self, other: &Self) -> Self {
         Self {
             translation_m: self.translation_m.hypot(other.translation_m),
             rotation_rad: self.rotation_rad.hypot(other.rotation_rad),

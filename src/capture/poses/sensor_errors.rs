@@ -18,7 +18,7 @@ const LAG_S: f64 = 0.02;
 
 /// Errors of a sensor: the values of the warp, the shift of color, and the lag of the poses.
 #[derive(Clone, Debug)]
-pub(super) struct SensorErrors {
+pub(in crate::capture) struct SensorErrors {
     pub warp: DepthWarp,
     /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
     /// lengths.

@@ -28,13 +28,13 @@ const SAME_COSINE: f64 = 0.8;
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
 /// Ways that a surfel can face: the camera, left, right, up, down.
-pub(super) const FACINGS: usize = 5;
+pub(in crate::capture) const FACINGS: usize = 5;
 /// A surfel faces aside where its normal has a larger component along the image.
 const ASIDE: f32 = 0.4;
 
 /// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Surfel {
+pub(in crate::capture) struct Surfel {
     /// Inverse depth in its middle, 1/meter, and slopes along the image, 1/(meter pixel), as read.
     plane: Vector3<f32>,
     /// Its middle, meters.
@@ -47,7 +47,7 @@ pub(super) struct Surfel {
 
 /// The surfels of a frame on a grid of pixels.
 #[derive(Clone)]
-pub(super) struct Surfels {
+pub(in crate::capture) struct Surfels {
     intrinsics: Intrinsics,
     step: usize,
     columns: usize,
@@ -74,8 +74,40 @@ struct Landmark {
     by_shift: [Vector3<f64>; 2],
 }
 
+/// What a frame sees of another's surfels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(in crate::capture) struct Overlap {
+    /// Surfels that were looked for.
+    pub tried: usize,
+    /// Those that the other frame sees where they are.
+    pub agreeing: usize,
+    /// Those that the other frame looks through: what it sees lies behind them.
+    pub seen_through: usize,
+}
+
+impl Overlap {
+    /// Of two frames' surfels.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            tried: self.tried + other.tried,
+            agreeing: self.agreeing + other.agreeing,
+            seen_through: self.seen_through + other.seen_through,
+        }
+    }
+
+    /// Share of the surfels that the other frame can judge which it sees where they are.
+    pub fn agreement(&self) -> f64 {
+        self.agreeing as f64 / (self.agreeing + self.seen_through).max(1) as f64
+    }
+
+    /// Share of all that the other frame sees where they are.
+    pub fn share(&self) -> f64 {
+        self.agreeing as f64 / self.tried.max(1) as f64
+    }
+}
+
 /// How far a surfel lies off that of another frame.
-pub(super) struct Residual {
+pub(in crate::capture) struct Residual {
     /// Distance from the other's plane, meters.
     pub distance_m: f64,
     /// By how much errors of poses displace it, one standard deviation, meters.
@@ -180,6 +212,36 @@ impl Surfels {
         })
     }
 
+    /// Where a landmark is: in the camera's frame, meters, with the standard deviations of its depth and of
+    /// its place across the ray, meters.
+    pub fn landmark(&self, number: u32) -> (Point3<f64>, [f64; 2]) {
+        let landmark = &self.landmarks[number as usize];
+        (landmark.point, [landmark.sigma_m, landmark.place_m(&self.intrinsics)])
+    }
+
+    /// What `other` sees where every so many of the surfels lie.
+    pub fn overlap(&self, other: &Self, other_from_this: &Pose, poses: &PoseNoise, every: usize) -> Overlap {
+        let mut overlap = Overlap::default();
+        for &cell in self.facing.iter().flat_map(|cells| cells.iter().step_by(every)) {
+            let Some(this) = self.cells[cell as usize] else { continue };
+            overlap.tried += 1;
+            let point = other_from_this * this.point.cast::<f64>();
+            let Some(there) = other.intrinsics.project(&point).and_then(|at| other.at(at)) else { continue };
+            let normal: Vector3<f64> = there.normal.cast();
+            let distance_m = normal.dot(&(point - there.point.cast::<f64>()));
+            let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
+            let gate_m = 3.0 * sigma_m.hypot(poses.displacement_m(point.z));
+            let turned = other_from_this.rotation * this.normal.cast::<f64>();
+            if distance_m.abs() <= gate_m {
+                overlap.agreeing += usize::from(turned.dot(&normal) >= SAME_COSINE);
+            // A surface that turns its back is hidden by itself.
+            } else if distance_m < 0.0 && turned.dot(&point.coords) > 0.0 {
+                overlap.seen_through += 1;
+            }
+        }
+        overlap
+    }
+
     /// The same by readings that are put right, from what they were as read.
     pub fn corrected(&self, errors: &SensorErrors) -> Self {
         let (warp, mut corrected) = (&errors.warp, self.clone());
@@ -194,6 +256,11 @@ impl Surfels {
         }
         corrected.landmarks.iter_mut().for_each(|l| l.correct(&self.intrinsics, errors));
         corrected
+    }
+
+    /// Camera of the frame.
+    pub fn intrinsics(&self) -> &Intrinsics {
+        &self.intrinsics
     }
 
     /// Pixel in the middle of a cell.
@@ -211,6 +278,11 @@ impl Surfels {
         let sum =
             self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
         (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
+    }
+
+    /// Every so many of the surfels' middles, with their unit normals, which point away from the camera.
+    pub fn points(&self, every: usize) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
+        self.cells.iter().flatten().step_by(every).map(|s| (s.point.cast(), s.normal.cast()))
     }
 
     /// Block of `side` x `side` cells that a cell lies in: column and row.

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     drift::adjoint,
     error_draw::ErrorDraw,
+    observed::Observed,
     pairs::{Comparison, Gain, Matches, PairSums, SensorSums, Views},
     pose_noise::PoseNoise,
     sensor_errors::SensorErrors,
@@ -23,8 +24,6 @@ use crate::{
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
-/// A direction counts as observed with this share of the information about the best one, at least.
-const OBSERVED: f64 = 0.03;
 /// Rounds end when the world moves less than this, meters (radians times one meter).
 const STEP_M: f64 = 1e-5;
 
@@ -69,12 +68,19 @@ pub fn align_worlds(
 ) -> Option<WorldCorrection> {
     let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
     let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
-    correct(states, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
+    let poses = states.map(poses_of);
+    let poses = poses.each_ref().map(Vec::as_slice);
+    correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
 }
 
-/// See [`align_worlds`].
-pub(super) fn correct(
-    states: [&[RgbdFrame]; 2],
+/// Reported poses of frames.
+pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
+    frames.iter().map(|f| f.world_from_camera).collect()
+}
+
+/// See [`align_worlds`]; of the reported poses of both states.
+pub(in crate::capture) fn correct(
+    states: [&[Pose]; 2],
     surfels: [&[Surfels]; 2],
     matches: Matches,
     expected: &PoseNoise,
@@ -89,7 +95,7 @@ pub(super) fn correct(
     fn seen_from<'a>(surfels: &'a [Surfels], world_from_camera: &'a [Pose]) -> Views<'a> {
         Views { surfels, world_from_camera }
     }
-    let reported: Vec<Pose> = states.iter().flat_map(|s| s.iter()).map(|f| f.world_from_camera).collect();
+    let reported: Vec<Pose> = states.concat();
     let center = middle(&reported[first..], surfels[1])?;
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
     // A motion about the middle; what no surface shows stays small there.
@@ -117,7 +123,7 @@ pub(super) fn correct(
         return None;
     }
     // Both states have one sensor, whose error is the same for all that frames see at one pixel.
-    let sensor = SensorErrors::none(&states[0].first()?.intrinsics);
+    let sensor = SensorErrors::none(surfels[0].first()?.intrinsics());
     let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, 0.0);
     let pairs: Vec<PairInformation> =
         sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
@@ -138,7 +144,7 @@ pub(super) fn correct(
 
 /// What state 1's world follows errors of poses and depth by, as it is brought to rest on what these frames
 /// see. See docs/method.md 2.12.
-pub(super) struct Follow {
+pub(in crate::capture) struct Follow {
     /// Motion about the middle by a motion of each frame.
     by_frame: Vec<Matrix6<f64>>,
     /// ... and by the sensor's errors.
@@ -260,39 +266,6 @@ fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNois
 fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
     let sigma = |k| if k < 3 { expected.translation_m } else { expected.rotation_rad };
     Matrix6::from_diagonal(&Vector6::from_fn(|k, _| f64::powi(sigma(k), -2)))
-}
-
-/// Information along the directions that the surfaces determine (solution remapping: Zhang, Kaess and Singh
-/// 2016). The others have little, and that from the noise of normals. Turns are compared with shifts at the
-/// distance at which both have the same information.
-struct Observed {
-    information: Matrix6<f64>,
-    /// Leaves of a gradient what these directions have of it.
-    projector: Matrix6<f64>,
-}
-
-impl Observed {
-    fn of(information: &Matrix6<f64>) -> Self {
-        let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
-        let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
-        let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
-        let inverse =
-            Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
-        let eigen = (inverse * information * inverse).symmetric_eigen();
-        let least = OBSERVED * eigen.eigenvalues.max();
-        let mut observed = Self { information: Matrix6::zeros(), projector: Matrix6::zeros() };
-        for (value, direction) in
-            eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least)
-        {
-            let along = direction * direction.transpose();
-            observed.information += along * *value;
-            observed.projector += along;
-        }
-        Self {
-            information: unit * observed.information * unit,
-            projector: unit * observed.projector * inverse,
-        }
-    }
 }
 
 /// Middle of the surfels that cameras see, in the world; `None` without any.

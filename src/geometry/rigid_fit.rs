@@ -2,14 +2,12 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use crate::geometry::Pose;
+use super::Pose;
 
 /// Minimizes `sum w |T a - b|^2` over rigid motions T (Kabsch 1976; reflections excluded as by Umeyama 1991).
 /// `None` with fewer than three pairs of positive weight or where one of the point sets has no extent in two
 /// directions. See docs/method.md (6.1).
-pub(crate) fn rigid_fit(
-    pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>, f64)> + Clone,
-) -> Option<Pose> {
+pub fn rigid_fit(pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>, f64)> + Clone) -> Option<Pose> {
     let (mut total, mut mean_a, mut mean_b, mut count) = (0.0, Vector3::zeros(), Vector3::zeros(), 0);
     for (a, b, w) in pairs.clone().filter(|p| p.2 > 0.0) {
         total += w;

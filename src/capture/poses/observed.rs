@@ -1,0 +1,46 @@
+//! Which motions surfaces show.
+
+use nalgebra::{Matrix6, Vector6};
+
+/// A direction counts as observed with this share of the information about the best one, at least.
+const OBSERVED: f64 = 0.03;
+
+/// Information along the directions that the surfaces determine (solution remapping: Zhang, Kaess and Singh
+/// 2016). The others have little, and that from the noise of normals. Turns are compared with shifts at the
+/// distance at which both have the same information.
+pub(in crate::capture) struct Observed {
+    /// About those directions alone.
+    pub information: Matrix6<f64>,
+    /// Leaves of a gradient what these directions have of it.
+    pub projector: Matrix6<f64>,
+}
+
+impl Observed {
+    /// Of all information.
+    pub fn of(information: &Matrix6<f64>) -> Self {
+        Self::above(information, OBSERVED)
+    }
+
+    /// The same where a direction needs that share of the information about the best one.
+    pub fn above(information: &Matrix6<f64>, share: f64) -> Self {
+        let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
+        let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
+        let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));
+        let inverse =
+            Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / lever_m }));
+        let eigen = (inverse * information * inverse).symmetric_eigen();
+        let least = share * eigen.eigenvalues.max();
+        let mut observed = Self { information: Matrix6::zeros(), projector: Matrix6::zeros() };
+        for (value, direction) in
+            eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(v, _)| **v > least)
+        {
+            let along = direction * direction.transpose();
+            observed.information += along * *value;
+            observed.projector += along;
+        }
+        Self {
+            information: unit * observed.information * unit,
+            projector: unit * observed.projector * inverse,
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Poses of frames by what they see of each other: Gauss-Newton over the surfels and landmarks that pairs
+//! share.
+//!
+//! These are the equations of the refinement of reported poses (docs/method.md 2.7), without its prior:
+//! nothing was reported. What no surface and no landmark shows stays where it began.
+
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
+
+use crate::{
+    capture::poses::{
+        pairs::{Comparison, Matches, PairSums, Views},
+        pose_noise::PoseNoise,
+        surfels::Surfels,
+    },
+    geometry::Pose,
+};
+
+/// Share of the displacement expected of the start that counts as noise, by round.
+const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];
+/// Rounds at most.
+const ROUNDS: usize = 10;
+/// Rounds end when nothing moves further than this, meters (radians times one meter).
+/// derived: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
+const STEP_M: f64 = 4e-5;
+/// Surfels compared in a round about one frame.
+/// tuned: shared/bags; more of them changed no pose by a tenth of its deviation
+const COMPARED: usize = 16_000;
+
+/// Frames whose poses are compared.
+pub(super) struct Adjustment<'a> {
+    pub surfels: &'a [Surfels],
+    /// So many frames in front stay where they are.
+    pub fixed: usize,
+    /// Pairs that share surface, each once.
+    pub pairs: &'a [[usize; 2]],
+    /// Landmarks that look alike, of those pairs.
+    pub matches: &'a Matches,
+    /// How far the poses to start from may be off.
+    pub start: PoseNoise,
+}
+
+/// Poses that agree.
+pub(super) struct Adjusted {
+    pub poses: Vec<Pose>,
+    /// Normal equations of the ordered pairs about them.
+    pub sums: Vec<PairSums>,
+    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    pub scale: f64,
+}
+
+impl Adjustment<'_> {
+    /// Poses near those to start from that agree.
+    pub fn solve(&self, start: &[Pose]) -> Option<Adjusted> {
+        let both_ways = |[i, j]: &[usize; 2]| [[*i, *j], [*j, *i]];
+        let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(both_ways).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut matches = self.matches.clone();
+        for ([i, j], found) in self.matches {
+            matches.entry([*j, *i]).or_insert_with(|| found.iter().map(|[a, b]| [*b, *a]).collect());
+        }
+        let free = start.len() - self.fixed;
+        let comparison = Comparison::new(self.surfels.iter(), pairs, matches, self.start)
+            .comparing(COMPARED * free.max(1));
+        let mut poses = start.to_vec();
+        let mut scale = comparison.scale(self.seen_from(&poses));
+        let mut sums = Vec::new();
+        for round in 0..ROUNDS {
+            let loose = LOOSE.get(round).copied().unwrap_or(0.0);
+            let found = comparison.sums(self.seen_from(&poses), None, scale, loose);
+            (scale, sums) = (found.scale, found.pairs);
+            let step = self.step(&sums, start, &poses)?;
+            for (k, pose) in poses[self.fixed..].iter_mut().enumerate() {
+                *pose *=
+                    Pose::new(step.fixed_rows::<3>(6 * k).into(), step.fixed_rows::<3>(6 * k + 3).into());
+            }
+            if round >= LOOSE.len() && step.amax() < STEP_M {
+                break;
+            }
+        }
+        Some(Adjusted { poses, sums, scale })
+    }
+
+    fn seen_from<'b>(&'b self, poses: &'b [Pose]) -> Views<'b> {
+        Views { surfels: self.surfels, world_from_camera: poses }
+    }
+
+    /// The step that the normal equations ask for, six values a free frame.
+    fn step(&self, sums: &[PairSums], start: &[Pose], poses: &[Pose]) -> Option<DVector<f64>> {
+        let count = poses.len() - self.fixed;
+        let (mut information, mut gradient) =
+            (DMatrix::zeros(6 * count, 6 * count), DVector::zeros(6 * count));
+        let place = |frame: usize| frame.checked_sub(self.fixed).map(|k| 6 * k);
+        for pair in sums {
+            let [i, j] = pair.frames.map(place);
+            let [own, between, other] = pair.information;
+            for (r, c, block) in [(i, i, own), (i, j, between), (j, i, between.transpose()), (j, j, other)] {
+                if let (Some(r), Some(c)) = (r, c) {
+                    let mut at = information.fixed_view_mut::<6, 6>(r, c);
+                    at += block;
+                }
+            }
+            for (at, g) in [i, j].into_iter().zip(pair.gradient) {
+                if let Some(at) = at {
+                    let mut at = gradient.fixed_rows_mut::<6>(at);
+                    at += g;
+                }
+            }
+        }
+        // The start is known as well as it is: along what nothing shows it alone decides.
+        let known = Vector6::from_fn(|k, _| {
+            let sigma = if k < 3 { self.start.translation_m } else { self.start.rotation_rad };
+            (START_SPREAD * sigma).powi(-2)
+        });
+        for k in 0..count {
+            let moved = start[self.fixed + k].inverse() * poses[self.fixed + k];
+            let turn = moved.rotation.scaled_axis();
+            let moved = moved.translation.vector;
+            let away = Vector6::new(moved.x, moved.y, moved.z, turn.x, turn.y, turn.z);
+            for i in 0..6 {
+                information[(6 * k + i, 6 * k + i)] += known[i];
+                gradient[6 * k + i] += known[i] * away[i];
+            }
+        }
+        Some(-information.cholesky()?.solve(&gradient))
+    }
+}
+
+/// The start counts as if it erred by so many times what is expected: it holds only what nothing else does.
+const START_SPREAD: f64 = 10.0;
+
+impl Adjusted {
+    /// Information that all pairs have about the pose of one frame in its own camera's frame, the others
+    /// held.
+    pub fn information(&self, frame: usize) -> Matrix6<f64> {
+        self.sums.iter().map(|s| information_of(s, frame)).sum()
+    }
+
+    /// The same by pairs with one other frame alone.
+    pub fn information_with(&self, frame: usize, other: usize) -> Matrix6<f64> {
+        let between = self.sums.iter().filter(|s| s.frames.contains(&other));
+        between.map(|s| information_of(s, frame)).sum()
+    }
+}
+
+fn information_of(sums: &PairSums, frame: usize) -> Matrix6<f64> {
+    let [own, _, other] = sums.information;
+    match sums.frames {
+        [i, _] if i == frame => own,
+        [_, j] if j == frame => other,
+        _ => Matrix6::zeros(),
+    }
+}
+
+/// Standard deviation of what a camera sees at a depth, in the direction that is known least, meters.
+pub(super) fn least_known_m(information: &Matrix6<f64>, depth_m: f64) -> f64 {
+    // Turns as what they move at that depth.
+    let scale = Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / depth_m });
+    let unit = Matrix6::from_diagonal(&scale);
+    let least = (unit * information * unit).symmetric_eigenvalues().min();
+    if least > 0.0 { least.powf(-0.5) } else { f64::INFINITY }
+}
+
+/// Information that matched landmarks have about the second of two cameras, in its own frame.
+pub(super) fn landmark_information(
+    frames: [&Surfels; 2],
+    matches: &[[u32; 2]],
+    second_from_first: &Pose,
+    noise: &PoseNoise,
+) -> Matrix6<f64> {
+    let mut sum = Matrix6::zeros();
+    for &m in matches {
+        for r in frames[0].across(m, frames[1], second_from_first, noise).into_iter().flatten() {
+            let turn: Vector3<f64> = r.other_point.coords.cross(&r.other_normal);
+            let n = r.other_normal;
+            let row = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
+            sum += row * row.transpose() / r.sigma_m.powi(2);
+        }
+    }
+    sum
+}

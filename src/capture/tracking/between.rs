@@ -1,0 +1,192 @@
+//! The motion between the maps of two states by what stands still.
+//!
+//! Landmarks of both states that look alike propose motions: that of what stands still, and those of parts.
+//! Most motions of parts are contradicted by the surface of all that stands still; of those that are not,
+//! the one that landmarks in the most places follow is the maps'.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::{
+    keyframes::view_distance_rad,
+    landmark_motion::{LandmarkPair, landmark_motion},
+    locate::{mean_depth_m, overlap},
+    track::Track,
+};
+use crate::{
+    capture::{
+        poses::{
+            pairs::Matches,
+            pose_noise::PoseNoise,
+            surfels::{Overlap, Surfels},
+            world::correct,
+        },
+        select::spread_views,
+    },
+    geometry::Pose,
+    random::stage_rng,
+};
+
+/// Keyframes of each state that are compared.
+/// derived: 144 pairs take a second
+const KEYFRAMES: usize = 12;
+/// Motions that are looked for: what stands still and three parts.
+/// derived: recordings have few parts that move, and the largest come first
+const MOTIONS: usize = 4;
+/// Views that differ by more are not compared, radians.
+/// derived: twice the reach of features, as surfaces are compared here
+const REACH_RAD: f64 = 1.0;
+/// Of the surface that both states can judge, what stands still must agree in no less than this share of
+/// what the best motion does.
+/// tuned: shared/bags: motions of parts that a floor contradicts have 0.83 and less, those of halves of
+/// scissors on a floor, which lie in it, 1.0
+const POSSIBLE: f64 = 0.9;
+/// What stands still must be followed by landmarks in this many times as many cells as the next possible
+/// motion.
+/// tuned: as between states with poses (docs/method.md 5)
+const CLEAR: f64 = 2.0;
+/// Side of the cells in which landmarks are counted, as a share of the depth.
+/// tuned: as between states with poses, where the object is as large as its depth
+const CELL_SHARE: f64 = 0.05;
+/// Motions between maps that take what is seen no further apart than this share of its depth, and turn it
+/// by no more than as many radians, are one.
+/// measured: motions of one floor by different landmarks of shared/bags/drawer were 0.012 apart
+const SAME_SHARE: f64 = 0.03;
+
+/// Why two states have no common map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unaligned {
+    /// Nothing looks alike in both.
+    NothingAlike,
+    /// Two motions explain about as much.
+    Ambiguous {
+        /// Cells with landmarks that follow each.
+        cells: [usize; 2],
+    },
+}
+
+/// The motion from the second state's map to the first one's, and the share of the surfels that both can see
+/// which agree after it.
+///
+/// # Errors
+/// [`Unaligned`].
+pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f64), Unaligned> {
+    let sides = [first, second].map(Side::of);
+    let pairs: Vec<[usize; 2]> =
+        (0..sides[0].poses.len()).flat_map(|i| (0..sides[1].poses.len()).map(move |j| [i, j])).collect();
+    let matches: Vec<Vec<[u32; 2]>> = pairs
+        .par_iter()
+        .map(|&[i, j]| {
+            first.observations[sides[0].keyframes[i]].matches(&second.observations[sides[1].keyframes[j]])
+        })
+        .collect();
+    let depth_m = mean_depth_m(sides[0].surfels.first().ok_or(Unaligned::NothingAlike)?);
+    let mut found: Vec<Proposal> = proposals(&sides, &pairs, &matches, depth_m, seed);
+    let best = found.iter().map(|p| p.overlap.agreement()).fold(0.0, f64::max);
+    found.retain(|p| p.overlap.agreement() >= POSSIBLE * best);
+    // By cells; of equals the first.
+    found.sort_by(|a, b| b.cells.cmp(&a.cells));
+    let &Proposal { motion: coarse, cells, overlap } = found.first().ok_or(Unaligned::NothingAlike)?;
+    let rivals = |p: &&Proposal| {
+        (cells as f64) < CLEAR * p.cells as f64 && !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)
+    };
+    if let Some(next) = found[1..].iter().find(rivals) {
+        return Err(Unaligned::Ambiguous { cells: [cells, next.cells] });
+    }
+    let fine = refined(&sides, &pairs, &matches, &coarse).unwrap_or(coarse);
+    Ok((fine.inverse(), overlap.agreement()))
+}
+
+/// Some keyframes of a state.
+struct Side<'a> {
+    keyframes: Vec<usize>,
+    poses: Vec<Pose>,
+    surfels: Vec<&'a Surfels>,
+}
+
+impl<'a> Side<'a> {
+    fn of(track: &'a Track) -> Self {
+        let keyframes = spread_views(&track.key_poses, KEYFRAMES);
+        Self {
+            poses: keyframes.iter().map(|&k| track.key_poses[k]).collect(),
+            surfels: keyframes.iter().map(|&k| &track.observations[k].surfels).collect(),
+            keyframes,
+        }
+    }
+}
+
+/// A motion from the first map to the second.
+struct Proposal {
+    motion: Pose,
+    /// Cells with landmarks that follow it.
+    cells: usize,
+    /// What both states see of each other's surfels after it.
+    overlap: Overlap,
+}
+
+/// Motions that landmarks follow, the most followed first.
+fn proposals(
+    sides: &[Side<'_>; 2],
+    pairs: &[[usize; 2]],
+    matches: &[Vec<[u32; 2]>],
+    depth_m: f64,
+    seed: u64,
+) -> Vec<Proposal> {
+    let of_pair = |(&[i, j], matched): (&[usize; 2], &Vec<[u32; 2]>)| -> Vec<LandmarkPair> {
+        let cameras = [&sides[0].poses[i], &sides[1].poses[j]];
+        let frames = [sides[0].surfels[i], sides[1].surfels[j]];
+        matched.iter().map(|m| LandmarkPair::new(cameras, frames, *m)).collect()
+    };
+    let mut left: Vec<LandmarkPair> = pairs.iter().zip(matches).flat_map(of_pair).collect();
+    let mut motions = Vec::new();
+    for attempt in 0..MOTIONS {
+        let mut rng = stage_rng(seed, "track/states", attempt as u64);
+        let Some((motion, _)) = landmark_motion(&left, &mut rng) else { break };
+        let cells: BTreeSet<[i64; 3]> =
+            left.iter().filter(|p| p.follows(&motion)).map(|p| p.cell(CELL_SHARE * depth_m)).collect();
+        left.retain(|p| !p.is_near(&motion));
+        motions.push(Proposal { motion, cells: cells.len(), overlap: agreement(sides, pairs, &motion) });
+    }
+    motions
+}
+
+/// Surfels that lie where the other state sees them, of both states.
+fn agreement(sides: &[Side<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
+    let of_pair = |&[i, j]: &[usize; 2]| {
+        let moved = motion * sides[0].poses[i];
+        let (a, b) = (sides[0].surfels[i], sides[1].surfels[j]);
+        let near = view_distance_rad(&moved, &sides[1].poses[j], mean_depth_m(a)) < REACH_RAD;
+        if near { overlap([a, b], &(sides[1].poses[j].inverse() * moved)) } else { Overlap::default() }
+    };
+    let all: Vec<Overlap> = pairs.par_iter().map(of_pair).collect();
+    all.into_iter().fold(Overlap::default(), Overlap::plus)
+}
+
+/// Whether two motions of the first map take what its camera sees to about the same place.
+fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
+    let seen = camera * nalgebra::Point3::from(Vector3::z() * depth_m);
+    (a * seen - b * seen).norm() < SAME_SHARE * depth_m && (a.rotation.angle_to(&b.rotation)) < SAME_SHARE
+}
+
+/// The motion by surfaces and landmarks, where held-out ones gain by it.
+fn refined(
+    sides: &[Side<'_>; 2],
+    pairs: &[[usize; 2]],
+    matches: &[Vec<[u32; 2]>],
+    motion: &Pose,
+) -> Option<Pose> {
+    let back = motion.inverse();
+    let behind = sides[0].poses.len();
+    let moved: Vec<Pose> = sides[1].poses.iter().map(|p| back * p).collect();
+    let owned: [Vec<Surfels>; 2] = sides.each_ref().map(|s| s.surfels.iter().map(|s| (*s).clone()).collect());
+    let mut all = Matches::new();
+    for (&[i, j], matched) in pairs.iter().zip(matches) {
+        all.insert([behind + j, i], matched.iter().map(|[a, b]| [*b, *a]).collect());
+        all.insert([i, behind + j], matched.clone());
+    }
+    let poses = [&sides[0].poses[..], &moved];
+    let (world, _) = correct(poses, owned.each_ref().map(Vec::as_slice), all, &PoseNoise::EXPECTED)?;
+    Some((world.corrected_from_reported * back).inverse())
+}

@@ -1,0 +1,117 @@
+//! Keyframes that show the same and were not compared on the way: loops are closed, pieces are joined.
+
+use rayon::prelude::*;
+
+use super::{
+    keyframes::{Edge, Keyframes, view_distance_rad},
+    locate::{Guess, Known, Located, locate},
+};
+use crate::{capture::poses::pose_noise::PoseNoise, geometry::Pose, random::stage_rng};
+
+/// Keyframes that each is compared with at most, of those that see it from near by.
+/// tuned: shared/bags; more change no trajectory by a tenth of its error
+const NEIGHBORS: usize = 6;
+/// Views that differ by more share few features, radians.
+/// derived: as for keyframes (Mikolajczyk and Schmid 2005)
+const REACH_RAD: f64 = 0.5;
+/// Adds what pairs of keyframes of one piece say that see the same; returns their number.
+pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
+    let count = keyframes.all.len();
+    let mut pairs: Vec<[usize; 2]> = Vec::new();
+    for j in 0..count {
+        let own = &keyframes.all[j];
+        let near = keyframes.nearest(own.piece, &own.pose).into_iter().filter(|&i| {
+            let other = &keyframes.all[i];
+            let depth_m = own.depth_m.min(other.depth_m);
+            i != j && view_distance_rad(&own.pose, &other.pose, depth_m) < REACH_RAD
+        });
+        pairs.extend(near.take(NEIGHBORS).map(|i| [i.min(j), i.max(j)]));
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs.retain(|pair| !keyframes.has_edge(*pair));
+    let found: Vec<Option<Edge>> = pairs
+        .par_iter()
+        .map(|&[i, j]| {
+            let pose = keyframes.all[i].pose.inverse() * keyframes.all[j].pose;
+            let noise = PoseNoise::EXPECTED.times(CLOSE);
+            compared(keyframes, [i, j], Some(Guess { pose, noise }), seed)
+        })
+        .collect();
+    let before = keyframes.edges.len();
+    keyframes.edges.extend(found.into_iter().flatten());
+    keyframes.edges.len() - before
+}
+
+/// What following a camera is expected to be off by between keyframes that see the same, in errors of poses
+/// that are refined afterwards; landmarks may say more.
+const CLOSE: f64 = 4.0;
+
+/// Joins pieces that show the same, the largest first.
+pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
+    let mut sizes: Vec<(usize, usize)> = Vec::new();
+    for k in &keyframes.all {
+        match sizes.iter_mut().find(|(_, piece)| *piece == k.piece) {
+            Some((size, _)) => *size += 1,
+            None => sizes.push((1, k.piece)),
+        }
+    }
+    sizes.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut pieces: Vec<usize> = sizes.into_iter().map(|(_, piece)| piece).collect();
+    let mut at = 0;
+    while at < pieces.len() {
+        // What was joined may reach a piece that the largest did not.
+        let joined = (at + 1..pieces.len()).find(|&k| join(keyframes, [pieces[at], pieces[k]], seed));
+        match joined {
+            Some(k) => _ = pieces.remove(k),
+            None => at += 1,
+        }
+    }
+}
+
+/// Joins the second piece to the first, if one of its keyframes shows what the first does.
+fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64) -> bool {
+    let [into, from] = pieces;
+    let [of_into, of_from] = pieces.map(|piece| keyframes.of_piece(piece));
+    for &j in of_from.iter().step_by(of_from.len().div_ceil(TRIED)) {
+        // Those nearest in time are likelier to see the same.
+        let mut candidates = of_into.clone();
+        candidates.sort_by_key(|&i| (keyframes.all[i].view.abs_diff(keyframes.all[j].view), i));
+        candidates.truncate(LOOKED_AT);
+        let alike = keyframes.most_alike(&candidates, &keyframes.all[j].observation, JOINED_BY);
+        let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
+        let mut rng = stage_rng(seed, "track/join", (into * keyframes.all.len() + j) as u64);
+        if let Ok(located) = locate(&known, &keyframes.all[j].observation, None, &mut rng) {
+            let into_from_piece = located.pose * keyframes.all[j].pose.inverse();
+            keyframes.merge(from, into, &into_from_piece);
+            keyframes.add_edges(&numbers, j, &located, true);
+            return true;
+        }
+    }
+    false
+}
+
+/// Keyframes of a piece that are looked at to join it to another, at most ...
+/// derived: those of its ends and two between
+const TRIED: usize = 4;
+/// ... keyframes of the other that each is compared with by looks ...
+/// derived: a second of looking at pairs
+const LOOKED_AT: usize = 100;
+/// ... and those that it is placed by.
+/// derived: as while the camera is followed
+const JOINED_BY: usize = 4;
+
+/// What two keyframes say of each other; `None` where that is too little, or contradicts itself.
+fn compared(keyframes: &Keyframes, [i, j]: [usize; 2], guess: Option<Guess>, seed: u64) -> Option<Edge> {
+    let mut rng = stage_rng(seed, "track/close", (i * keyframes.all.len() + j) as u64);
+    let known = Known { observation: &keyframes.all[i].observation, pose: Pose::identity(), matches: None };
+    let new = &keyframes.all[j].observation;
+    let Located { pose, by_known, mut matches, .. } = locate(&[known], new, guess, &mut rng).ok()?;
+    Some(Edge {
+        frames: [i, j],
+        first_from_second: pose,
+        information: by_known[0],
+        matches: matches.pop()?,
+        closure: true,
+    })
+}

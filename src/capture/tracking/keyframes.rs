@@ -1,0 +1,127 @@
+//! Frames that others are placed by, and what pairs of them say of each other.
+
+use nalgebra::{Matrix6, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    locate::{Known, Located, mean_depth_m},
+    observation::Observation,
+};
+use crate::geometry::Pose;
+
+/// A frame that others are placed by.
+pub(super) struct Keyframe {
+    /// Number of the view.
+    pub view: usize,
+    pub observation: Observation,
+    /// Piece of the recording that it hangs together with.
+    pub piece: usize,
+    /// Pose of its camera in its piece.
+    pub pose: Pose,
+    /// Mean depth of what it shows, meters.
+    pub depth_m: f64,
+}
+
+/// What two keyframes say of each other.
+#[derive(Clone)]
+pub(super) struct Edge {
+    pub frames: [usize; 2],
+    pub first_from_second: Pose,
+    /// Information about the second one's pose, in its own frame.
+    pub information: Matrix6<f64>,
+    /// Landmarks that look alike.
+    pub matches: Vec<[u32; 2]>,
+    /// Found by looks alone, not by following the camera.
+    pub closure: bool,
+}
+
+/// All keyframes of a state.
+#[derive(Default)]
+pub(super) struct Keyframes {
+    pub all: Vec<Keyframe>,
+    pub edges: Vec<Edge>,
+}
+
+impl Keyframe {
+    pub fn new(view: usize, observation: Observation, piece: usize, pose: Pose) -> Self {
+        let depth_m = mean_depth_m(&observation.surfels);
+        Self { view, observation, piece, pose, depth_m }
+    }
+
+    pub fn known(&self) -> Known<'_> {
+        Known { observation: &self.observation, pose: self.pose, matches: None }
+    }
+}
+
+/// How differently two cameras see what lies at a depth: the angle between their axes, and that by which the
+/// shift between them is seen, radians.
+pub(super) fn view_distance_rad(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
+    let [axis_a, axis_b] = [a, b].map(|p| p.rotation * Vector3::z());
+    let turned = axis_a.dot(&axis_b).clamp(-1.0, 1.0).acos();
+    turned + (a.translation.vector - b.translation.vector).norm() / depth_m
+}
+
+impl Keyframes {
+    /// Keyframes of a piece, nearest views first.
+    pub fn nearest(&self, piece: usize, pose: &Pose) -> Vec<usize> {
+        let mut order: Vec<(f64, usize)> = (0..self.all.len())
+            .filter(|&k| self.all[k].piece == piece)
+            .map(|k| (view_distance_rad(&self.all[k].pose, pose, self.all[k].depth_m), k))
+            .collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        order.into_iter().map(|(_, k)| k).collect()
+    }
+
+    /// Those of some keyframes that look most like a frame and hang together, the most alike first.
+    pub fn most_alike(
+        &self,
+        candidates: &[usize],
+        new: &Observation,
+        count: usize,
+    ) -> Vec<(usize, Known<'_>)> {
+        let mut alike: Vec<(Vec<[u32; 2]>, usize)> =
+            candidates.par_iter().map(|&k| (self.all[k].observation.matches(new), k)).collect();
+        alike.sort_by(|a, b| b.0.len().cmp(&a.0.len()).then(b.1.cmp(&a.1)));
+        let piece = alike.first().map(|(_, k)| self.all[*k].piece);
+        alike
+            .into_iter()
+            .filter(|(_, k)| Some(self.all[*k].piece) == piece)
+            .take(count)
+            .map(|(matches, k)| (k, Known { matches: Some(matches), ..self.all[k].known() }))
+            .collect()
+    }
+
+    /// What the neighbors of a new keyframe say of it.
+    pub fn add_edges(&mut self, known: &[usize], number: usize, located: &Located, closure: bool) {
+        for (at, &k) in known.iter().enumerate() {
+            // A frame beyond sight says nothing.
+            if located.overlaps[at].agreeing > 0 {
+                self.edges.push(Edge {
+                    frames: [k, number],
+                    first_from_second: self.all[k].pose.inverse() * located.pose,
+                    information: located.by_known[at],
+                    matches: located.matches[at].clone(),
+                    closure,
+                });
+            }
+        }
+    }
+
+    /// Keyframes of a piece.
+    pub fn of_piece(&self, piece: usize) -> Vec<usize> {
+        (0..self.all.len()).filter(|&k| self.all[k].piece == piece).collect()
+    }
+
+    /// Whether two keyframes were compared.
+    pub fn has_edge(&self, [i, j]: [usize; 2]) -> bool {
+        self.edges.iter().any(|e| e.frames == [i, j] || e.frames == [j, i])
+    }
+
+    /// Takes a piece into that of another, by a motion between their frames.
+    pub fn merge(&mut self, piece: usize, into: usize, into_from_piece: &Pose) {
+        for keyframe in self.all.iter_mut().filter(|k| k.piece == piece) {
+            keyframe.piece = into;
+            keyframe.pose = into_from_piece * keyframe.pose;
+        }
+    }
+}

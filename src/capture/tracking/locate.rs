@@ -1,0 +1,194 @@
+//! Where a frame was taken, by keyframes whose places are known.
+
+use nalgebra::Matrix6;
+use rand_core::Rng;
+use rayon::prelude::*;
+
+use super::{
+    adjust::{Adjusted, Adjustment, landmark_information, least_known_m},
+    landmark_motion::{LandmarkPair, landmark_motion},
+    observation::Observation,
+};
+use crate::{
+    capture::poses::{
+        observed::Observed,
+        pairs::Matches,
+        pose_noise::PoseNoise,
+        surfels::{Overlap, Surfels},
+    },
+    geometry::Pose,
+};
+
+/// Of so many surfels one is looked for in the other frame.
+const CHECKED_EVERY: usize = 4;
+/// Of the surfels that frames can judge, this share must be seen where they are.
+/// tuned: shared/bags and synth --sensor handheld; right poses have 0.95 and more, wrong ones less than 0.8
+const LEAST_AGREEMENT: f64 = 0.88;
+/// Of a frame's surfels this share must be seen by the frames that it is placed with.
+/// tuned: shared/bags: views of one sweep share half and more
+const LEAST_SHARE: f64 = 0.2;
+
+/// A direction that has less than this share of the information about the best one may have it from the
+/// noise of normals.
+/// derived: the square of 4 deg, by which the worst normals of surfels err
+const LEAST_OBSERVED: f64 = 0.005;
+
+/// A frame whose place is known.
+#[derive(Clone)]
+pub(super) struct Known<'a> {
+    pub observation: &'a Observation,
+    pub pose: Pose,
+    /// Its landmarks that look like those of the new frame, where they were looked for before.
+    pub matches: Option<Vec<[u32; 2]>>,
+}
+
+/// What the frame's neighbors say of its place.
+pub(super) struct Located {
+    pub pose: Pose,
+    /// Of each known frame: information that it has about the new one's pose, in the new camera's frame.
+    pub by_known: Vec<Matrix6<f64>>,
+    /// Surfels of both that agree, of each known frame.
+    pub overlaps: Vec<Overlap>,
+    /// Landmarks that look alike, of each known frame.
+    pub matches: Vec<Vec<[u32; 2]>>,
+    /// Standard deviation in the least known direction at the frame's mean depth, meters.
+    pub least_known_m: f64,
+}
+
+/// Why a frame has no place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lost {
+    /// Neither features nor the motion before gave a guess.
+    NoGuess,
+    /// It shows too little that the keyframes show.
+    LittleShared,
+    /// Surfaces contradict each other.
+    Contradicted,
+    /// What is shared leaves a motion open.
+    Undetermined,
+}
+
+/// A guess of the new frame's pose, and how far it may be off.
+#[derive(Clone, Copy)]
+pub(super) struct Guess {
+    pub pose: Pose,
+    pub noise: PoseNoise,
+}
+
+/// A guess by landmarks errs by little more than the poses that are refined afterwards.
+const BY_LANDMARKS: f64 = 3.0;
+
+/// Places a frame among known ones: by the landmarks that it shares with them, else by a guess.
+pub(super) fn locate(
+    known: &[Known<'_>],
+    new: &Observation,
+    guess: Option<Guess>,
+    rng: &mut impl Rng,
+) -> Result<Located, Lost> {
+    let matched: Vec<Vec<[u32; 2]>> =
+        known.par_iter().map(|k| k.matches.clone().unwrap_or_else(|| k.observation.matches(new))).collect();
+    // The new camera is its own map.
+    let own = Pose::identity();
+    let own = &own;
+    let pairs: Vec<LandmarkPair> = known
+        .iter()
+        .zip(&matched)
+        .flat_map(|(k, matched)| {
+            let frames = [&k.observation.surfels, &new.surfels];
+            matched.iter().map(move |m| LandmarkPair::new([&k.pose, own], frames, *m))
+        })
+        .collect();
+    let by_landmarks = landmark_motion(&pairs, rng).map(|(camera_from_map, _)| {
+        let noise = PoseNoise::EXPECTED.times(BY_LANDMARKS);
+        Guess { pose: camera_from_map.inverse(), noise }
+    });
+    let guesses = by_landmarks.into_iter().chain(guess);
+    let mut lost = Lost::NoGuess;
+    for guess in guesses {
+        match settled(known, new, &matched, guess) {
+            Ok(located) => return Ok(located),
+            Err(why) => lost = why,
+        }
+        // A guess by other means leaves open what landmarks and surfaces together left open.
+        if lost == Lost::Undetermined {
+            break;
+        }
+    }
+    Err(lost)
+}
+
+/// The place near a guess where surfaces and landmarks agree, if they show it.
+fn settled(
+    known: &[Known<'_>],
+    new: &Observation,
+    matched: &[Vec<[u32; 2]>],
+    guess: Guess,
+) -> Result<Located, Lost> {
+    let last = known.len();
+    let pairs: Vec<[usize; 2]> = (0..last).map(|k| [k, last]).collect();
+    let matches: Matches = pairs.iter().copied().zip(matched.iter().cloned()).collect();
+    let mut surfels: Vec<Surfels> = known.iter().map(|k| k.observation.surfels.clone()).collect();
+    surfels.push(new.surfels.clone());
+    let start: Vec<Pose> = known.iter().map(|k| k.pose).chain([guess.pose]).collect();
+    let adjustment =
+        Adjustment { surfels: &surfels, fixed: last, pairs: &pairs, matches: &matches, start: guess.noise };
+    let adjusted = adjustment.solve(&start).ok_or(Lost::Undetermined)?;
+    let pose = adjusted.poses[last];
+    let overlaps: Vec<Overlap> = known
+        .iter()
+        .map(|k| overlap([&k.observation.surfels, &new.surfels], &(pose.inverse() * k.pose)))
+        .collect();
+    let both = overlaps.iter().copied().fold(Overlap::default(), Overlap::plus);
+    if overlaps.iter().map(Overlap::share).fold(0.0, f64::max) < LEAST_SHARE {
+        return Err(Lost::LittleShared);
+    }
+    if both.agreement() < LEAST_AGREEMENT {
+        return Err(Lost::Contradicted);
+    }
+    let depth_m = mean_depth_m(&new.surfels);
+    let least_known_m = least_known_m(&observed(known, new, matched, &adjusted), depth_m);
+    // What the joint refinement of poses takes as an error must hold the truth.
+    if !(least_known_m <= PoseNoise::EXPECTED.displacement_m(depth_m)) {
+        return Err(Lost::Undetermined);
+    }
+    let by_known = (0..last).map(|k| adjusted.information_with(last, k)).collect();
+    Ok(Located { pose, by_known, overlaps, matches: matched.to_vec(), least_known_m })
+}
+
+/// Information about the new frame without that of directions that the surfaces show by the noise of their
+/// normals alone.
+fn observed(
+    known: &[Known<'_>],
+    new: &Observation,
+    matched: &[Vec<[u32; 2]>],
+    adjusted: &Adjusted,
+) -> Matrix6<f64> {
+    let last = known.len();
+    let pose = adjusted.poses[last];
+    let by_landmarks: Matrix6<f64> = known
+        .iter()
+        .zip(matched)
+        .map(|(k, m)| {
+            let frames = [&k.observation.surfels, &new.surfels];
+            landmark_information(frames, m, &(pose.inverse() * k.pose), &PoseNoise::EXPECTED)
+        })
+        .sum::<Matrix6<f64>>()
+        // A landmark in several known frames is one.
+        / (last.max(1) as f64 * adjusted.scale.powi(2));
+    let all = adjusted.information(last);
+    Observed::above(&all, LEAST_OBSERVED).information + by_landmarks
+}
+
+/// What two frames see of each other's surfels.
+pub(super) fn overlap(frames: [&Surfels; 2], second_from_first: &Pose) -> Overlap {
+    let [first, second] = frames;
+    let noise = PoseNoise::EXPECTED;
+    let there = first.overlap(second, second_from_first, &noise, CHECKED_EVERY);
+    there.plus(second.overlap(first, &second_from_first.inverse(), &noise, CHECKED_EVERY))
+}
+
+/// Mean depth of a frame's surfels, meters; 1 without any.
+pub(super) fn mean_depth_m(surfels: &Surfels) -> f64 {
+    let (sum, count) = surfels.sum();
+    if count > 0.0 { sum.z / count } else { 1.0 }
+}

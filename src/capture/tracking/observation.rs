@@ -1,0 +1,75 @@
+//! A frame as the tracker keeps it: small flat patches and image features, without the pixels.
+
+use crate::capture::{
+    NoiseConfig, RgbdFrame,
+    features::{Feature, FeatureConfig, features, mutual_matches},
+    poses::surfels::Surfels,
+};
+
+/// Most features of a frame; as for the refinement of poses.
+const MOST_FEATURES: usize = 600;
+/// Lowe's ratio; as for the refinement of poses.
+const RATIO: f32 = 0.8;
+
+/// What a frame shows, about a megabyte.
+pub struct Observation {
+    /// Stamp of its color image, nanoseconds.
+    pub stamp_nanos: i64,
+    /// Patches of its surface, with its features as landmarks.
+    pub(super) surfels: Surfels,
+    features: Vec<Feature>,
+    /// Number of each feature among the landmarks, where its depth is known.
+    numbers: Vec<Option<u32>>,
+}
+
+impl Observation {
+    /// Of a frame without a mask, whose depth may have gaps of single pixels (as depth that was aligned to
+    /// color has): what stands around the object shows the camera's motion, too.
+    #[must_use]
+    pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig) -> Self {
+        fill_gaps(&mut frame);
+        let frame = &frame;
+        // At the size of the image: features of less than two pixels are noise in a view by hand.
+        let config = FeatureConfig { upsample: false, limit: MOST_FEATURES, ..FeatureConfig::default() };
+        let mut surfels = Surfels::of(frame, noise, |_| true);
+        let found = features(frame, &config);
+        let numbers = surfels.set_landmarks(frame, noise, found.iter().map(|f| f.pixel.map(f64::from)));
+        Self { stamp_nanos: frame.stamp_nanos, surfels, features: found, numbers }
+    }
+
+    /// Landmarks of this frame and of another that look alike, by their numbers.
+    pub(super) fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
+        let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
+        mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()
+    }
+}
+
+/// Neighbors with depth that a pixel without needs, of eight.
+/// derived: every second column and row leaves two
+const LEAST_NEIGHBORS: usize = 2;
+/// Neighbors that differ by more than this share of their depth show an edge.
+/// derived: a surface at 80 deg, seen over two pixels of 600 to the focal length
+const EDGE_SHARE: f32 = 0.02;
+
+/// Gives pixels without depth the mean of their neighbors', where these show one surface.
+fn fill_gaps(frame: &mut RgbdFrame) {
+    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let read = frame.depth_m.clone();
+    for y in 1..height.saturating_sub(1) {
+        for x in 1..width.saturating_sub(1) {
+            let at = y * width + x;
+            if read[at] > 0.0 {
+                continue;
+            }
+            let (mut sum, mut count, mut least, mut most) = (0.0f32, 0usize, f32::INFINITY, 0.0f32);
+            for row in [at - width, at, at + width] {
+                for &d in read[row - 1..=row + 1].iter().filter(|d| **d > 0.0) {
+                    (sum, count, least, most) = (sum + d, count + 1, least.min(d), most.max(d));
+                }
+            }
+            if count >= LEAST_NEIGHBORS && most - least <= EDGE_SHARE * most {
+                frame.depth_m[at] = sum / count as f32;
+            }
+        }
+    }
+}

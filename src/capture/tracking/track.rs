@@ -1,0 +1,161 @@
+//! The camera's way through a state, as it was found.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    adjust::Adjustment,
+    closure::{close_loops, join_pieces},
+    keyframes::{Edge, Keyframe},
+    locate::Lost,
+    observation::Observation,
+    pose_graph::pose_graph,
+    tracker::Tracker,
+};
+use crate::{
+    capture::poses::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels},
+    geometry::Pose,
+    statistics::median,
+};
+
+/// What was found of a camera's way.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrackingFindings {
+    /// Views that were looked at.
+    pub views: usize,
+    /// Views that have a pose.
+    pub tracked: usize,
+    /// Views without one, from the first to the last of each stretch, by their numbers.
+    pub lost: Vec<[usize; 2]>,
+    /// Views that the others were placed by.
+    pub keyframes: usize,
+    /// Pairs of them that were compared: on the way, and behind it, as they show the same.
+    pub pairs: [usize; 2],
+    /// By how much the places of keyframes moved when all were put together, root mean square, meters.
+    pub closed_m: f64,
+    /// Standard deviation of a keyframe against its neighbors in the direction that is known least, median,
+    /// meters.
+    pub least_known_m: f64,
+}
+
+/// The camera's way through a state.
+pub struct Track {
+    /// Of every view; `None` where it was lost.
+    pub poses: Vec<Option<Pose>>,
+    /// What was found.
+    pub findings: TrackingFindings,
+    /// What the keyframes show.
+    pub(super) observations: Vec<Observation>,
+    /// Poses of the keyframes.
+    pub(super) key_poses: Vec<Pose>,
+}
+
+impl Tracker {
+    /// Closes loops, joins pieces and puts all keyframes together; what hangs together with most views stays.
+    #[must_use]
+    pub fn finish(mut self) -> Track {
+        let seed = self.seed();
+        join_pieces(&mut self.keyframes, seed);
+        let closures = close_loops(&mut self.keyframes, seed);
+        let members = self.keyframes.of_piece(self.largest_piece());
+        let place = |k: usize| members.binary_search(&k).ok();
+        let edges: Vec<Edge> = self
+            .keyframes
+            .edges
+            .iter()
+            .filter_map(|e| Some(Edge { frames: [place(e.frames[0])?, place(e.frames[1])?], ..e.clone() }))
+            .collect();
+        let start: Vec<Pose> = members.iter().map(|&k| self.keyframes.all[k].pose).collect();
+        let near = pose_graph(&start, &edges);
+        let mut observations = Vec::new();
+        for (k, Keyframe { observation, .. }) in self.keyframes.all.into_iter().enumerate() {
+            if place(k).is_some() {
+                observations.push(observation);
+            }
+        }
+        let key_poses = together(&observations, &near, &edges);
+        let poses: Vec<Option<Pose>> = self
+            .views
+            .iter()
+            .map(|v| {
+                let v = (*v)?;
+                Some(key_poses[place(v.keyframe)?] * v.keyframe_from_camera)
+            })
+            .collect();
+        let moved = start
+            .iter()
+            .zip(&key_poses)
+            .map(|(a, b)| (a.translation.vector - b.translation.vector).norm_squared());
+        let findings = TrackingFindings {
+            views: poses.len(),
+            tracked: poses.iter().flatten().count(),
+            lost: stretches(&poses),
+            keyframes: key_poses.len(),
+            pairs: [edges.iter().filter(|e| !e.closure).count(), closures],
+            closed_m: (moved.sum::<f64>() / key_poses.len().max(1) as f64).sqrt(),
+            least_known_m: median(self.least_known_m).unwrap_or(0.0),
+        };
+        Track { poses, findings, observations, key_poses }
+    }
+}
+
+/// Keyframes whose surfels and landmarks agree, near where pairs of them say.
+fn together(observations: &[Observation], near: &[Pose], edges: &[Edge]) -> Vec<Pose> {
+    let surfels: Vec<Surfels> = observations.iter().map(|o| o.surfels.clone()).collect();
+    let mut pairs: Vec<[usize; 2]> = edges.iter().map(|e| e.frames).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let matches: Matches = edges.iter().map(|e| (e.frames, e.matches.clone())).collect();
+    let adjustment = Adjustment {
+        surfels: &surfels,
+        fixed: 1,
+        pairs: &pairs,
+        matches: &matches,
+        start: PoseNoise::EXPECTED,
+    };
+    if near.len() < 2 {
+        return near.to_vec();
+    }
+    adjustment.solve(near).map_or_else(|| near.to_vec(), |a| a.poses)
+}
+
+/// Stretches of views without a pose.
+fn stretches(poses: &[Option<Pose>]) -> Vec<[usize; 2]> {
+    let mut all: Vec<[usize; 2]> = Vec::new();
+    for view in (0..poses.len()).filter(|&v| poses[v].is_none()) {
+        match all.last_mut().filter(|s| s[1] + 1 == view) {
+            Some(stretch) => stretch[1] = view,
+            None => all.push([view, view]),
+        }
+    }
+    all
+}
+
+impl fmt::Display for TrackingFindings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { views, tracked, keyframes, pairs: [on_the_way, behind], .. } = self;
+        write!(
+            f,
+            "camera poses were tracked: {tracked} of {views} views, by {keyframes} keyframes, {on_the_way} \
+             pairs on the way and {behind} that close loops; a keyframe is known to {:.2} mm against its \
+             neighbors (one standard deviation, in its least known direction); closing moved \
+             keyframes by {:.1} mm",
+            1e3 * self.least_known_m,
+            1e3 * self.closed_m
+        )
+    }
+}
+
+impl Lost {
+    /// What happened, for people.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::NoGuess => "nothing in them was seen before",
+            Self::LittleShared => "they share too little surface with other views",
+            Self::Contradicted => "their surfaces contradict those of other views",
+            Self::Undetermined => "what they show leaves a motion open, as a plain wall does",
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! A camera followed from frame to frame by keyframes. See docs/method.md 2.14.
+
+use nalgebra::Vector3;
+
+use super::{
+    keyframes::{Keyframe, Keyframes, view_distance_rad},
+    locate::{Guess, Known, Located, Lost, locate},
+    observation::Observation,
+};
+use crate::{
+    capture::poses::pose_noise::PoseNoise,
+    geometry::{Pose, shift_and_turn},
+    random::stage_rng,
+};
+
+/// Keyframes that a frame is placed by: the last one, and those seen from nearest by.
+/// tuned: shared/bags; more cost time and change no pose by its deviation
+const NEIGHBORS: usize = 4;
+/// A frame that differs by more from all keyframes is one, radians.
+/// derived: a quarter of the 0.5 rad over which features of images match (Mikolajczyk and Schmid 2005)
+const KEY_DISTANCE_RAD: f64 = 0.12;
+/// ... and one of whose surface the keyframes show less than this share.
+/// derived: most of it, with a margin: half is the least that can be said to be known
+const KEY_SHARE: f64 = 0.65;
+/// Keyframes that a lost frame is compared with, at most.
+/// derived: a comparison of looks takes 10 ms; a lost frame takes no more than the time of two
+const LOOKED_AT: usize = 16;
+/// A hand's motion goes on as it was, but for this share and the jitter of a hand.
+const UNSTEADY: f64 = 0.5;
+const JITTER: PoseNoise = PoseNoise { translation_m: 0.01, rotation_rad: 0.02 };
+/// Motions from frames further apart than this say nothing of the next one, seconds.
+const STEADY_S: f64 = 0.5;
+
+/// Where a view was placed.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    pub keyframe: usize,
+    pub keyframe_from_camera: Pose,
+}
+
+/// Follows the camera of one state.
+pub struct Tracker {
+    seed: u64,
+    pub(super) keyframes: Keyframes,
+    /// Of every view, in the order of time.
+    pub(super) views: Vec<Option<Place>>,
+    pub(super) lost: Vec<Option<Lost>>,
+    pieces: usize,
+    /// Of the last view that was placed: its number, stamp and piece.
+    last: Option<Last>,
+    /// Standard deviations of the places of keyframes against those before, meters.
+    pub(super) least_known_m: Vec<f64>,
+}
+
+#[derive(Clone, Copy)]
+struct Last {
+    stamp_nanos: i64,
+    piece: usize,
+    keyframe: usize,
+    pose: Pose,
+    /// Motion to it from the one before, in its own frame, a second.
+    velocity: Option<nalgebra::Vector6<f64>>,
+}
+
+impl Tracker {
+    /// Before the first frame. Draws come from a stream of the seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            keyframes: Keyframes::default(),
+            views: Vec::new(),
+            lost: Vec::new(),
+            pieces: 0,
+            last: None,
+            least_known_m: Vec::new(),
+        }
+    }
+
+    pub(super) fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The piece that holds the most views.
+    pub(super) fn largest_piece(&self) -> usize {
+        let mut counts = vec![0usize; self.pieces.max(1)];
+        for place in self.views.iter().flatten() {
+            counts[self.keyframes.all[place.keyframe].piece] += 1;
+        }
+        // Of equals the first: `max_by_key` alone would give the last.
+        (0..counts.len()).max_by_key(|&p| (counts[p], usize::MAX - p)).unwrap_or(0)
+    }
+
+    /// Takes the next frame, in the order of time; says whether it could be placed against an earlier one.
+    pub fn add(&mut self, observation: Observation) -> Result<(), Lost> {
+        let view = self.views.len();
+        let placed = self.follow(view, &observation);
+        let placed = placed.or_else(|why| self.find_again(view, &observation).ok_or(why));
+        match placed {
+            Ok((piece, known, located)) => {
+                self.lost.push(None);
+                self.place(view, observation, piece, &known, &located);
+                Ok(())
+            }
+            Err(why) => {
+                // It may be the first of frames that hang together; what comes later may join them.
+                let first = self.views.is_empty();
+                self.lost.push((!first).then_some(why));
+                self.begin_piece(view, observation);
+                if first { Ok(()) } else { Err(why) }
+            }
+        }
+    }
+
+    /// By the keyframes about where the camera should be.
+    fn follow(&self, view: usize, new: &Observation) -> Result<(usize, Vec<usize>, Located), Lost> {
+        let last = self.last.ok_or(Lost::NoGuess)?;
+        let guess = last.ahead(new.stamp_nanos);
+        let mut near = vec![last.keyframe];
+        let nearest = self.keyframes.nearest(last.piece, &guess.pose);
+        near.extend(nearest.into_iter().filter(|k| *k != last.keyframe).take(NEIGHBORS - 1));
+        let located =
+            locate(&self.known(&near), new, Some(guess), &mut stage_rng(self.seed, "track", view as u64))?;
+        Ok((last.piece, near, located))
+    }
+
+    /// By looks, wherever the camera is.
+    fn find_again(&self, view: usize, new: &Observation) -> Option<(usize, Vec<usize>, Located)> {
+        let count = self.keyframes.all.len();
+        // The latest ones, and some of all before.
+        let latest = LOOKED_AT / 2;
+        let before = count.saturating_sub(latest);
+        let step = before.div_ceil(LOOKED_AT - latest).max(1);
+        let looked_at: Vec<usize> = (0..before).step_by(step).chain(before..count).collect();
+        let alike = self.keyframes.most_alike(&looked_at, new, NEIGHBORS);
+        let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
+        let mut rng = stage_rng(self.seed, "track/again", view as u64);
+        let located = locate(&known, new, None, &mut rng).ok()?;
+        let piece = self.keyframes.all[numbers[0]].piece;
+        // Those that look alike need not be those that see the same from nearest by.
+        let near: Vec<usize> =
+            self.keyframes.nearest(piece, &located.pose).into_iter().take(NEIGHBORS).collect();
+        let guess = Guess { pose: located.pose, noise: PoseNoise::EXPECTED };
+        match locate(&self.known(&near), new, Some(guess), &mut rng) {
+            Ok(better) if better.least_known_m < located.least_known_m => Some((piece, near, better)),
+            _ => Some((piece, numbers, located)),
+        }
+    }
+
+    fn known(&self, keyframes: &[usize]) -> Vec<Known<'_>> {
+        keyframes.iter().map(|&k| self.keyframes.all[k].known()).collect()
+    }
+
+    fn place(&mut self, view: usize, new: Observation, piece: usize, known: &[usize], located: &Located) {
+        let pose = located.pose;
+        let stamp_nanos = new.stamp_nanos;
+        let nearest = self.keyframes.nearest(piece, &pose)[0];
+        let keyframe = &self.keyframes.all[nearest];
+        let apart = view_distance_rad(&keyframe.pose, &pose, keyframe.depth_m);
+        let share = located.overlaps.iter().map(|o| o.share()).fold(0.0, f64::max);
+        let is_key = apart > KEY_DISTANCE_RAD || share < KEY_SHARE;
+        let keyframe = if is_key { self.add_keyframe(view, new, piece, known, located) } else { nearest };
+        let keyframe_from_camera = self.keyframes.all[keyframe].pose.inverse() * pose;
+        self.views.push(Some(Place { keyframe, keyframe_from_camera }));
+        let before = self.last.filter(|l| l.piece == piece);
+        let velocity = before.and_then(|l| l.velocity_to(stamp_nanos, &pose));
+        self.last = Some(Last { stamp_nanos, piece, keyframe, pose, velocity });
+    }
+
+    fn add_keyframe(
+        &mut self,
+        view: usize,
+        new: Observation,
+        piece: usize,
+        known: &[usize],
+        located: &Located,
+    ) -> usize {
+        let number = self.keyframes.all.len();
+        self.keyframes.all.push(Keyframe::new(view, new, piece, located.pose));
+        self.least_known_m.push(located.least_known_m);
+        self.keyframes.add_edges(known, number, located, false);
+        number
+    }
+
+    fn begin_piece(&mut self, view: usize, new: Observation) {
+        let piece = self.pieces;
+        self.pieces += 1;
+        let stamp_nanos = new.stamp_nanos;
+        let keyframe = self.keyframes.all.len();
+        // The first camera of a piece is its frame.
+        self.keyframes.all.push(Keyframe::new(view, new, piece, Pose::identity()));
+        self.views.push(Some(Place { keyframe, keyframe_from_camera: Pose::identity() }));
+        self.last = Some(Last { stamp_nanos, piece, keyframe, pose: Pose::identity(), velocity: None });
+    }
+}
+
+impl Last {
+    /// Where the camera should be at a stamp, if it goes on as it did.
+    fn ahead(&self, stamp_nanos: i64) -> Guess {
+        let seconds = (stamp_nanos - self.stamp_nanos) as f64 * 1e-9;
+        let Some(velocity) = self.velocity.filter(|_| seconds <= STEADY_S) else {
+            return Guess { pose: self.pose, noise: JITTER };
+        };
+        let step = velocity * seconds;
+        let [shift, turn] = [0, 3].map(|k| Vector3::new(step[k], step[k + 1], step[k + 2]));
+        let noise =
+            PoseNoise { translation_m: UNSTEADY * shift.norm(), rotation_rad: UNSTEADY * turn.norm() };
+        Guess { pose: self.pose * Pose::new(shift, turn), noise: noise.beside(&JITTER) }
+    }
+
+    fn velocity_to(&self, stamp_nanos: i64, pose: &Pose) -> Option<nalgebra::Vector6<f64>> {
+        let seconds = (stamp_nanos - self.stamp_nanos) as f64 * 1e-9;
+        (seconds > 0.0 && seconds <= STEADY_S)
+            .then(|| shift_and_turn(&(self.pose.inverse() * pose)) / seconds)
+    }
+}

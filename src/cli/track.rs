@@ -1,0 +1,43 @@
+//! `artitwin track`.
+
+use std::fmt::Write as _;
+
+use super::{
+    args::TrackArgs,
+    exit::{CliError, Exit},
+    terminal,
+};
+use crate::{capture::stamp_secs, io};
+
+/// Prints the camera's poses, a line each: stamp, place, quaternion (x, y, z, w), in the world of the twin;
+/// what is said of them goes to stderr.
+///
+/// # Errors
+/// If the camera cannot be tracked.
+pub fn run(args: &TrackArgs) -> Result<Exit, CliError> {
+    let config = args.settings.resolve()?.config;
+    let (states, [notes, warnings]) = io::track_camera(&args.sources, &config.capture, config.run.seed)?;
+    notes.iter().for_each(|n| terminal::print_line(&format!("note: {}", io::printable(&n.text))));
+    warnings.iter().for_each(|w| terminal::print_line(&format!("warning: {}", io::printable(&w.text))));
+    let mut text = String::new();
+    for (state, poses) in states.iter().enumerate() {
+        _ = writeln!(text, "# state {state}: stamp_s x_m y_m z_m qx qy qz qw, world_from_camera");
+        for (stamp_nanos, pose) in poses {
+            let (t, q) = (pose.translation.vector, pose.rotation.coords);
+            _ = writeln!(
+                text,
+                "{:.9} {:.7} {:.7} {:.7} {:.8} {:.8} {:.8} {:.8}",
+                stamp_secs(*stamp_nanos),
+                t.x,
+                t.y,
+                t.z,
+                q.x,
+                q.y,
+                q.z,
+                q.w
+            );
+        }
+    }
+    terminal::print(&text)?;
+    Ok(if warnings.is_empty() { Exit::Done } else { Exit::Degraded })
+}
