@@ -47,9 +47,10 @@ def static_surface(run):
     return a + u * (b - a) + v * (c - a), cross[pick] / area[pick, None]
 
 
-def align(points, surface, normals):
-    """The rigid motion that moves points onto a surface, point to plane; without twists that the surface makes within itself."""
-    tree, motion = cKDTree(surface), np.eye(4)
+def align(points, surface, normals, start):
+    """The rigid motion near `start` that moves points onto a surface, point to plane; without twists that the surface makes within
+    itself."""
+    tree, motion = cKDTree(surface), start
     for reach in REACHES:
         for _ in range(ROUNDS):
             moved = points @ motion[:3, :3].T + motion[:3, 3]
@@ -80,14 +81,17 @@ def moved_ply(data, motion):
     return data[:head] + moved.tobytes() + data[head + 12 * count :]
 
 
-def in_frame(truth, run, artitwin):
-    """The evaluation of a run in its own frame, and by how much that is off: degrees, and millimeters at the object."""
+def in_frame(truth, run, artitwin, start=None):
+    """The evaluation of a run in its own frame, and by how much that is off `start`, the frame that is expected (a 4x4 matrix, twin from
+    truth; the same by default): degrees, and millimeters at the object."""
+    start = np.eye(4) if start is None else start
     seen = np.load(truth / "truth" / "state0" / "seen.npy").astype(float)
     static = seen[seen[:, 3] == 0][:, :3]
-    motion = align(static, *static_surface(run))
-    off_deg = np.degrees(np.linalg.norm(Rotation.from_matrix(motion[:3, :3]).as_rotvec()))
+    motion = align(static, *static_surface(run), start)
+    off = np.linalg.inv(start) @ motion
+    off_deg = np.degrees(np.linalg.norm(Rotation.from_matrix(off[:3, :3]).as_rotvec()))
     center = seen[:, :3].mean(0)
-    off_mm = 1e3 * np.linalg.norm(motion[:3, :3] @ center + motion[:3, 3] - center)
+    off_mm = 1e3 * np.linalg.norm(off[:3, :3] @ center + off[:3, 3] - center)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "object"
         copy.mkdir()

@@ -84,6 +84,8 @@ pub struct IsolateConfig {
     pub use_masks: bool,
     /// Box around the object: lower and upper corner in the world frame, meters.
     pub workspace: Option<[[f64; 3]; 2]>,
+    /// A place on the object: where given, what stands there is the object, whatever changed.
+    pub at: Option<At>,
     /// Whether the support plane is taken away inside a workspace too.
     pub plane_in_workspace: bool,
     /// Points closer to the support plane than this are part of it, meters.
@@ -92,6 +94,21 @@ pub struct IsolateConfig {
     pub plane_sigmas: f64,
     /// Parts of the object may be this far apart, meters; `None`: from the depth noise.
     pub link_distance_m: Option<f64>,
+}
+
+/// A place on the object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum At {
+    /// In the world, meters.
+    Point([f64; 3]),
+    /// In a frame that is kept.
+    Pixel {
+        /// Name of the frame, as reports have it: `<state>_<index>`.
+        frame: String,
+        /// Column and row.
+        pixel: [usize; 2],
+    },
 }
 
 impl Default for CaptureConfig {
@@ -123,6 +140,7 @@ impl Default for IsolateConfig {
         Self {
             use_masks: true,
             workspace: None,
+            at: None,
             plane_in_workspace: true,
             plane_clearance_m: 0.002,
             plane_sigmas: 3.0,

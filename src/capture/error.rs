@@ -312,10 +312,24 @@ pub enum CaptureError {
         reason: String,
     },
     /// The object cannot be separated from its surroundings.
-    #[error("cannot isolate the object: {reason}; give masks, or a box around the object with `--workspace`")]
+    #[error(
+        "cannot isolate the object: {reason}; give masks, a place on the object with \
+         `--at`, or a box around it with `--workspace`"
+    )]
     Isolation {
         /// What is missing.
         reason: String,
+    },
+    /// Things apart from each other changed about as much.
+    #[error(
+        "{} things changed between the states, about ({}) m; record again with nothing moved but the object, or \
+         say which is the object with `--at X,Y,Z`",
+        at.len(),
+        at.iter().map(|p| p.map(|x| format!("{x:.2}")).join(", ")).collect::<Vec<_>>().join(") m, (")
+    )]
+    SeveralChanged {
+        /// Their middles in the world, meters.
+        at: Vec<[f64; 3]>,
     },
     /// One recording was given for two states.
     #[error(

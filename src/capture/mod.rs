@@ -1,6 +1,7 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 
 mod config;
+mod coverage;
 mod denoise;
 mod error;
 mod features;
@@ -20,7 +21,8 @@ mod tracking;
 mod undistort;
 mod window;
 
-pub use config::{CaptureConfig, TopicConfig};
+pub use config::{At, CaptureConfig, TopicConfig};
+pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, stamp_secs};
 pub(crate) use features::luma;

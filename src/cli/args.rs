@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use super::actuator_args::{command_topic, effort_unit, servo};
+use super::{
+    actuator_args::{command_topic, effort_unit, servo},
+    recording_args::RecordingArgs,
+};
 use crate::{
     evaluate::EvaluateOptions,
     gap::record::command::{EffortUnit, ToldServo},
@@ -106,9 +109,20 @@ pub struct OutputArgs {
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
 pub struct InspectArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, or a folder of state0, state1, ...
-    #[arg(value_name = "BAG")]
-    pub bag: PathBuf,
+    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
+    /// several of them are the states of one object
+    #[arg(value_name = "BAG", required = true)]
+    pub bags: Vec<PathBuf>,
+    /// Also open the images, find the object, and write a PNG: the object in some views of each state, and
+    /// from where the views see it. A file that is there is not replaced
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
+    /// How the recording is read.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// Layers of configuration.
+    #[command(flatten)]
+    pub settings: SettingArgs,
 }
 
 /// Options of `track`.
@@ -328,7 +342,7 @@ pub struct SynthArgs {
 /// Why the value of an option cannot be used: what to give.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("give {0}")]
-struct Wanted(&'static str);
+pub(super) struct Wanted(pub &'static str);
 
 fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
     match text.split_once('=') {
@@ -368,18 +382,9 @@ pub struct ReconstructArgs {
     /// Seed of every random choice
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Where one recording changes state: T, or T0,T1 to leave out what lies between; seconds from its start
-    #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1, conflicts_with = "marker_topic")]
-    pub split: Vec<f64>,
-    /// Topic whose messages separate the states of one recording
-    #[arg(long, value_name = "TOPIC")]
-    pub marker_topic: Option<String>,
-    /// Box around the object in the world frame, meters: x0,y0,z0,x1,y1,z1
-    #[arg(long, value_name = "BOX", value_parser = workspace, allow_hyphen_values = true)]
-    pub workspace: Option<[[f64; 3]; 2]>,
-    /// Topic to read: color, depth, color_info, depth_info, mask or pose; may be repeated
-    #[arg(long, value_name = "KIND=TOPIC", value_parser = topic)]
-    pub topic: Vec<(String, String)>,
+    /// How the recording is read.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Where the part motions start from
     #[arg(long, value_parser = ["registration", "identity"])]
     pub init: Option<String>,
@@ -423,23 +428,6 @@ fn name(text: &str) -> Result<String, Wanted> {
     }
 }
 
-fn workspace(text: &str) -> Result<[[f64; 3]; 2], Wanted> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x0, y0, z0, x1, y1, z1]) => Ok([[x0, y0, z0], [x1, y1, z1]]),
-        _ => Err(Wanted("six numbers x0,y0,z0,x1,y1,z1")),
-    }
-}
-
-fn topic(text: &str) -> Result<(String, String), Wanted> {
-    match text.split_once('=') {
-        Some((kind, topic)) if !kind.is_empty() && !topic.is_empty() => {
-            Ok((kind.to_owned(), topic.to_owned()))
-        }
-        _ => Err(Wanted("KIND=TOPIC, e.g. color=/camera/color/image_raw")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -456,9 +444,9 @@ mod tests {
         let line =
             "artitwin reconstruct bag --out runs --workspace -1,-2,-3,1,2,3 --split 4.5,6 --topic color=/a=b";
         let Ok(Command::Reconstruct(args)) = parse(line) else { panic!("{line}") };
-        assert_eq!(args.workspace, Some([[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0]]));
-        assert_eq!(args.split, [4.5, 6.0]);
-        assert_eq!(args.topic, [("color".to_owned(), "/a=b".to_owned())]);
+        assert_eq!(args.recording.workspace, Some([[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0]]));
+        assert_eq!(args.recording.split, [4.5, 6.0]);
+        assert_eq!(args.recording.topic, [("color".to_owned(), "/a=b".to_owned())]);
         for wrong in [
             "artitwin",
             "artitwin reconstruct bag",

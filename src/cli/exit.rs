@@ -79,6 +79,14 @@ pub enum CliError {
     #[cfg(feature = "node")]
     #[error(transparent)]
     Node(#[from] crate::node::NodeError),
+    /// A file could not be written.
+    #[error("cannot write `{}`; give a name that is not taken, in a folder that is there", path.display())]
+    File {
+        /// Its path.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// Standard output could not be written.
     #[error("cannot write to standard output; files that the command wrote are in their place")]
     Output(#[source] std::io::Error),

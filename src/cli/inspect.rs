@@ -1,19 +1,61 @@
 //! `artitwin inspect`.
 
+use std::{fmt::Write as _, path::Path};
+
 use super::{
     args::InspectArgs,
     exit::{CliError, Exit},
     terminal,
 };
-use crate::io;
+use crate::{
+    capture::{CaptureConfig, coverage},
+    export::contact_sheet,
+    io,
+};
 
 /// Prints what a recording holds; fails if `reconstruct` could not use it.
 ///
 /// # Errors
-/// If it cannot be read at all.
+/// If it cannot be read at all, or the picture cannot be written.
 pub fn run(args: &InspectArgs) -> Result<Exit, CliError> {
-    let found = io::inspect(&args.bag)?;
+    let config = args.resolve()?.config;
+    let found = io::inspect_with(&args.bags, &config.capture)?;
     terminal::print(&found.to_text())?;
     // A script can ask by the exit code.
-    Ok(if found.is_usable() { Exit::Done } else { Exit::Failed })
+    if !found.is_usable() {
+        return Ok(Exit::Failed);
+    }
+    match &args.picture {
+        Some(picture) => look(args, &config.capture, config.run.seed, picture),
+        None => Ok(Exit::Done),
+    }
+}
+
+/// Opens the images: what is the object, how its views see it, and what to record again.
+fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -> Result<Exit, CliError> {
+    let capture = io::open(&args.bags, config, seed)?;
+    let states = coverage(&capture);
+    let mut text = String::new();
+    for note in &capture.notes {
+        _ = writeln!(text, "note: {}", note.text);
+    }
+    for (state, coverage) in states.iter().enumerate() {
+        match coverage {
+            Some(coverage) => _ = writeln!(text, "state {state}: {coverage}"),
+            None => _ = writeln!(text, "state {state}: no view shows the object"),
+        }
+    }
+    let mut advice: Vec<String> = capture.warnings.iter().map(|w| w.text.clone()).collect();
+    for (state, coverage) in states.iter().enumerate() {
+        let of_state = coverage.iter().flat_map(|c| c.advice());
+        advice.extend(of_state.map(|advice| format!("state {state}: {advice}")));
+    }
+    for advice in &advice {
+        _ = writeln!(text, "to do better: {advice}");
+    }
+    let file = |source| CliError::File { path: picture.to_owned(), source };
+    io::write_new(picture, &contact_sheet(&capture, &states)).map_err(file)?;
+    _ = writeln!(text, "picture: {}", picture.display());
+    terminal::print(&text)?;
+    Ok(if advice.is_empty() { Exit::Done } else { Exit::Degraded })
 }

@@ -16,6 +16,7 @@ mod progress;
 mod reconstruct;
 #[cfg(feature = "node")]
 mod record;
+mod recording_args;
 mod render;
 mod settings;
 mod synth;

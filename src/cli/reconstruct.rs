@@ -77,7 +77,8 @@ fn reconstruct(
     stop_on_request(events.clone(), Arc::clone(stop))?;
     let monitor = Monitor::new(events.clone(), Arc::clone(stop));
     let Some(jobs) = args.jobs else {
-        if args.bags.len() > 1 && (!args.split.is_empty() || args.marker_topic.is_some()) {
+        if args.bags.len() > 1 && (!args.recording.split.is_empty() || args.recording.marker_topic.is_some())
+        {
             return Err(CliError::Usage(
                 "--split and --marker-topic divide one recording, but one for each state was given; leave \
                  out one or the other",

@@ -2,7 +2,7 @@
 
 use serde_norway::Value;
 
-use super::args::{ReconstructArgs, SettingArgs};
+use super::args::{InspectArgs, ReconstructArgs, SettingArgs};
 use crate::config::{Config, ConfigError, Layers, Resolved};
 
 impl SettingArgs {
@@ -30,7 +30,6 @@ impl ReconstructArgs {
     /// If a layer is wrong or the values cannot be used.
     pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
-        let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
         // The last layer, so that an option wins over the same key by --set.
         let options = [
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
@@ -43,20 +42,23 @@ impl ReconstructArgs {
                 self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned())),
             ),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
-            ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
-            ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),
-            (
-                "--workspace",
-                "capture.isolate.workspace",
-                self.workspace.map(|b| Value::Sequence(b.iter().map(|c| numbers(c)).collect())),
-            ),
         ];
         for (option, key, value) in options {
             value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;
         }
-        for (kind, topic) in &self.topic {
-            layers.assign("--topic", &format!("capture.topics.{kind}"), Value::from(topic.as_str()))?;
-        }
+        self.recording.assign(&mut layers)?;
+        finish(layers)
+    }
+}
+
+impl InspectArgs {
+    /// Merges preset, file, `--set` and the options that stand for settings.
+    ///
+    /// # Errors
+    /// If a layer is wrong or the values cannot be used.
+    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+        let mut layers = self.settings.layers()?;
+        self.recording.assign(&mut layers)?;
         finish(layers)
     }
 }

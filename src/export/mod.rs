@@ -3,6 +3,7 @@
 
 mod camera_poses;
 mod check;
+mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
 mod look;
@@ -27,6 +28,7 @@ mod viewer;
 
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 #[cfg(test)]
 pub use look::look;

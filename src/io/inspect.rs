@@ -76,16 +76,16 @@ pub struct Inspection {
 /// # Errors
 /// [`CaptureError`] where it cannot be read at all; what is merely missing is reported in the result.
 pub fn inspect(path: &Path) -> Result<Inspection, CaptureError> {
-    inspect_with(path, &CaptureConfig::default())
+    inspect_with(&[path.to_owned()], &CaptureConfig::default())
 }
 
-/// Looks into a recording with the given settings.
+/// Looks into recordings, of which several are the states of one object, with the given settings.
 ///
 /// # Errors
 /// Those of [`inspect`].
-pub fn inspect_with(path: &Path, config: &CaptureConfig) -> Result<Inspection, CaptureError> {
+pub fn inspect_with(sources: &[PathBuf], config: &CaptureConfig) -> Result<Inspection, CaptureError> {
     let mut found = Inspection::default();
-    match Source::of(&[path.to_owned()]) {
+    match Source::of(sources) {
         Ok(Source::States(paths)) => {
             for (state, bag) in paths.iter().enumerate() {
                 found.recordings.push(inspect_bag(bag, config, state)?.0);

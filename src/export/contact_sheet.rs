@@ -1,0 +1,168 @@
+//! One picture of what a recording shows: the object in some views of each state, and where these stand.
+
+use std::f64::consts::TAU;
+
+use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+
+use crate::capture::{Capture, Coverage, RgbdFrame, SECTORS};
+
+/// Views shown of each state.
+const VIEWS: usize = 3;
+/// Size of a view, and side of the disc, pixels.
+const VIEW: [usize; 2] = [320, 240];
+/// Space between pictures, pixels.
+const GAP: usize = 6;
+const BACKGROUND: [u8; 3] = [255; 3];
+const SEEN: [u8; 3] = [210, 232, 214];
+const UNSEEN: [u8; 3] = [244, 214, 208];
+const LINE: [u8; 3] = [120; 3];
+const EYE: [u8; 3] = [20, 60, 160];
+
+/// A PNG: a row for each state, with some of its views, in which the object is bright, and a disc of the
+/// directions from which the views see it. The disc is seen from above, the front is below, its rim is the
+/// horizon and its middle the zenith; directions without a view are red.
+#[must_use]
+pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8> {
+    let width = VIEWS * (VIEW[0] + GAP) + VIEW[1] + 2 * GAP;
+    let height = capture.states.len() * (VIEW[1] + GAP) + GAP;
+    let mut sheet = Sheet { width, height, rgb: vec![BACKGROUND; width * height] };
+    for (state, (frames, coverage)) in capture.states.iter().zip(coverage).enumerate() {
+        let top = GAP + state * (VIEW[1] + GAP);
+        for (k, frame) in spread(frames).into_iter().enumerate() {
+            sheet.place([GAP + k * (VIEW[0] + GAP), top], VIEW, |at| photo_pixel(frame, at));
+        }
+        if let Some(coverage) = coverage {
+            let left = GAP + VIEWS * (VIEW[0] + GAP);
+            sheet.place([left, top], [VIEW[1], VIEW[1]], |at| disc_pixel(coverage, at));
+        }
+    }
+    sheet.png()
+}
+
+struct Sheet {
+    width: usize,
+    height: usize,
+    rgb: Vec<[u8; 3]>,
+}
+
+impl Sheet {
+    /// Draws a rectangle, `pixel` by pixel.
+    fn place(
+        &mut self,
+        [x, y]: [usize; 2],
+        [width, height]: [usize; 2],
+        pixel: impl Fn([usize; 2]) -> [u8; 3],
+    ) {
+        for v in 0..height {
+            for u in 0..width {
+                self.rgb[(y + v) * self.width + x + u] = pixel([u, v]);
+            }
+        }
+    }
+
+    fn png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        // Writing to memory fails only for a size that does not fit its pixels.
+        PngEncoder::new(&mut bytes)
+            .write_image(
+                self.rgb.as_flattened(),
+                self.width as u32,
+                self.height as u32,
+                ExtendedColorType::Rgb8,
+            )
+            .ok();
+        bytes
+    }
+}
+
+/// Views of the first, the middle and the last part of a state.
+fn spread(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
+    let at = |k: usize| (2 * k + 1) * frames.len() / (2 * VIEWS);
+    let mut numbers: Vec<usize> = (0..VIEWS).map(at).filter(|i| *i < frames.len()).collect();
+    numbers.dedup();
+    numbers.into_iter().map(|i| &frames[i]).collect()
+}
+
+/// A pixel of a view that is scaled to fit, what is not the object darkened and without color.
+fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
+    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let scale = (width as f64 / VIEW[0] as f64).max(height as f64 / VIEW[1] as f64);
+    let inside = |at: usize, size: usize, shown: usize| {
+        let x = (at as f64 + 0.5 - 0.5 * shown as f64) * scale + 0.5 * size as f64;
+        (x >= 0.0 && x < size as f64).then_some(x as usize)
+    };
+    let (Some(x), Some(y)) = (inside(u, width, VIEW[0]), inside(v, height, VIEW[1])) else {
+        return BACKGROUND;
+    };
+    let color = frame.rgb[y * width + x];
+    if frame.is_object(y * width + x) {
+        return color;
+    }
+    let gray = color.iter().map(|c| usize::from(*c)).sum::<usize>() / 3;
+    [(gray / 4 + 30) as u8; 3]
+}
+
+/// A pixel of the disc of directions.
+fn disc_pixel(coverage: &Coverage, [u, v]: [usize; 2]) -> [u8; 3] {
+    let radius = 0.5 * VIEW[1] as f64 - 4.0;
+    let [x, y] = [u, v].map(|p| p as f64 + 0.5 - 0.5 * VIEW[1] as f64);
+    // In the image y points down, to the front; the right of who looks at the object from there is the
+    // image's right.
+    let place = |azimuth_rad: f64, elevation_rad: f64| {
+        let out = radius * (1.0 - elevation_rad.max(0.0) / (0.25 * TAU));
+        [out * azimuth_rad.sin(), out * azimuth_rad.cos()]
+    };
+    let near = |[azimuth_rad, elevation_rad, _]: &[f64; 3]| {
+        let [a, b] = place(*azimuth_rad, *elevation_rad);
+        (a - x).hypot(b - y) < 3.5
+    };
+    if coverage.eyes.iter().any(near) {
+        return EYE;
+    }
+    let out = x.hypot(y);
+    if out > radius {
+        return BACKGROUND;
+    }
+    let rings = [1.0, 2.0 / 3.0, 1.0 / 3.0].map(|share| share * radius);
+    let turn = x.atan2(y).rem_euclid(TAU) / TAU * SECTORS.len() as f64 + 0.5;
+    let off_border = (turn - turn.round()).abs() / SECTORS.len() as f64 * TAU * out;
+    if rings.iter().any(|ring| (out - ring).abs() < 0.7) || off_border < 0.6 {
+        return LINE;
+    }
+    if coverage.by_sector[turn as usize % SECTORS.len()] > 0 { SEEN } else { UNSEEN }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_without_a_view_are_red_and_views_stand_where_they_are() {
+        let mut by_sector = [0; SECTORS.len()];
+        by_sector[2] = 1;
+        let coverage = Coverage {
+            views: 1,
+            // To the right, at the horizon.
+            eyes: vec![[0.25 * TAU, 0.0, 1.0]],
+            by_sector,
+            seen_by: 1.0,
+            depth_m: 1.0,
+            sigma_m: 0.001,
+            unread: 0.0,
+            cut: 0.0,
+        };
+        let middle = VIEW[1] / 2;
+        assert_eq!(disc_pixel(&coverage, [VIEW[1] - 5, middle]), EYE);
+        assert_eq!(disc_pixel(&coverage, [middle + 60, middle]), SEEN);
+        assert_eq!(disc_pixel(&coverage, [middle - 60, middle]), UNSEEN);
+        assert_eq!(disc_pixel(&coverage, [0, 0]), BACKGROUND);
+    }
+
+    #[test]
+    fn a_sheet_is_a_picture_of_all_states() {
+        let capture = Capture { states: vec![Vec::new(), Vec::new()], ..Capture::default() };
+        let bytes = contact_sheet(&capture, &[None, None]);
+        let picture = image::load_from_memory(&bytes).unwrap();
+        assert_eq!(picture.height() as usize, 2 * (VIEW[1] + GAP) + GAP);
+    }
+}
