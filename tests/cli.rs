@@ -189,3 +189,37 @@ fn json_leaves_nothing_but_events_on_stdout() {
         assert!(known.contains(&event["event"].as_str().unwrap()), "{line}");
     }
 }
+
+#[test]
+fn a_recording_without_poses_and_masks_is_tracked_and_shown() {
+    let folder = Folder::new("look");
+    let path = |name: &str| folder.0.join(name).to_str().unwrap().to_owned();
+    let (made, picture) = (path("made"), path("look.png"));
+    let size =
+        ["--views", "14", "--width", "320", "--height", "240", "--textured", "--sensor", "handheld:0.5"];
+    let synth = [&["synth", "--out", &made, "--seed", "3303", "--family", "clamshell"], &size[..]].concat();
+    assert_eq!(run(&synth).0, 0);
+    let (code, out, err) = run(&["track", &made]);
+    assert!(code == 0 || code == 3, "{err}");
+    assert_eq!(out.lines().filter(|l| l.starts_with("# state")).count(), 2, "{out}");
+    assert!(out.lines().filter(|l| !l.starts_with('#')).count() >= 20, "most views are tracked: {err}");
+    let look = ["inspect", &made, "--picture", &picture, "--set", "capture.tracking=always"];
+    let (code, out, err) = run(&look);
+    assert!(code == 0 || code == 3, "{out}{err}");
+    for told in
+        ["by what changed", "camera poses were tracked", "state 1: ", "views of the object", "picture: "]
+    {
+        assert!(out.contains(told), "{told} not in\n{out}");
+    }
+    let bytes = fs::read(&picture).unwrap();
+    assert!(bytes.starts_with(b"\x89PNG"));
+    // What is there stays.
+    let (code, _, err) = run(&look);
+    assert!(code == 1 && err.contains("give a name that is not taken"), "{code} {err}");
+    assert_eq!(fs::read(&picture).unwrap(), bytes);
+    // Somebody may mean something else, in numbers that make sense.
+    let (code, _, err) = run(&["inspect", &made, "--picture", &path("other.png"), "--at", "0_9999,3,4"]);
+    assert!(code != 0 && err.contains("no frame `0_9999` was kept"), "{code} {err}");
+    let (code, _, err) = run(&["inspect", &made, "--at", "1,2"]);
+    assert!(code == 2 && err.contains("three numbers"), "{code} {err}");
+}

@@ -11,11 +11,13 @@ Methods, one process each for both states of a recording, images read one by one
 
 - artitwin: `artitwin track`.
 - graph: Open3D's tensor RGB-D odometry (hybrid, three scales) from view to view, loop closures between keyframes, one pose graph a
-  state, global optimization with line processes. Every fifth view is a keyframe; pairs of keyframes whose tracked poses look at the
-  same place are registered from these poses. An edge counts if at least 0.3 of the source's pixels with depth find a partner
-  (Open3D's example asks for 0.3 of all pixels). If neighbours fail from standstill, ORB features and PnP start them, as Open3D's
-  reconstruction system does for views that are not neighbours. Recordings of at most 60 views have only keyframes, and all their
-  pairs are tried by features. Views that no edges join to the largest group are not tracked.
+  state, global optimization with line processes. Every tenth view is a keyframe; pairs of keyframes
+  whose tracked poses look at the same place are registered from these poses. An edge counts if at least 0.3 of the source's pixels
+  with depth find a partner (Open3D's example asks for 0.3 of all pixels). If neighbours fail from standstill, ORB features and PnP
+  start them, as Open3D's reconstruction system does for views that are not neighbours. Of at most 60 views, all are keyframes,
+  all pairs are tried by features, neighbours from both starts (the one in which more pixels agree counts), and no edge is certain,
+  for such recordings may hold views far apart. Views that no edges join to the largest group are not tracked.
+- quick: the same with every fifth view as a keyframe also of at most 60 views, and no pairs by features alone; only there.
 - slam: `open3d.t.pipelines.slam`, tracking against the ray-cast model. Open3D's defaults (truncation 8 voxels, 40000 blocks, trust
   in 0.07 m), but for the voxel, which is 5.8 mm at a median depth of 2 m (the default there) and less in proportion nearer. A view
   whose fitness is under 0.1 or that moves over 0.15 m is lost and not integrated, as in Open3D's online example.
@@ -31,6 +33,7 @@ methods tracked: that is what counts for `worse`.
 
 import argparse
 import datetime
+import json
 import os
 import platform
 import re
@@ -46,11 +49,10 @@ DENSE = {
     "cabinet": ["--seed", "11", "--family", "cabinet", "--width", "320", "--height", "240"],
     "lamp": ["--seed", "12", "--family", "lamp", "--width", "320", "--height", "240"],
     "capped_box": ["--seed", "13", "--family", "capped_box", "--width", "320", "--height", "240"],
-    "clamshell_640": ["--seed", "14", "--family", "clamshell", "--width", "640", "--height", "480"],
 }
 DENSE_OPTIONS = ["--rate", "15", "--sensor", "handheld"]
 FIRST = ["drawer", "laptop", "fridge", "scissors", "jar_screw", "desk_lamp", "sektion_cabinet", "calvin_table", "real_box"]
-PEERS = {"graph": "Open3D odometry and pose graph", "slam": "Open3D slam"}
+FEW = 60
 
 
 # The peers, each in a process of its own.
@@ -87,6 +89,24 @@ def views(bag):
                 if len(pair) == 2 and intrinsic is not None:
                     pair = pending.pop(at)
                     yield at, np.ascontiguousarray(image(pair["color"], cv2.IMREAD_COLOR)[:, :, ::-1]), image(pair["depth"], cv2.IMREAD_UNCHANGED), intrinsic
+
+
+def stamps_in(bag):
+    """Stamps of the views of a bag, each once, in the order of time."""
+    from bag_poses import stamps_of
+    return sorted(set(stamps_of(bag)))
+
+
+def true_poses(folder, state):
+    """True poses of a state by stamp: those of `truth.json`, where the sensor spoils the recorded ones."""
+    from bag_poses import bag_poses
+    bag, told = folder / f"state{state}", folder / "truth.json"
+    sensor = json.loads(told.read_text()).get("sensor") if told.exists() else None
+    if not sensor:
+        return bag_poses(bag)
+    shown, stamps = sensor["states"][state]["views"], stamps_in(bag)
+    assert len(stamps) == len(shown), (len(stamps), len(shown))
+    return {t: np.array(v["world_from_camera"]) for t, v in zip(stamps, shown)}
 
 
 def depth_range(depth):
@@ -188,9 +208,9 @@ class Odometry:
         return motion
 
 
-def placed(edges, count):
-    """Poses of the largest group that edges join: neighbours' edges first, then those that agree in most pixels."""
-    order = sorted(edges, key=lambda e: (e[1] - e[0] != 1, -edges[e][1][5, 5]))
+def placed(edges, count, apart):
+    """Poses of the largest group that edges join: neighbours' edges first, if not apart, then those that agree in most pixels."""
+    order = sorted(edges, key=lambda e: (not apart and e[1] - e[0] != 1, -edges[e][1][5, 5]))
     group, poses = list(range(count)), [{n: np.eye(4)} for n in range(count)]
     for s, t in order:
         a, b = group[s], group[t]
@@ -203,8 +223,8 @@ def placed(edges, count):
     return max(poses, key=len)
 
 
-def optimized(edges, poses):
-    """Poses after global optimization of the pose graph."""
+def optimized(edges, poses, apart):
+    """Poses after global optimization of the pose graph; edges of neighbours are certain, if views are not apart."""
     import open3d as o3d
     registration = o3d.pipelines.registration
     names = sorted(poses)
@@ -214,7 +234,7 @@ def optimized(edges, poses):
         graph.nodes.append(registration.PoseGraphNode(poses[n]))
     for (s, t), (motion, information) in sorted(edges.items()):
         if s in index and t in index:
-            graph.edges.append(registration.PoseGraphEdge(index[s], index[t], motion, information, uncertain=t - s != 1))
+            graph.edges.append(registration.PoseGraphEdge(index[s], index[t], motion, information, uncertain=apart or t - s != 1))
     registration.global_optimization(
         graph, registration.GlobalOptimizationLevenbergMarquardt(), registration.GlobalOptimizationConvergenceCriteria(),
         registration.GlobalOptimizationOption(
@@ -222,11 +242,10 @@ def optimized(edges, poses):
     return {n: np.array(graph.nodes[k].pose) for n, k in index.items()}
 
 
-def graph(bag):
+def graph(bag, quick=False):
     """Poses by stamp, `world_from_camera`, by odometry and a pose graph."""
-    from bag_poses import stamps_of
-    few = len(stamps_of(bag)) <= 60
-    every = 1 if few else 5
+    few = len(stamps_in(bag)) <= FEW
+    every, short = 5 if few else 10, few and not quick
     stamps, keys, edges, last, odometry = [], {}, {}, None, None
     for at, color, depth, intrinsic in views(bag):
         if odometry is None:
@@ -235,30 +254,30 @@ def graph(bag):
         n, view = len(stamps), odometry.view(color, depth)
         stamps.append(at)
         if last is not None:
-            edge = odometry(last, view, np.eye(4))
-            if edge is None:
+            found = [odometry(last, view, np.eye(4))]
+            if short or found[0] is None:
                 start = odometry.by_looks(last, view)
-                edge = start is not None and odometry(last, view, start)
-            if edge:
-                edges[n - 1, n] = edge
-        if n % every == 0:
+                found.append(None if start is None else odometry(last, view, start))
+            found = [f for f in found if f is not None]
+            if found:
+                edges[n - 1, n] = max(found, key=lambda f: f[1][5, 5])
+        if short or n % every == 0:
             keys[n] = view
         last = view
-    if few:
+    if short:
         for s in keys:
             for t in keys:
                 start = odometry.by_looks(keys[s], keys[t]) if t > s + 1 else None
                 edge = start is not None and odometry(keys[s], keys[t], start)
                 if edge:
                     edges[s, t] = edge
-    poses = placed(edges, len(stamps))
-    if few:
-        poses = optimized(edges, poses)
-    far = 0 if few else 2 * every
+    poses = placed(edges, len(stamps), short)
+    if short:
+        poses = optimized(edges, poses, short)
     names = [n for n in keys if n in poses]
     for s in names:
         for t in names:
-            if t - s <= far or (s, t) in edges or (few and t == s + 1):
+            if t - s <= 1 or (s, t) in edges:
                 continue
             # How far the middle of the view, at the median depth, moves and turns.
             start = np.linalg.inv(poses[t]) @ poses[s]
@@ -268,7 +287,7 @@ def graph(bag):
                 edge = odometry(keys[s], keys[t], start)
                 if edge:
                     edges[s, t] = edge
-    poses = optimized(edges, poses)
+    poses = optimized(edges, poses, short)
     print(f"{len(stamps)} views, {len(poses)} joined, {sum(t - s == 1 for s, t in edges)} edges of neighbours, "
           f"{sum(t - s != 1 for s, t in edges)} closures", file=sys.stderr)
     return {stamps[n]: pose for n, pose in poses.items()}
@@ -280,7 +299,7 @@ def work(method, bags):
     import open3d as o3d
     o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)
     for state, bag in enumerate(bags):
-        poses = {"graph": graph, "slam": slam}[method](bag) if method != "nothing" else {}
+        poses = {"graph": graph, "quick": lambda b: graph(b, True), "slam": slam}[method](bag) if method != "nothing" else {}
         print(f"# state {state}")
         for at, pose in sorted(poses.items()):
             u, _, v = np.linalg.svd(pose[:3, :3])
@@ -290,14 +309,20 @@ def work(method, bags):
 # The comparison.
 
 
-def run(command):
-    """Text of stdout, text of stderr, seconds, processor seconds, MB."""
+def run(command, kept=None):
+    """Text of stdout, text of stderr, seconds, processor seconds, MB; of a process that ended before, what it left in `kept`."""
+    if kept and kept.exists():
+        return json.loads(kept.read_text())
     with tempfile.NamedTemporaryFile("r") as used:
         started = time.monotonic()
         ended = subprocess.run(["/usr/bin/time", "-f", "%M %U %S", "-o", used.name, *map(str, command)], capture_output=True, text=True, check=False)
         seconds = time.monotonic() - started
         peak, user, system = (float(x) for x in re.findall(r"[\d.]+", used.read())[-3:])
-    return ended.stdout, ended.stderr, seconds, user + system, peak / 1024
+    result = ended.stdout, ended.stderr, seconds, user + system, peak / 1024
+    if kept:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps(result))
+    return result
 
 
 def measured(found, truth):
@@ -319,18 +344,18 @@ def make_dense(folder, synth):
 def main():
     if sys.argv[1:2] == ["work"]:
         return work(sys.argv[2], sys.argv[3:])
-    from bag_poses import stamps_of
-    from trajectory import nearest, read_poses, true_poses
+    from trajectory import nearest, read_poses
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bags", type=Path)
     parser.add_argument("--dense", type=Path)
     parser.add_argument("--artitwin", default="target/release/artitwin")
     parser.add_argument("--synth")
-    parser.add_argument("--methods", default="artitwin,graph,slam")
-    parser.add_argument("--notes", type=Path, help="folder that gets stdout and stderr of every process")
+    parser.add_argument("--methods", default="artitwin,graph,quick,slam")
+    parser.add_argument("--keep", type=Path, help="folder that keeps what every process printed and used; those there are not run again")
+    parser.add_argument("--only-kept", action="store_true", help="table of what --keep holds; runs nothing")
     parser.add_argument("names", nargs="*")
     args = parser.parse_args()
-    if args.dense:
+    if args.dense and not args.only_kept:
         make_dense(args.dense, args.synth or args.artitwin)
     folders = [(f"dense/{n}", args.dense / n) for n in DENSE] if args.dense else []
     folders = [(n, args.bags / n) for n in FIRST] * bool(args.bags) + folders
@@ -338,24 +363,25 @@ def main():
         known = dict(folders)
         folders = [(n, known.get(n) or args.bags / n) for n in args.names]
     methods = args.methods.split(",")
-    idle = run([sys.executable, __file__, "work", "nothing"])
+    idle = run([sys.executable, __file__, "work", "nothing"], args.keep and args.keep / "idle.json")
     print(f"{datetime.datetime.now():%Y-%m-%d %H:%M}, {os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}; load when started {os.getloadavg()[0]:.1f}.")
     print(f"Of the peers' figures, start of Python with Open3D: {idle[2]:.1f} s, {idle[3]:.1f} processor seconds, {idle[4]:.0f} MB.\n")
     print("| recording, state | views | method | tracked | ATE mm | ATE deg | RPE mm, deg | s a view | CPU s a view | MB |")
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     worse, sums = [], {m: [] for m in methods}
     for name, folder in folders:
+        files = {m: args.keep and args.keep / f"{name.replace('/', '_')}.{m}.json" for m in methods}
+        if args.only_kept and not any(f.exists() for f in files.values()):
+            continue
         bags = [folder / s for s in ("state0", "state1")]
         truths = [true_poses(folder, k) for k in range(2)]
-        stamps = [len(stamps_of(b)) for b in bags]
+        stamps = [len(stamps_in(b)) for b in bags]
         results = {}
         for method in methods:
+            if method == "quick" and max(stamps) > FEW or args.only_kept and not files[method].exists():
+                continue
             command = [args.artitwin, "track", *bags] if method == "artitwin" else [sys.executable, __file__, "work", method, *bags]
-            text, told, seconds, cpu, peak = run(command)
-            if args.notes:
-                args.notes.mkdir(parents=True, exist_ok=True)
-                (args.notes / f"{name.replace('/', '_')}.{method}.err").write_text(told)
-                (args.notes / f"{name.replace('/', '_')}.{method}.txt").write_text(text)
+            text, told, seconds, cpu, peak = run(command, files[method])
             found = [nearest(s, t) for s, t in zip(read_poses(text), truths)]
             found += [{}] * (2 - len(found))
             results[method] = found, seconds / sum(stamps), cpu / sum(stamps), peak
@@ -369,7 +395,7 @@ def main():
             if "artitwin" not in results:
                 continue
             ours = results["artitwin"]
-            for method in methods:
+            for method in results:
                 if method == "artitwin":
                     continue
                 theirs = results[method]
@@ -390,6 +416,8 @@ def main():
                             worse.append(f"{name}: {unit}: {ours[k]:.3f}; {method}{mark} {theirs[k]:.3f}")
     print()
     for method, rows in sums.items():
+        if not rows:
+            continue
         print(f"- {method}: {sum(ok for _, ok in rows)} of {len(rows)} states not failed, {np.mean([s for s, _ in rows]):.1%} of the views tracked (mean over states).")
     print("\nWhere artitwin is worse, errors over the views in common (`F`: the peer failed on that state):\n")
     print("\n".join(f"- {w}" for w in worse) or "- nowhere")

@@ -318,7 +318,8 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
 
 /// Corrects the camera poses of each state, and reports it.
 fn correct_poses(capture: &mut Capture) {
-    capture.poses = refine_poses(&mut capture.states, &capture.noise);
+    let tracked = !capture.tracking.is_empty();
+    capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked);
     for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }

@@ -72,13 +72,13 @@ pub(super) fn track(
     }
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
-        let why = (*first..=*last)
-            .find_map(|v| reasons[v])
-            .map_or("no other view hangs together with them", |why| why.reason());
+        let why = (*first..=*last).find_map(|v| reasons[v]).map_or(
+            "no other view hangs together with them; move slower, and look back at what was seen",
+            |why| why.reason(),
+        );
         let stamp = |v: usize| crate::capture::stamp_secs(views.views[seen[v]].stamp_nanos);
         let text = format!(
-            "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}; \
-             move slower there, and look back at what was seen before",
+            "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}",
             stamp(*first),
             stamp(*last),
             last - first + 1

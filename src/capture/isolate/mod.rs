@@ -26,7 +26,7 @@ use self::{
     change::{at_rest, changed},
     outliers::outlier_cells,
     plane::background_planes,
-    select::{Search, choose_object},
+    select::{Object, Search, choose_object},
     support::find_support,
     voxels::{Cell, cell, center, dilated, frames_needed, supported},
 };
@@ -165,20 +165,7 @@ fn find_object(
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     // A hand or a person in some frames is no part of what stands there.
     let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
-    let changed = changed(&cells, &capture.states, size_m, &capture.noise);
-    let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
-    // At most 20: the search for neighbors visits its cube.
-    let reach = config.isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
-    // Over all states together: parts that stand apart in one may be linked in another.
-    let object = choose_object(&Search {
-        cells: &cells,
-        size_m,
-        reach,
-        changed: &changed,
-        focus: common_focus(&poses),
-        at: config.isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
-        takes_all: workspace.is_some(),
-    })?;
+    let object = choose(capture, &background, size_m, &cells)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
@@ -192,6 +179,37 @@ fn find_object(
         frames.par_iter_mut().for_each(|f| paint(f, &silhouette(f, &own, size_m), is_object, is_known));
     }
     Ok(())
+}
+
+/// Which of the cells of all states are the object.
+fn choose(
+    capture: &Capture,
+    background: &Background<'_>,
+    size_m: f64,
+    cells: &[Vec<Cell>],
+) -> Result<Object, CaptureError> {
+    let isolate = &background.config.isolate;
+    let changed = changed(cells, &capture.states, size_m, &capture.noise);
+    let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
+    // At most 20: the search for neighbors visits its cube.
+    let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
+    // As near to a plane as the cells of a group may be to each other.
+    let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
+    let is_at_support = |c: &Cell| {
+        let point = center(c, size_m);
+        background.planes.iter().any(|p| p.height_m(&point).abs() <= touching_m)
+    };
+    // Over all states together: parts that stand apart in one may be linked in another.
+    choose_object(&Search {
+        cells,
+        size_m,
+        reach,
+        changed: &changed,
+        is_at_support: &is_at_support,
+        focus: common_focus(&poses),
+        at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
+        takes_all: isolate.workspace.is_some(),
+    })
 }
 
 /// The point in the world that somebody gave, or that a pixel shows.

@@ -36,13 +36,16 @@ pub struct PoseCorrection {
     pub noise: PoseNoise,
     /// Sizes of the errors along time.
     pub errors: PoseErrors,
+    /// Whether the poses came from the frames themselves, not from a report.
+    #[serde(default)]
+    pub tracked: bool,
 }
 
 impl PoseCorrection {
     /// Whether poses were moved by more than errors of poses are expected to be.
     #[must_use]
     pub fn beyond_expected(&self) -> bool {
-        self.used && self.errors.are_at_most()
+        self.used && !self.tracked && self.errors.are_at_most()
     }
 }
 
@@ -84,7 +87,8 @@ impl Refined {
         let poses = solution.poses.into_iter().next()?;
         let mut refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
         let PoseCorrection { gain_sigmas, residual_m, .. } = refined.correction;
-        refined.correction.used = is_clear(&Gain { sigmas: gain_sigmas, residual_m });
+        // Of tracked poses none is better for having been there first.
+        refined.correction.used = problem.tracked || is_clear(&Gain { sigmas: gain_sigmas, residual_m });
         Some(refined)
     }
 
@@ -114,6 +118,7 @@ impl Refined {
             // Stated as independent errors of each pose that have the same mean, which drift makes worse.
             noise: errors.of_mean(count).times((count as f64).sqrt()),
             errors: *errors,
+            tracked: problem.tracked,
         };
         Some(Self { poses, draws, correction })
     }

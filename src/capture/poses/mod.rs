@@ -110,8 +110,10 @@ impl PoseFindings {
 }
 
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
+/// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
+/// and what that leaves open is their error.
 #[must_use]
-pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseFindings {
+pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig, tracked: bool) -> PoseFindings {
     let mut surfels: Vec<Vec<Surfels>> = states
         .iter()
         .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
@@ -135,7 +137,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig) -> PoseF
         .iter()
         .zip(&surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| problem(frames, surfels, matches))
+        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
         .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
@@ -211,12 +213,17 @@ fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthW
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.
-fn problem<'a>(frames: &[RgbdFrame], surfels: &'a [Surfels], matches: Matches) -> Option<Problem<'a>> {
+fn problem<'a>(
+    frames: &[RgbdFrame],
+    surfels: &'a [Surfels],
+    matches: Matches,
+    tracked: bool,
+) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
     let coarse =
         |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
     (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
-        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames)))
+        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked))
 }
 
 #[cfg(test)]

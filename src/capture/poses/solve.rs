@@ -37,6 +37,9 @@ pub(super) struct Problem<'a> {
     /// As read.
     pub surfels: &'a [Surfels],
     pub reported: Vec<Pose>,
+    /// Whether these were found from the same frames: what is left between the frames then says nothing of the
+    /// size of their errors, which stays as expected.
+    pub tracked: bool,
     drift: Drift,
     /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own
     /// frames, meters and radians a second.
@@ -85,7 +88,7 @@ struct Step {
 
 impl<'a> Problem<'a> {
     /// Of a state's frames in the order of time.
-    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: &Trajectory) -> Self {
+    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: &Trajectory, tracked: bool) -> Self {
         let velocities = reported.velocities();
         let reported = reported.poses.clone();
         let count = reported.len();
@@ -96,6 +99,7 @@ impl<'a> Problem<'a> {
             surfels,
             drift: Drift::along(&reported),
             reported,
+            tracked,
             velocities,
         }
     }
@@ -134,7 +138,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
         Sensor { errors, covariance: DMatrix::zeros(count, count) }
     });
     let mut poses: Vec<Vec<Pose>> = problems.iter().map(|p| p.reported.clone()).collect();
-    let mut sizes = Sizes { poses: vec![PoseErrors::EXPECTED; problems.len()], warp: WARP };
+    let mut sizes = Sizes { poses: started(problems, PoseErrors::EXPECTED), warp: WARP };
     let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
     let mut loosened = LOOSE.into_iter();
     let mut found = None;
@@ -332,7 +336,7 @@ fn most_likely(
 ) -> Option<Sizes> {
     // Partners and weights stay: such a round costs a factor and no search.
     let settled = |errors: PoseErrors| {
-        let mut sizes = Sizes { poses: vec![errors; problems.len()], ..before.clone() };
+        let mut sizes = Sizes { poses: started(problems, errors), ..before.clone() };
         for _ in 0..SIZES {
             sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
             if errors == PoseErrors::WITHOUT_DRIFT {
@@ -349,6 +353,11 @@ fn most_likely(
     Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })
 }
 
+/// Sizes of the errors of poses to start from.
+fn started(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
+    problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
+}
+
 /// Sizes by what was found and what is not known of it. See docs/method.md (2.15).
 fn resized(
     problems: &[&Problem<'_>],
@@ -361,6 +370,9 @@ fn resized(
         let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
         let mean = &at[k] + &step.poses[k] - &problems[k].velocities * lag_s;
         let covariance = &step.pose_covariances[k];
+        if problems[k].tracked {
+            return sizes.poses[k];
+        }
         problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
     };
     let of_warp = |errors: &SensorErrors| {

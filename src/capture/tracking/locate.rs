@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::{
     adjust::{Adjusted, Adjustment, landmark_information, least_known_m},
     landmark_motion::{LandmarkPair, landmark_motion},
+    lost::Lost,
     observation::Observation,
 };
 use crate::{
@@ -53,19 +54,6 @@ pub(super) struct Located {
     pub matches: Vec<Vec<[u32; 2]>>,
     /// Standard deviation in the least known direction at the frame's mean depth, meters.
     pub least_known_m: f64,
-}
-
-/// Why a frame has no place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lost {
-    /// Neither features nor the motion before gave a guess.
-    NoGuess,
-    /// It shows too little that the keyframes show.
-    LittleShared,
-    /// Surfaces contradict each other.
-    Contradicted,
-    /// What is shared leaves a motion open.
-    Undetermined,
 }
 
 /// A guess of the new frame's pose, and how far it may be off.

@@ -13,6 +13,7 @@ mod gravity;
 mod keyframes;
 mod landmark_motion;
 mod locate;
+mod lost;
 mod observation;
 mod pose_graph;
 mod track;

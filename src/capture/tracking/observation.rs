@@ -1,5 +1,6 @@
 //! A frame as the tracker keeps it: small flat patches and image features, without the pixels.
 
+use super::lost::Lost;
 use crate::capture::{
     NoiseConfig, RgbdFrame,
     features::{Feature, FeatureConfig, features, mutual_matches},
@@ -20,7 +21,21 @@ pub struct Observation {
     features: Vec<Feature>,
     /// Number of each feature among the landmarks, where its depth is known.
     numbers: Vec<Option<u32>>,
+    /// Mean of its color, of 255.
+    brightness: f64,
+    /// Share of its pixels with depth.
+    read: f64,
 }
+
+/// Fewest features of an image in which others can be found again.
+/// derived: twice the followers that a motion needs
+const FEW_FEATURES: usize = 24;
+/// An image whose mean is darker shows little but the noise of its camera, of 255.
+/// derived: sRGB of a third of a percent of the light of a white sheet
+const DARK: f64 = 12.0;
+/// Of the pixels of a frame so many must have depth.
+/// measured: shared/bags and bags/handheld: the least of a view is 0.3
+const LEAST_READ: f64 = 0.05;
 
 impl Observation {
     /// Of a frame without a mask, whose depth may have gaps of single pixels (as depth that was aligned to
@@ -34,7 +49,26 @@ impl Observation {
         let mut surfels = Surfels::of(frame, noise, |_| true);
         let found = features(frame, &config);
         let numbers = surfels.set_landmarks(frame, noise, found.iter().map(|f| f.pixel.map(f64::from)));
-        Self { stamp_nanos: frame.stamp_nanos, surfels, features: found, numbers }
+        let count = frame.rgb.len().max(1) as f64;
+        Self {
+            stamp_nanos: frame.stamp_nanos,
+            surfels,
+            features: found,
+            numbers,
+            brightness: frame.rgb.iter().flatten().map(|c| f64::from(*c)).sum::<f64>() / (3.0 * count),
+            read: frame.depth_m.iter().filter(|d| **d > 0.0).count() as f64 / count,
+        }
+    }
+
+    /// Why a frame cannot be placed whatever others show, if so: it shows nothing itself.
+    pub(super) fn blind(&self) -> Option<Lost> {
+        match () {
+            () if self.features.len() >= FEW_FEATURES && self.read >= LEAST_READ => None,
+            () if self.brightness < DARK && self.read < LEAST_READ => Some(Lost::Covered),
+            () if self.brightness < DARK => Some(Lost::Dark),
+            () if self.read < LEAST_READ => Some(Lost::Unread),
+            () => Some(Lost::Blank),
+        }
     }
 
     /// Landmarks of this frame and of another that look alike, by their numbers.

@@ -1,7 +1,7 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use super::*;
+use super::{lost::Lost, *};
 use crate::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::{Intrinsics, Pose},
@@ -188,4 +188,33 @@ fn states_that_show_nothing_alike_are_refused() {
         (0..3).map(|i| view(&|p: &Point3<f64>| p.z - 3.0, eye(i), true, i)).collect();
     let tracks = [&first, &second].map(|f| track(f).0);
     assert_eq!(align_tracks(&tracks[0], &tracks[1], 0).err(), Some(Unaligned::NothingAlike));
+}
+
+#[test]
+fn a_view_that_shows_nothing_is_lost_with_its_reason() {
+    let lost_by = |spoil: &dyn Fn(&mut RgbdFrame)| {
+        let mut frames = views(&boxes(Vector3::zeros()), 5);
+        spoil(&mut frames[3]);
+        let mut tracker = Tracker::new(0);
+        frames.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE)).err()).collect::<Vec<_>>()
+    };
+    let black = |f: &mut RgbdFrame| f.rgb.fill([2; 3]);
+    let unread = |f: &mut RgbdFrame| f.depth_m.fill(0.0);
+    let found = [
+        (lost_by(&black), Lost::Dark),
+        (lost_by(&unread), Lost::Unread),
+        (lost_by(&|f: &mut RgbdFrame| [black, unread].iter().for_each(|spoil| spoil(f))), Lost::Covered),
+    ];
+    for (views, why) in found {
+        // Surfaces alone may place a dark view; what is said of one that they do not place is why.
+        assert!(views[3].is_none_or(|w| w == why), "{why:?}: {views:?}");
+        assert!(why == Lost::Dark || views[3] == Some(why), "{why:?}: {views:?}");
+        assert!(views[4].is_none(), "the next view is found again: {views:?}");
+    }
+    // Nothing but a gray wall, which leaves open where along it the camera is.
+    let wall: Vec<RgbdFrame> =
+        (0..3).map(|i| view(&|p: &Point3<f64>| p.z - FLOOR_M, eye(i), false, i)).collect();
+    let mut tracker = Tracker::new(0);
+    let found: Vec<_> = wall.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE)).err()).collect();
+    assert_eq!(found[1..], [Some(Lost::Blank); 2]);
 }

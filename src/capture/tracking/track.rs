@@ -8,7 +8,6 @@ use super::{
     adjust::Adjustment,
     closure::{close_loops, join_pieces},
     keyframes::{Edge, Keyframe},
-    locate::Lost,
     observation::Observation,
     pose_graph::pose_graph,
     tracker::Tracker,
@@ -144,18 +143,5 @@ impl fmt::Display for TrackingFindings {
             1e3 * self.least_known_m,
             1e3 * self.closed_m
         )
-    }
-}
-
-impl Lost {
-    /// What happened, for people.
-    #[must_use]
-    pub fn reason(self) -> &'static str {
-        match self {
-            Self::NoGuess => "nothing in them was seen before",
-            Self::LittleShared => "they share too little surface with other views",
-            Self::Contradicted => "their surfaces contradict those of other views",
-            Self::Undetermined => "what they show leaves a motion open, as a plain wall does",
-        }
     }
 }

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 
 use super::{
     keyframes::{Keyframe, Keyframes, view_distance_rad},
-    locate::{Guess, Known, Located, Lost, locate},
+    locate::{Guess, Known, Located, locate},
+    lost::Lost,
     observation::Observation,
 };
 use crate::{
@@ -103,6 +104,7 @@ impl Tracker {
                 Ok(())
             }
             Err(why) => {
+                let why = observation.blind().unwrap_or(why);
                 // It may be the first of frames that hang together; what comes later may join them.
                 let first = self.views.is_empty();
                 self.lost.push((!first).then_some(why));

@@ -1,0 +1,50 @@
+//! Why a view has no place.
+
+/// Why a frame has no place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lost {
+    /// Neither features nor the motion before gave a guess.
+    NoGuess,
+    /// It shows too little that the keyframes show.
+    LittleShared,
+    /// Surfaces contradict each other.
+    Contradicted,
+    /// What is shared leaves a motion open.
+    Undetermined,
+    /// Neither light nor depth came in.
+    Covered,
+    /// Too little light came in.
+    Dark,
+    /// Hardly a pixel has depth.
+    Unread,
+    /// Nothing in it can be told from its surroundings.
+    Blank,
+}
+
+impl Lost {
+    /// What happened and what to do about it, for people.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::NoGuess => "nothing in them was seen before; move slower, and look back at what was seen",
+            Self::LittleShared => {
+                "they share too little surface with other views; move slower, and look back at what was seen"
+            }
+            Self::Contradicted => {
+                "their surfaces contradict those of other views; let nothing move but the camera, and move it \
+                 slower"
+            }
+            Self::Undetermined => {
+                "what they show leaves a motion open, as a plain wall does; keep corners and texture in view"
+            }
+            Self::Covered => {
+                "they are dark and without depth; keep the lens free, and 0.3 m away from things"
+            }
+            Self::Dark => "they are too dark; give more light",
+            Self::Unread => {
+                "hardly a pixel has depth; keep the distance that the sensor measures, and out of the sun"
+            }
+            Self::Blank => "they show nothing that can be found again; keep corners and texture in view",
+        }
+    }
+}
