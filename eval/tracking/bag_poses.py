@@ -74,6 +74,7 @@ def stamps_of(bag):
     stamps = []
     with AnyReader([Path(bag)]) as reader:
         for connection, _, raw in reader.messages():
-            if "color" in connection.topic and connection.msgtype.endswith(("Image", "CompressedImage")):
+            color = "color" in connection.topic and "depth" not in connection.topic
+            if color and connection.msgtype.endswith(("Image", "CompressedImage")):
                 stamps.append(stamp(reader.deserialize(raw, connection.msgtype).header))
     return sorted(stamps)

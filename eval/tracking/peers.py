@@ -389,7 +389,7 @@ def main():
             for method, (found, seconds, cpu, peak) in results.items():
                 share, errors = len(found[state]) / stamps[state], measured(found[state], truth)
                 mark = "F " * failed(errors, share)
-                shown = "| | |" if errors is None else f"{errors['ate_mm']:.2f} | {errors['ate_deg']:.3f} | {errors['rpe_mm']:.2f}, {errors['rpe_deg']:.3f}"
+                shown = " | | " if errors is None else f"{errors['ate_mm']:.2f} | {errors['ate_deg']:.3f} | {errors['rpe_mm']:.2f}, {errors['rpe_deg']:.3f}"
                 print(f"| {name} {state} | {stamps[state]} | {method} | {mark}{len(found[state])} ({share:.0%}) | {shown} | {seconds:.3f} | {cpu:.3f} | {peak:.0f} |", flush=True)
                 sums[method].append((share, not failed(errors, share)))
             if "artitwin" not in results:

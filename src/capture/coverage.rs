@@ -223,8 +223,8 @@ impl fmt::Display for Coverage {
         let [best_mm, worst_mm] = self.expected_m().map(|m| 1e3 * m);
         write!(
             f,
-            "{} views of the object, {:.2} m away, from {}{}, {low:.0} to {high:.0} deg above; a point is read \
-             in {:.0} of them; surfaces to be expected within {best_mm:.1} to {worst_mm:.1} mm",
+            "{} views of the object, {:.2} m away, from {}{}, {low:.0} to {high:.0} deg above; a point is \
+             read in {:.0} of them; surfaces to be expected within {best_mm:.1} to {worst_mm:.1} mm",
             self.views,
             self.depth_m,
             named(true),
@@ -244,7 +244,7 @@ mod tests {
 
     /// Views of a plate of 0.2 m that stands on x = 0, from some azimuths, radians.
     fn state(azimuths: &[f64], depth_holes: usize) -> Vec<RgbdFrame> {
-        let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
+        let k = Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5 };
         let frame = |azimuth: &f64| {
             let eye = Point3::new(azimuth.cos(), azimuth.sin(), 0.3);
             let pose = Pose::face_towards(&eye, &Point3::origin(), &-Vector3::z());

@@ -322,8 +322,8 @@ pub enum CaptureError {
     },
     /// Things apart from each other changed about as much.
     #[error(
-        "{} things changed between the states, about ({}) m; record again with nothing moved but the object, or \
-         say which is the object with `--at X,Y,Z`",
+        "{} things changed between the states, about ({}) m; record again with nothing moved but the object, \
+         or say which is the object with `--at X,Y,Z`",
         at.len(),
         at.iter().map(|p| p.map(|x| format!("{x:.2}")).join(", ")).collect::<Vec<_>>().join(") m, (")
     )]

@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
     recording_args::RecordingArgs,
+    wanted::Wanted,
 };
 use crate::{
     evaluate::EvaluateOptions,
@@ -338,11 +339,6 @@ pub struct SynthArgs {
     #[command(flatten)]
     pub output: OutputArgs,
 }
-
-/// Why the value of an option cannot be used: what to give.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("give {0}")]
-pub(super) struct Wanted(pub &'static str);
 
 fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
     match text.split_once('=') {

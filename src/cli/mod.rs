@@ -22,6 +22,7 @@ mod settings;
 mod synth;
 mod terminal;
 mod track;
+mod wanted;
 
 use std::process::ExitCode;
 

@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_norway::Value;
 
-use super::args::Wanted;
+use super::wanted::Wanted;
 use crate::{
     capture::At,
     config::{ConfigError, Layers},
@@ -23,7 +23,8 @@ pub struct RecordingArgs {
     pub workspace: Option<[[f64; 3]; 2]>,
     /// The object, where masks are missing and it is not what changed: a place on it, x,y,z in meters in the
     /// world, or a pixel of a frame, e.g. 0_0007,320,240
-    #[arg(long, value_name = "X,Y,Z", value_parser = at, allow_hyphen_values = true, conflicts_with = "workspace")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = at, allow_hyphen_values = true)]
+    #[arg(conflicts_with = "workspace")]
     pub at: Option<At>,
     /// Topic to read: color, depth, color_info, depth_info, mask or pose; may be repeated
     #[arg(long, value_name = "KIND=TOPIC", value_parser = topic)]

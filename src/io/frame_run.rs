@@ -4,8 +4,8 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log,
-    recording::measured_noise, ros2msg::definitions::RosMessage as _, views::Views,
+    bag::Bag, bag_index::BagIndex, depth_noise::measured_noise, pixels::decode_views, poses::PoseSource,
+    read_joint_log, ros2msg::definitions::RosMessage as _, views::Views,
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views},

@@ -309,8 +309,8 @@ impl StateInspection {
             _ = writeln!(text, "  RGB-D views: {}", self.views);
             _ = writeln!(
                 text,
-                "  camera poses: none recorded; the camera is tracked by what it sees (`artitwin track` shows how \
-                 far)"
+                "  camera poses: none recorded; the camera is tracked by what it sees (`artitwin track` \
+                 shows how far)"
             );
         } else {
             _ = writeln!(text, "  posed RGB-D views: {}", self.views);

@@ -32,7 +32,7 @@ pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model_folder};
 pub use npy::{NpyError, read_npy};
 pub use place::Place;
-pub use plain_file::{create_plain, open_plain};
+pub use plain_file::{create_plain, open_plain, write_new};
 pub use run_dir::{Committed, RunDir};
 pub use run_dir_error::RunDirError;
 pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_result_fingerprint, read_run_summary};
@@ -51,6 +51,7 @@ mod camera;
 #[cfg(test)]
 mod conformance_tests;
 mod dataset;
+mod depth_noise;
 mod expansion;
 mod inspect;
 mod inspect_motion;
@@ -84,7 +85,6 @@ pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
-pub use plain_file::write_new;
 pub use recording::{object_name, open, state_count, track_camera};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};

@@ -9,6 +9,7 @@ use super::{
     bag::Bag,
     bag_index::BagIndex,
     dataset,
+    depth_noise::measured_noise,
     pixels::{Decoded, decode_views},
     source::Source,
     tracking::{TrackedState, track, worlds},
@@ -17,15 +18,12 @@ use super::{
 use crate::{
     capture::{
         Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, noise_factor, refine_poses, spread_views,
+        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, refine_poses, spread_views,
     },
     geometry::Pose,
     note::{Note, NoteCode},
     random::stage_rng,
 };
-
-/// Least and greatest factor on the noise model.
-const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
 /// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
 /// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the
@@ -289,16 +287,6 @@ fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
         Some((first, second)) => Err(CaptureError::SameRecording { first, second }),
         None => Ok(()),
     }
-}
-
-/// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot
-/// be.
-pub(super) fn measured_noise<'a>(
-    frames: impl Iterator<Item = &'a RgbdFrame>,
-    config: &CaptureConfig,
-) -> Option<f64> {
-    let factor = if config.measure_noise { noise_factor(frames, &config.noise) } else { None };
-    factor.map(|f| f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1]))
 }
 
 /// Scales the noise model to the recording.

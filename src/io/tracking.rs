@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::{
     bag::Bag,
+    depth_noise::measured_noise,
     pixels::decode_views,
-    recording::measured_noise,
     views::{View, Views},
 };
 use crate::{

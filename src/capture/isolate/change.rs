@@ -134,10 +134,14 @@ mod tests {
                 if is_on { 0.8 } else { 1.0 }
             });
             RgbdFrame {
+                id: String::new(),
+                stamp_nanos: 0,
                 intrinsics: k,
                 world_from_camera: eye,
+                rgb: Vec::new(),
                 depth_m: depth_m.collect(),
-                ..RgbdFrame::default()
+                mask: None,
+                readings: Vec::new(),
             }
         };
         plate.iter().enumerate().map(frame).collect()

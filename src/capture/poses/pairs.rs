@@ -48,8 +48,8 @@ pub(in crate::capture) struct Comparison {
     /// Landmarks that match, by pair of frames.
     matches: Matches,
     noise: PoseNoise,
-    /// Surfels of a pair that are compared at most, for each way to face.
-    most_of_facing: usize,
+    /// Surfels compared in a round, all pairs together.
+    compared: usize,
 }
 
 /// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
@@ -188,13 +188,12 @@ impl Comparison {
         noise: PoseNoise,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        let most_of_facing = most_of_facing(COMPARED, pairs.len());
-        Self { sets, pairs, matches, noise, most_of_facing }
+        Self { sets, pairs, matches, noise, compared: COMPARED }
     }
 
     /// The same with about so many surfels in a round, all pairs together.
     pub fn comparing(self, surfels: usize) -> Self {
-        Self { most_of_facing: most_of_facing(surfels, self.pairs.len()), ..self }
+        Self { compared: surfels, ..self }
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
@@ -342,10 +341,11 @@ impl Comparison {
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
+        let most = (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS;
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {
-            let stride = cells.len().div_ceil(self.most_of_facing).max(1);
+            let stride = cells.len().div_ceil(most).max(1);
             // Every pair begins elsewhere, so that together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
@@ -428,11 +428,6 @@ impl Ratios {
 /// See [`Sums::scale`].
 fn robust_scale(ratios: Vec<Ratios>) -> f64 {
     (SIGMAS_PER_MAD * median(ratios.into_iter().flat_map(|r| r.kept).collect()).unwrap_or(0.0)).max(1.0)
-}
-
-/// Surfels of a pair for each way to face, where so many are compared in all pairs together.
-fn most_of_facing(compared: usize, pairs: usize) -> usize {
-    (compared / pairs.max(1)).max(LEAST_OF_PAIR) / FACINGS
 }
 
 /// The surfels of a frame that are held out, or those that are not, by the way that they face.

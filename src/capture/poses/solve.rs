@@ -37,8 +37,8 @@ pub(super) struct Problem<'a> {
     /// As read.
     pub surfels: &'a [Surfels],
     pub reported: Vec<Pose>,
-    /// Whether these were found from the same frames: what is left between the frames then says nothing of the
-    /// size of their errors, which stays as expected.
+    /// Whether these were found from the same frames: what is left between the frames then says nothing of
+    /// the size of their errors, which stays as expected.
     pub tracked: bool,
     drift: Drift,
     /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own

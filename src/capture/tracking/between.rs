@@ -87,7 +87,7 @@ pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f
     let best = found.iter().map(|p| p.overlap.agreement()).fold(0.0, f64::max);
     found.retain(|p| p.overlap.agreement() >= POSSIBLE * best);
     // By cells; of equals the first.
-    found.sort_by(|a, b| b.cells.cmp(&a.cells));
+    found.sort_by_key(|p| std::cmp::Reverse(p.cells));
     let &Proposal { motion: coarse, cells, overlap } = found.first().ok_or(Unaligned::NothingAlike)?;
     let rivals = |p: &&Proposal| {
         (cells as f64) < CLEAR * p.cells as f64 && !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)

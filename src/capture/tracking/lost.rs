@@ -17,7 +17,7 @@ pub enum Lost {
     Dark,
     /// Hardly a pixel has depth.
     Unread,
-    /// Nothing in it can be told from its surroundings.
+    /// Nothing in it stands out from its surroundings.
     Blank,
 }
 
@@ -28,14 +28,15 @@ impl Lost {
         match self {
             Self::NoGuess => "nothing in them was seen before; move slower, and look back at what was seen",
             Self::LittleShared => {
-                "they share too little surface with other views; move slower, and look back at what was seen"
+                "they share too little surface with others; move slower, and look back at what was seen"
             }
             Self::Contradicted => {
                 "their surfaces contradict those of other views; let nothing move but the camera, and move it \
                  slower"
             }
             Self::Undetermined => {
-                "what they show leaves a motion open, as a plain wall does; keep corners and texture in view"
+                "what they show leaves a motion open, as a plain wall does; keep corners and texture in \
+                 view"
             }
             Self::Covered => {
                 "they are dark and without depth; keep the lens free, and 0.3 m away from things"
