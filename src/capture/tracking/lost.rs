@@ -26,13 +26,13 @@ impl Lost {
     #[must_use]
     pub fn reason(self) -> &'static str {
         match self {
-            Self::NoGuess => "nothing in them was seen before; move slower, and look back at what was seen",
+            Self::NoGuess => "nothing in them was seen before; move slower, look back at what was seen",
             Self::LittleShared => {
-                "they share too little surface with others; move slower, and look back at what was seen"
+                "they share little surface with others; move slower, and look back at what was seen"
             }
             Self::Contradicted => {
-                "their surfaces contradict those of other views; let nothing move but the camera, and move it \
-                 slower"
+                "their surfaces contradict those of other views; let nothing move but the camera, \
+                 and that slower"
             }
             Self::Undetermined => {
                 "what they show leaves a motion open, as a plain wall does; keep corners and texture in \
