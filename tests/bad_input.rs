@@ -113,8 +113,12 @@ fn a_gap_in_the_transforms_costs_the_frames_in_it() {
 
 #[test]
 fn no_transforms_at_all() {
+    let folder = TempDir::new("no-tf");
+    let bag = drawer(&folder, |_, m| !m.is("/tf"));
     let words = ["comes from static transforms alone", "camera_color_optical_frame", "--topic pose=TOPIC"];
-    refused_drawer("no-tf", &words, |_, m| !m.is("/tf"));
+    refused(&folder, &[&bag], &["--parts", "2", "--set", "capture.tracking=never"], 1, &words);
+    // By default the camera is tracked, and what was lost of it is said.
+    degraded(&folder, &bag, &["the camera was lost from", "which are not used: "]);
     let words = [
         "state 1: none of 16 frames has a camera pose",
         "begin at",
