@@ -275,10 +275,13 @@ fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
     capture.states[state].push(frame);
 }
 
-/// Refuses one recording given for two states: noise makes images of two recordings differ.
+/// Refuses one recording given for two states: noise makes images of two recordings differ. Poses that were
+/// tracked differ by what brings the states together.
 fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
+    let tracked = !capture.tracking.is_empty();
     let same = |(a, b): (&RgbdFrame, &RgbdFrame)| {
-        a.world_from_camera == b.world_from_camera && a.depth_m == b.depth_m && a.rgb == b.rgb
+        let posed_alike = tracked || a.world_from_camera == b.world_from_camera;
+        posed_alike && a.depth_m == b.depth_m && a.rgb == b.rgb
     };
     let twice = |a: &[RgbdFrame], b: &[RgbdFrame]| a.len() == b.len() && a.iter().zip(b).all(same);
     let states = &capture.states;
