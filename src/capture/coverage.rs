@@ -6,7 +6,7 @@ use std::{f64::consts::TAU, fmt};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{Capture, NoiseConfig, RgbdFrame};
+use super::{Capture, NoiseConfig, RgbdFrame, median_over_object};
 use crate::statistics::median;
 
 /// Sectors about the object, from its front to the right, as seen from above.
@@ -27,8 +27,6 @@ const GATE_SHARE: f64 = 0.01;
 /// How the views of a state see the object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// Views.
-    pub views: usize,
     /// Of each view: azimuth from the front to the right, radians; elevation, radians; distance from the
     /// object's middle, meters.
     pub eyes: Vec<[f64; 3]>,
@@ -73,14 +71,11 @@ fn of_state(
     front_rad: f64,
     noise: &NoiseConfig,
 ) -> Option<Coverage> {
-    let depths = |f: &RgbdFrame| -> Vec<f64> {
-        let read = (0..f.depth_m.len()).step_by(STRIDE).filter(|p| f.is_object(*p));
-        read.map(|p| f64::from(f.depth_m[p])).collect()
-    };
-    let depths: Vec<f64> = frames.iter().flat_map(depths).collect();
-    let read: Vec<f64> = depths.iter().copied().filter(|d| *d > 0.0).collect();
-    let unread = 1.0 - read.len() as f64 / depths.len().max(1) as f64;
-    let depth_m = median(read)?;
+    let depth_m = median_over_object(frames.iter(), |f, i| f64::from(f.depth_m[i]))?;
+    let object = frames.iter().flat_map(|f| sampled(f).map(|p| f.depth_m[p] == 0.0));
+    let (shown, lost) =
+        object.fold((0usize, 0usize), |(shown, lost), is_lost| (shown + 1, lost + usize::from(is_lost)));
+    let unread = lost as f64 / shown.max(1) as f64;
     let eye = |f: &RgbdFrame| {
         let out: Vector3<f64> = f.world_from_camera.translation.vector - middle.coords;
         // Counterclockwise is to the right of who stands in front and looks at the object.
@@ -95,7 +90,6 @@ fn of_state(
     let sees = |point: &Point3<f64>| frames.iter().filter(|f| reads(f, point, noise)).count() as f64;
     let seen_by: Vec<f64> = points.par_iter().map(sees).collect();
     Some(Coverage {
-        views: frames.len(),
         by_sector,
         seen_by: median(seen_by).unwrap_or(0.0),
         depth_m,
@@ -106,12 +100,15 @@ fn of_state(
     })
 }
 
+/// Some pixels of a frame that show the object.
+fn sampled(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
+    (0..frame.depth_m.len()).step_by(STRIDE).filter(|p| frame.is_object(*p))
+}
+
 /// Points on the object's surface, of all frames alike.
 fn points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
-    let of_frame = |f: &RgbdFrame| -> Vec<Point3<f64>> {
-        let object = (0..f.depth_m.len()).step_by(STRIDE).filter(|p| f.is_object(*p));
-        object.filter_map(|p| f.world_point(p)).collect()
-    };
+    let of_frame =
+        |f: &RgbdFrame| -> Vec<Point3<f64>> { sampled(f).filter_map(|p| f.world_point(p)).collect() };
     let all: Vec<Point3<f64>> = frames.iter().flat_map(of_frame).collect();
     let every = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(every).collect()
@@ -180,8 +177,9 @@ impl Coverage {
     pub fn advice(&self) -> Vec<String> {
         let mut advice = Vec::new();
         let sectors = self.by_sector.iter().filter(|n| **n > 0).count();
-        if self.views < FEW_VIEWS {
-            advice.push(format!("only {} views; record 20 or more, a second apart", self.views));
+        let views = self.eyes.len();
+        if views < FEW_VIEWS {
+            advice.push(format!("only {views} views; record 20 or more, a second apart"));
         }
         if sectors < FEW_SECTORS {
             advice.push(format!(
@@ -225,7 +223,7 @@ impl fmt::Display for Coverage {
             f,
             "{} views of the object, {:.2} m away, from {}{}, {low:.0} to {high:.0} deg above; a point is \
              read in {:.0} of them; surfaces to be expected within {best_mm:.1} to {worst_mm:.1} mm",
-            self.views,
+            self.eyes.len(),
             self.depth_m,
             named(true),
             match named(false) {

@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
     recording_args::RecordingArgs,
-    wanted::Wanted,
+    wanted::{Wanted, vector},
 };
 use crate::{
     evaluate::EvaluateOptions,
@@ -346,14 +346,6 @@ fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
             Ok((topic.to_owned(), link.to_owned()))
         }
         _ => Err(Wanted("TOPIC=LINK, such as /gauge=handle")),
-    }
-}
-
-fn vector(text: &str) -> Result<[f64; 3], Wanted> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
-        _ => Err(Wanted("three numbers x,y,z")),
     }
 }
 

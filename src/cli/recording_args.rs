@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_norway::Value;
 
-use super::wanted::Wanted;
+use super::wanted::{Wanted, vector};
 use crate::{
     capture::At,
     config::{ConfigError, Layers},
@@ -87,10 +87,7 @@ fn at(text: &str) -> Result<At, Wanted> {
         let [Ok(u), Ok(v)] = pixel else { return Err(wanted) };
         return Ok(At::Pixel { frame: first.to_owned(), pixel: [u, v] });
     }
-    match [first, second, third].map(str::parse::<f64>) {
-        [Ok(x), Ok(y), Ok(z)] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(At::Point([x, y, z])),
-        _ => Err(wanted),
-    }
+    vector(text).map(At::Point).or(Err(wanted))
 }
 
 fn topic(text: &str) -> Result<(String, String), Wanted> {

@@ -141,7 +141,6 @@ mod tests {
         let mut by_sector = [0; SECTORS.len()];
         by_sector[2] = 1;
         let coverage = Coverage {
-            views: 1,
             // To the right, at the horizon.
             eyes: vec![[0.25 * TAU, 0.0, 1.0]],
             by_sector,

@@ -71,9 +71,10 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
     all.sort_unstable();
     all.dedup();
     let groups = clusters(&all, search.reach);
-    let (best, why) = search.best(&groups)?;
+    let changed: Vec<usize> = groups.iter().map(|g| search.changed_of(g)).collect();
+    let (best, why) = search.best(&groups, &changed)?;
     let reach = search.reach;
-    let core = search.core(&groups, best);
+    let core = search.core(&groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
     // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
     let inside = |g: &[Cell]| {
@@ -103,8 +104,13 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
 }
 
 impl Search<'_> {
-    /// The group that is the object, and why.
-    fn best(&self, groups: &[Vec<Cell>]) -> Result<(usize, String), CaptureError> {
+    /// Cells of a group that changed.
+    fn changed_of(&self, group: &[Cell]) -> usize {
+        group.iter().filter(|c| self.changed.contains(*c)).count()
+    }
+
+    /// The group that is the object, and why; `changed`: cells of each group that did.
+    fn best(&self, groups: &[Vec<Cell>], changed: &[usize]) -> Result<(usize, String), CaptureError> {
         let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
         let first_best = |score: &dyn Fn(&[Cell]) -> f64| {
             (0..groups.len()).fold(None, |best: Option<usize>, g| match best {
@@ -116,8 +122,7 @@ impl Search<'_> {
             let nearest = first_best(&|g| -distance_m(g, self.size_m, &at)).ok_or_else(nothing)?;
             return Ok((nearest, "the one at the given place".into()));
         }
-        let changed = |g: &[Cell]| g.iter().filter(|c| self.changed.contains(*c)).count();
-        let mut order: Vec<(usize, usize)> = (0..groups.len()).map(|g| (changed(&groups[g]), g)).collect();
+        let mut order: Vec<(usize, usize)> = changed.iter().copied().zip(0..).collect();
         order.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
         match (self.takes_all, &order[..]) {
             (false, &[(most, best), ref others @ ..]) if most > 0 => {
@@ -146,15 +151,14 @@ impl Search<'_> {
 
     /// The best group, those that changed too and lie in the bounds of the rest, and what these hang on:
     /// nothing floats. Dark parts of a thing are often not read, which leaves it in pieces.
-    fn core(&self, groups: &[Vec<Cell>], best: usize) -> Vec<usize> {
-        let changed = |g: usize| groups[g].iter().filter(|c| self.changed.contains(*c)).count();
-        let most = changed(best) as f64;
+    fn core(&self, groups: &[Vec<Cell>], changed: &[usize], best: usize) -> Vec<usize> {
+        let most = changed[best] as f64;
         let mut core = vec![best];
         if self.takes_all || most == 0.0 {
             return core;
         }
         let others = || (0..groups.len()).filter(|g| *g != best);
-        let moved: Vec<usize> = others().filter(|g| changed(*g) as f64 > ALSO * most).collect();
+        let moved: Vec<usize> = others().filter(|g| changed[*g] as f64 > ALSO * most).collect();
         let near = |core: &[usize], g: usize| core.iter().any(|k| self.is_one(&groups[*k], &groups[g]));
         while let Some(next) = moved.iter().find(|g| !core.contains(g) && near(&core, **g)) {
             core.push(*next);

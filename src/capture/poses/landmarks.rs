@@ -19,34 +19,49 @@ const RATIO: f32 = 0.8;
 /// Most features of a frame.
 const MOST: usize = 600;
 
-/// The features of all frames of all states.
-pub(super) struct Landmarks {
-    /// By state and frame.
-    features: Vec<Vec<Vec<Feature>>>,
-    /// Number of each among the landmarks of its frame's surfels, where its depth is known.
-    numbers: Vec<Vec<Vec<Option<u32>>>>,
+/// The features of a frame.
+pub(in crate::capture) struct FrameLandmarks {
+    features: Vec<Feature>,
+    /// Number of each among the landmarks of the frame's surfels, where its depth is known.
+    numbers: Vec<Option<u32>>,
+}
+
+/// The features of all frames of all states, by state and frame.
+pub(super) struct Landmarks(Vec<Vec<FrameLandmarks>>);
+
+impl FrameLandmarks {
+    /// Finds features, under a mask or not, and gives them to the surfels of their frame.
+    pub fn find(frame: &RgbdFrame, surfels: &mut Surfels, noise: &NoiseConfig) -> Self {
+        // At the size of the image: features of less than two pixels are noise in a view by hand.
+        let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
+        let features = match &frame.mask {
+            None => features(frame, &config),
+            Some(_) => features(&RgbdFrame { mask: None, ..frame.clone() }, &config),
+        };
+        let numbers = surfels.set_landmarks(frame, noise, features.iter().map(|f| f.pixel.map(f64::from)));
+        Self { features, numbers }
+    }
+
+    /// Features.
+    pub fn count(&self) -> usize {
+        self.features.len()
+    }
+
+    /// Landmarks of this frame and of another that look alike, by their numbers.
+    pub fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
+        let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
+        mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()
+    }
 }
 
 impl Landmarks {
-    /// Finds features and gives them to the surfels of their frames.
+    /// Those of all frames; see [`FrameLandmarks::find`].
     pub fn find(states: &[Vec<RgbdFrame>], surfels: &mut [Vec<Surfels>], noise: &NoiseConfig) -> Self {
-        // At the size of the image: features of less than two pixels are noise in a view by hand.
-        let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
-        let of_frame = |f: &RgbdFrame| features(&RgbdFrame { mask: None, ..f.clone() }, &config);
-        let features: Vec<Vec<Vec<Feature>>> =
-            states.iter().map(|frames| frames.par_iter().map(of_frame).collect()).collect();
-        let give = |((frame, surfels), features): ((&RgbdFrame, &mut Surfels), &Vec<Feature>)| {
-            surfels.set_landmarks(frame, noise, features.iter().map(|f| f.pixel.map(f64::from)))
+        let of_state = |(frames, surfels): (&Vec<RgbdFrame>, &mut Vec<Surfels>)| {
+            let pairs = frames.par_iter().zip(surfels.par_iter_mut());
+            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise)).collect()
         };
-        let numbers = states
-            .iter()
-            .zip(surfels)
-            .zip(&features)
-            .map(|((frames, surfels), features)| {
-                frames.par_iter().zip(surfels.par_iter_mut()).zip(features).map(give).collect()
-            })
-            .collect();
-        Self { features, numbers }
+        Self(states.iter().zip(surfels).map(of_state).collect())
     }
 
     /// Matches between the frames of a state.
@@ -61,14 +76,7 @@ impl Landmarks {
     }
 
     fn of(&self, [a, b]: [usize; 2], pairs: Vec<(usize, usize)>, behind: usize) -> Matches {
-        let matched = |&(i, j): &(usize, usize)| {
-            let numbers = |(m, n): (usize, usize)| Some([self.numbers[a][i][m]?, self.numbers[b][j][n]?]);
-            let found: Vec<[u32; 2]> = mutual_matches(&self.features[a][i], &self.features[b][j], RATIO)
-                .into_iter()
-                .filter_map(numbers)
-                .collect();
-            ([i, behind + j], found)
-        };
+        let matched = |&(i, j): &(usize, usize)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]));
         let found: Vec<([usize; 2], Vec<[u32; 2]>)> = pairs.par_iter().map(matched).collect();
         let back = found.iter().map(|([i, j], m)| ([*j, *i], m.iter().map(|[a, b]| [*b, *a]).collect()));
         back.collect::<Vec<_>>().into_iter().chain(found).collect()

@@ -17,7 +17,7 @@ mod correction;
 pub(super) mod depth_warp;
 pub(super) mod drift;
 mod error_draw;
-mod landmarks;
+pub(super) mod landmarks;
 pub(super) mod observed;
 pub(super) mod pairs;
 pub(super) mod pose_noise;

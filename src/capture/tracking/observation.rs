@@ -3,14 +3,8 @@
 use super::lost::Lost;
 use crate::capture::{
     NoiseConfig, RgbdFrame,
-    features::{Feature, FeatureConfig, features, mutual_matches},
-    poses::surfels::Surfels,
+    poses::{landmarks::FrameLandmarks, surfels::Surfels},
 };
-
-/// Most features of a frame; as for the refinement of poses.
-const MOST_FEATURES: usize = 600;
-/// Lowe's ratio; as for the refinement of poses.
-const RATIO: f32 = 0.8;
 
 /// What a frame shows, about a megabyte.
 pub struct Observation {
@@ -18,9 +12,7 @@ pub struct Observation {
     pub stamp_nanos: i64,
     /// Patches of its surface, with its features as landmarks.
     pub(super) surfels: Surfels,
-    features: Vec<Feature>,
-    /// Number of each feature among the landmarks, where its depth is known.
-    numbers: Vec<Option<u32>>,
+    landmarks: FrameLandmarks,
     /// Mean of its color, of 255.
     brightness: f64,
     /// Share of its pixels with depth.
@@ -44,17 +36,13 @@ impl Observation {
     pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig) -> Self {
         fill_gaps(&mut frame);
         let frame = &frame;
-        // At the size of the image: features of less than two pixels are noise in a view by hand.
-        let config = FeatureConfig { upsample: false, limit: MOST_FEATURES, ..FeatureConfig::default() };
         let mut surfels = Surfels::of(frame, noise, |_| true);
-        let found = features(frame, &config);
-        let numbers = surfels.set_landmarks(frame, noise, found.iter().map(|f| f.pixel.map(f64::from)));
+        let landmarks = FrameLandmarks::find(frame, &mut surfels, noise);
         let count = frame.rgb.len().max(1) as f64;
         Self {
             stamp_nanos: frame.stamp_nanos,
             surfels,
-            features: found,
-            numbers,
+            landmarks,
             brightness: frame.rgb.iter().flatten().map(|c| f64::from(*c)).sum::<f64>() / (3.0 * count),
             read: frame.depth_m.iter().filter(|d| **d > 0.0).count() as f64 / count,
         }
@@ -63,7 +51,7 @@ impl Observation {
     /// Why a frame cannot be placed whatever others show, if so: it shows nothing itself.
     pub(super) fn blind(&self) -> Option<Lost> {
         match () {
-            () if self.features.len() >= FEW_FEATURES && self.read >= LEAST_READ => None,
+            () if self.landmarks.count() >= FEW_FEATURES && self.read >= LEAST_READ => None,
             () if self.brightness < DARK && self.read < LEAST_READ => Some(Lost::Covered),
             () if self.brightness < DARK => Some(Lost::Dark),
             () if self.read < LEAST_READ => Some(Lost::Unread),
@@ -73,8 +61,7 @@ impl Observation {
 
     /// Landmarks of this frame and of another that look alike, by their numbers.
     pub(super) fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
-        let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
-        mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()
+        self.landmarks.matches(&other.landmarks)
     }
 }
 
