@@ -89,6 +89,13 @@ codes! {
     CameraTracked = "camera_tracked", "The camera poses were tracked by what the camera sees.";
     ViewsLost = "views_lost", "The camera was lost in a stretch of views; they are not used.";
     UprightByImages = "upright_by_images", "No support plane was found; up is what is up in the images.";
+    BoardSeen = "board_seen", "A printed board of tags is seen; where the camera is tracked, the world \
+        is its.";
+    BoardSize = "board_size", "How long depth measures a printed board; depth and poses got its length.";
+    BoardSizeDoubtful = "board_size_doubtful", "Depth measures a printed board too long or too short; it \
+        gives no lengths.";
+    BoardTilted = "board_tilted", "A printed board does not lie level.";
+    BoardMoved = "board_moved", "A printed board was moved between states.";
     NoiseMeasured = "noise_measured", "The depth noise was measured.";
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
     SensorChecked = "sensor_checked", "The depth sensor's own errors were looked for, together with the \

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera};
+use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard};
 use crate::limits::BYTES_PER_PIXEL;
 
 /// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
@@ -51,6 +51,9 @@ pub struct CaptureConfig {
     /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
     /// `always`, or `never`.
     pub tracking: TrackCamera,
+    /// Whether a printed board of tags (`artitwin board`) gives tracked cameras their world and length:
+    /// `auto`, where one is seen, or `never`.
+    pub board: UseBoard,
     /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where
     /// frames clearly agree better then, or `never`.
     pub refine_poses: RefinePoses,
@@ -130,6 +133,7 @@ impl Default for CaptureConfig {
             measure_noise: true,
             denoise: true,
             tracking: TrackCamera::Auto,
+            board: UseBoard::Auto,
             refine_poses: RefinePoses::Auto,
         }
     }

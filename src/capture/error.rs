@@ -133,14 +133,15 @@ pub enum CaptureError {
     /// The camera cannot be tracked.
     #[error(
         "state {state}: the recording holds no camera poses, and the camera cannot be tracked through its \
-         {views} views: no two of them hang together; move slower, keep something with texture and depth in \
-         view, or record camera poses (/tf)"
+         {views} views, of which no two hang together: {why}; or record camera poses (/tf)"
     )]
     NotTracked {
         /// The state.
         state: usize,
         /// Views that were looked at.
         views: usize,
+        /// Why most of them have no place, and what to do about it.
+        why: &'static str,
     },
     /// The states have no common world.
     #[error(

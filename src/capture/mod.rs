@@ -1,5 +1,6 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 
+mod board;
 mod config;
 mod coverage;
 mod denoise;
@@ -21,6 +22,9 @@ mod tracking;
 mod undistort;
 mod window;
 
+pub use board::{
+    BoardInView, BoardLayout, BoardPlace, BoardSighting, Paper, TagCells, UseBoard, find_board, stretched,
+};
 pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
@@ -43,6 +47,6 @@ pub use state::Split;
 pub use sync::{nearest, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
-    Observation, Track, TrackCamera, Tracker, TrackingFindings, Unaligned, UpBy, align_tracks,
+    Lost, Observation, Track, TrackCamera, Tracker, TrackingFindings, Unaligned, UpBy, align_tracks,
 };
 pub use undistort::{Distortion, UndistortMap};

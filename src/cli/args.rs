@@ -6,10 +6,12 @@ use clap::{Args, Parser, Subcommand};
 
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
+    board::{BoardArgs, paper},
     recording_args::RecordingArgs,
     wanted::{Wanted, vector},
 };
 use crate::{
+    capture::Paper,
     evaluate::EvaluateOptions,
     gap::record::command::{EffortUnit, ToldServo},
     synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
@@ -37,6 +39,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Track the camera of a recording by what it sees, and print its poses
     Track(TrackArgs),
+    /// Write a page with a board of tags to print, which gives recordings their scale and world
+    Board(BoardArgs),
     /// Measure finished runs against the truth
     Evaluate(EvaluateArgs),
     /// Find what would keep a simulator from loading a URDF folder as it is meant
@@ -320,6 +324,9 @@ pub struct SynthArgs {
         value_delimiter = ','
     )]
     pub sensor_without: Vec<Effect>,
+    /// Lay a printed board of tags before the object; PAPER: a4, a3 or letter
+    #[arg(long, value_name = "PAPER", value_parser = paper, num_args = 0..=1, default_missing_value = "a4")]
+    pub board: Option<Paper>,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

@@ -52,6 +52,14 @@ pub enum CliError {
     /// The object cannot be made or written.
     #[error(transparent)]
     Synth(#[from] SynthError),
+    /// The page of a board cannot be written.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Board {
+        /// Where it was to go.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),

@@ -2,6 +2,7 @@
 
 mod actuator_args;
 mod args;
+mod board;
 mod check;
 mod config;
 mod diagnose;
@@ -64,6 +65,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Track(args) => track::run(&args),
+        Command::Board(args) => board::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),

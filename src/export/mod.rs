@@ -1,6 +1,7 @@
 //! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
 //! disk.
 
+mod board_page;
 mod camera_poses;
 mod check;
 mod contact_sheet;
@@ -26,6 +27,7 @@ mod urdf;
 mod usda;
 mod viewer;
 
+pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
 pub use contact_sheet::contact_sheet;

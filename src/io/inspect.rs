@@ -8,6 +8,7 @@ use std::{
 use super::{
     bag::Bag,
     bag_index::BagIndex,
+    board_look::board_note,
     dataset,
     inspect_motion::{MotionInspection, inspect_motion, is_of_joints},
     source::Source,
@@ -162,7 +163,9 @@ fn inspect_bag(
         Ok(views) => {
             seen.views = views.views.len();
             seen.untracked = views.are_untracked();
+            let board = board_note(&bag, &views, config);
             seen.chosen = views.notes;
+            seen.chosen.extend(board);
             seen.warnings = views.warnings;
         }
         // A recording that cannot be used is shown all the same, with the reason.

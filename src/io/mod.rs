@@ -47,6 +47,8 @@ mod bag;
 mod bag_index;
 mod bag_metadata;
 mod bag_writer;
+mod board_look;
+mod board_world;
 mod camera;
 #[cfg(test)]
 mod conformance_tests;
@@ -73,6 +75,7 @@ mod synth_matrix;
 mod synth_sensor;
 mod synth_twin;
 mod topics;
+mod tracked_state;
 mod tracking;
 mod views;
 

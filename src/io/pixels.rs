@@ -186,6 +186,10 @@ impl Decoder<'_> {
         if let Some(map) = &self.maps[1] {
             depth_m = map.nearest(&depth_m, 0.0);
         }
+        let factor = self.views.depth_factor as f32;
+        if factor != 1.0 {
+            depth_m.iter_mut().for_each(|d| *d *= factor);
+        }
         limit_depth(&mut depth_m, self.config);
         Ok(RgbdFrame {
             id: String::new(),

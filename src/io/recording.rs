@@ -12,13 +12,14 @@ use super::{
     depth_noise::measured_noise,
     pixels::{Decoded, decode_views},
     source::Source,
-    tracking::{TrackedState, track, worlds},
+    tracked_state::TrackedState,
+    tracking::{track, worlds},
     views::{View, Views, views_kept},
 };
 use crate::{
     capture::{
         Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, refine_poses, spread_views,
+        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, refine_poses, spread_views, stretched,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -84,7 +85,10 @@ pub fn track_camera(
     let config = &CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
     let paths = match Source::of(sources)? {
         Source::States(paths) => paths,
-        _ => return Err(CaptureError::NotTracked { state: 0, views: 0 }),
+        _ => {
+            let why = "bags are tracked, one a state";
+            return Err(CaptureError::NotTracked { state: 0, views: 0, why });
+        }
     };
     let mut capture = Capture::of_states(paths.len());
     let recordings = posed_states(&mut capture, &paths, config, seed)?;
@@ -167,8 +171,8 @@ fn posed_states(
             tracked.push(track(bag, views, &all, config, (state, seed))?);
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
-        for ((tracked, world), (_, views)) in tracked.into_iter().zip(worlds).zip(&mut recordings) {
-            give_poses(capture, &mut views.views, tracked, &world);
+        for ((tracked, world), (_, views)) in tracked.into_iter().zip(worlds.from_maps).zip(&mut recordings) {
+            give_poses(capture, views, tracked, (&world, worlds.scale));
         }
     }
     Ok(recordings)
@@ -207,8 +211,8 @@ fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, 
             tracked.push(track(&bag, &views, of_state, config, (state, seed))?);
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
-        for (tracked, world) in tracked.into_iter().zip(worlds) {
-            give_poses(&mut capture, &mut views.views, tracked, &world);
+        for (tracked, world) in tracked.into_iter().zip(worlds.from_maps) {
+            give_poses(&mut capture, &mut views, tracked, (&world, worlds.scale));
         }
     }
     let mut chosen = Vec::new();
@@ -222,12 +226,18 @@ fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, 
     Ok(capture)
 }
 
-/// Gives tracked views of a state their poses in the world.
-fn give_poses(capture: &mut Capture, views: &mut [View], tracked: TrackedState, world_from_map: &Pose) {
-    let TrackedState { track, views: seen, notes, warnings } = tracked;
+/// Gives tracked views of a state their poses in the world, and their depth its length.
+fn give_poses(
+    capture: &mut Capture,
+    views: &mut Views,
+    tracked: TrackedState,
+    (world_from_map, scale): (&Pose, f64),
+) {
+    let TrackedState { track, views: seen, notes, warnings, .. } = tracked;
     for (view, pose) in seen.into_iter().zip(track.poses) {
-        views[view].world_from_camera = pose.map(|pose| world_from_map * pose);
+        views.views[view].world_from_camera = pose.map(|pose| world_from_map * stretched(&pose, scale));
     }
+    views.depth_factor = scale;
     capture.tracking.push(track.findings);
     capture.notes.extend(notes);
     capture.warnings.extend(warnings);

@@ -13,8 +13,8 @@ use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
     synth::{
-        Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record,
-        workspace,
+        Board, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate,
+        record, workspace,
     },
 };
 
@@ -35,7 +35,15 @@ struct TruthFile<'a> {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    board: Option<BoardEntry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     sensor: Option<SensorEntry>,
+}
+
+#[derive(Serialize)]
+struct BoardEntry {
+    paper: &'static str,
+    world_from_board: [[f64; 4]; 4],
 }
 
 #[derive(Serialize)]
@@ -132,6 +140,10 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
             .iter()
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
             .collect(),
+        board: Board::of(&object, config).map(|board| BoardEntry {
+            paper: board.layout.paper.name(),
+            world_from_board: rows(&board.world_from_board),
+        }),
         sensor,
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;

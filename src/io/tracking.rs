@@ -4,14 +4,16 @@ use rayon::prelude::*;
 
 use super::{
     bag::Bag,
+    board_world::{board_worlds, places},
     depth_noise::measured_noise,
     pixels::decode_views,
+    tracked_state::{TrackedState, Worlds, unaligned},
     views::{View, Views},
 };
 use crate::{
     capture::{
-        CaptureConfig, CaptureError, NoiseConfig, Observation, RgbdFrame, Track, Tracker, Unaligned, UpBy,
-        align_tracks,
+        CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UpBy,
+        UseBoard, align_tracks, find_board,
     },
     geometry::Pose,
     limits::{BYTES_PER_PIXEL, NAMED},
@@ -21,17 +23,6 @@ use crate::{
 /// Memory of the views that are decoded at a time, bytes.
 /// derived: 64 views of 640x480; the bag is read once for each such block
 const BLOCK_BYTES: u64 = 64 * 640 * 480 * BYTES_PER_PIXEL;
-
-/// The camera's way through a state.
-pub(super) struct TrackedState {
-    pub track: Track,
-    /// Views that were looked at, by their numbers among those of the bag.
-    pub views: Vec<usize>,
-    /// What was found.
-    pub notes: Vec<Note>,
-    /// What was lost.
-    pub warnings: Vec<Note>,
-}
 
 /// Tracks the camera through some views of a bag, in the order of time.
 ///
@@ -53,29 +44,30 @@ pub(super) fn track(
     let of_view = (width * height) as u64 * BYTES_PER_PIXEL;
     let block = (BLOCK_BYTES / of_view.max(1)).max(1) as usize;
     let mut tracker = Tracker::new(seed ^ state as u64);
-    let (mut seen, mut reasons, mut noise) = (Vec::new(), Vec::new(), None);
+    let (mut seen, mut boards, mut reasons, mut noise) = (Vec::new(), Vec::new(), Vec::new(), None);
     for some in of_state.chunks(block) {
         // Views take the place of states: what is broken is left out, and the numbers say which.
         let chosen: Vec<(usize, usize)> = some.iter().map(|&v| (v, v)).collect();
         let frames = decode_views(bag, &unmasked, &chosen, config)?.frames;
         let noise: NoiseConfig = *noise.get_or_insert_with(|| noise_of(&frames, config));
-        let observations: Vec<(usize, Observation)> =
-            frames.into_par_iter().map(|(view, frame)| (view, Observation::of(frame, &noise))).collect();
-        for (view, observation) in observations {
+        let look = |(view, frame): (usize, RgbdFrame)| {
+            let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
+            (view, board, Observation::of(frame, &noise))
+        };
+        let observations: Vec<_> = frames.into_par_iter().map(look).collect();
+        for (view, board, observation) in observations {
             seen.push(view);
+            boards.push(board);
             reasons.push(tracker.add(observation).err());
         }
     }
     let track = tracker.finish();
     if track.findings.tracked < 2 {
-        return Err(CaptureError::NotTracked { state, views: seen.len() });
+        return Err(CaptureError::NotTracked { state, views: seen.len(), why: Lost::mostly(&reasons) });
     }
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
-        let why = (*first..=*last).find_map(|v| reasons[v]).map_or(
-            "no other view hangs together with them; move slower, and look back at what was seen",
-            |why| why.reason(),
-        );
+        let why = Lost::mostly(&reasons[*first..=*last]);
         let stamp = |v: usize| crate::capture::stamp_secs(views.views[seen[v]].stamp_nanos);
         let text = format!(
             "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}",
@@ -90,7 +82,7 @@ pub(super) fn track(
         let text = format!("state {state}: the camera was lost in {more} more stretches");
         warnings.push(Note::new(NoteCode::ViewsLost, text));
     }
-    Ok(TrackedState { track, views: seen, notes, warnings })
+    Ok(TrackedState { track, views: seen, boards, notes, warnings })
 }
 
 /// The noise model of the settings, scaled to what the first frames show.
@@ -99,7 +91,7 @@ fn noise_of(frames: &[(usize, RgbdFrame)], config: &CaptureConfig) -> NoiseConfi
         .map_or(config.noise, |factor| config.noise.scaled(factor))
 }
 
-/// Motion from every state's map to the world in which the twin stands: state 0's, upright.
+/// The world in which the twin stands: a board's, where one is seen often enough, or state 0's, upright.
 ///
 /// # Errors
 /// [`CaptureError::StatesUnaligned`] where nothing stands still between states.
@@ -108,8 +100,18 @@ pub(super) fn worlds(
     seed: u64,
     notes: &mut Vec<Note>,
     warnings: &mut Vec<Note>,
-) -> Result<Vec<Pose>, CaptureError> {
-    let Some((first, others)) = tracked.split_first() else { return Ok(Vec::new()) };
+) -> Result<Worlds, CaptureError> {
+    let Some((first, others)) = tracked.split_first() else {
+        return Ok(Worlds { from_maps: Vec::new(), scale: 1.0 });
+    };
+    let aligned: Vec<Result<(Pose, f64), Unaligned>> =
+        others.iter().map(|other| align_tracks(&first.track, &other.track, seed)).collect();
+    for (state, found) in (1..).zip(&aligned) {
+        notes.extend(found.as_ref().ok().map(|(_, agreeing)| brought_in(state, *agreeing)));
+    }
+    if let Some(places) = places(tracked) {
+        return board_worlds(tracked, &places, &aligned, [notes, warnings]);
+    }
     let (world_from_map, by) = first.track.upright(None);
     if by == UpBy::Images {
         warnings.push(Note::new(
@@ -118,29 +120,19 @@ pub(super) fn worlds(
              at best; let the camera see the floor or the table",
         ));
     }
-    let mut worlds = vec![world_from_map];
-    for (state, other) in (1..).zip(others) {
-        let (map0_from_map, agreeing) =
-            align_tracks(&first.track, &other.track, seed).map_err(|why| unaligned(state, why))?;
-        notes.push(Note::new(
-            NoteCode::CameraTracked,
-            format!(
-                "state {state}: brought into the world of state 0 by what stands still; {:.0} % of the \
-                 surface that both show lies in one place",
-                100.0 * agreeing
-            ),
-        ));
-        worlds.push(world_from_map * map0_from_map);
+    let mut from_maps = vec![world_from_map];
+    for (state, found) in (1..).zip(&aligned) {
+        let (map0_from_map, _) = found.as_ref().map_err(|why| unaligned(state, why))?;
+        from_maps.push(world_from_map * map0_from_map);
     }
-    Ok(worlds)
+    Ok(Worlds { from_maps, scale: 1.0 })
 }
 
-fn unaligned(state: usize, why: Unaligned) -> CaptureError {
-    let reason = match why {
-        Unaligned::NothingAlike => "nothing looks alike in both".to_owned(),
-        Unaligned::Ambiguous { cells: [best, next] } => {
-            format!("two motions explain about as much of what looks alike ({best} and {next} places)")
-        }
-    };
-    CaptureError::StatesUnaligned { state, reason }
+fn brought_in(state: usize, agreeing: f64) -> Note {
+    let text = format!(
+        "state {state}: what stands still brings it into the world of state 0; {:.0} % of the surface that \
+         both show lies in one place",
+        100.0 * agreeing
+    );
+    Note::new(NoteCode::CameraTracked, text)
 }

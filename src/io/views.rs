@@ -62,6 +62,8 @@ pub struct Views {
     pub cameras: Vec<Camera>,
     /// Sorted by stamp.
     pub views: Vec<View>,
+    /// Depth readings are multiplied by it.
+    pub depth_factor: f64,
     /// What was chosen.
     pub notes: Vec<Note>,
     /// What was lost.
@@ -91,6 +93,7 @@ impl Views {
             world_frame: String::new(),
             cameras: Vec::new(),
             views: Vec::new(),
+            depth_factor: 1.0,
             notes: Vec::new(),
             warnings: Vec::new(),
         };

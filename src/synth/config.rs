@@ -3,6 +3,7 @@
 use std::str::FromStr;
 
 use super::HandheldSensor;
+use crate::capture::Paper;
 
 /// Family of shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,6 +124,8 @@ pub struct SynthConfig {
     pub height: usize,
     /// The effects of a camera carried by hand; `None` records cleanly and with masks.
     pub sensor: Option<HandheldSensor>,
+    /// A printed board of tags on the floor before the object, and the paper that it is printed on.
+    pub board: Option<Paper>,
 }
 
 impl Default for SynthConfig {
@@ -143,6 +146,7 @@ impl Default for SynthConfig {
             width: 640,
             height: 480,
             sensor: None,
+            board: None,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
 
+mod board;
 mod bvh;
 mod cabinet;
 mod cabinet_front;
@@ -28,6 +29,7 @@ mod truth;
 mod view;
 mod workspace;
 
+pub use board::Board;
 pub use config::{Family, PoseSpread, SynthConfig, SynthConfigError};
 pub use depth_camera::DepthCamera;
 pub use depth_errors::DepthErrors;

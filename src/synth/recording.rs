@@ -1,10 +1,10 @@
 //! Both states of an object as a hand-held camera records them.
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
 
 use super::{
-    CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample, Solid,
-    SynthConfig, TakePoses, View, seen_points, workspace::whole_way,
+    Board, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample,
+    Solid, SynthConfig, TakePoses, View, seen_points, workspace::whole_way,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -90,8 +90,11 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let (floor, lamp) = surroundings(config.seed);
     let camera = handheld_camera(config);
     // Around all that the object reaches in any state, so that nothing stands in its way.
-    let clutter = camera.clutter(&whole_way(object), object.world_from_rest.translation.vector.z);
+    let board = Board::of(object, config);
+    let room = room(object, board.as_ref());
+    let clutter = camera.clutter(&room, object.world_from_rest.translation.vector.z);
     let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
+    let still = board.as_ref().map_or_else(|| still.with(&[]), |board| still.with_board(board));
     let depth_camera = DepthCamera::scaled(config.noise);
     let (views, period_nanos) = pace(&path, config);
     // Views stand in the middle of their share of the path: poses shortly before and after lie on it too.
@@ -189,11 +192,21 @@ pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
 /// The camera's way through a state.
 pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -> CameraPath {
     let k = intrinsics(config);
-    let (center, radius_m) = object.bounding_sphere();
+    let sphere = object.bounding_sphere();
+    let board = Board::of(object, config);
+    let (center, radius_m) = board.map_or(sphere, |board| board.sphere_with(sphere));
     let forward = object.world_from_rest.rotation * Vector3::x();
     let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
     let rng = &mut stage_rng(config.seed, &format!("synth/state{state}/path"), 0);
     CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
+}
+
+/// The box that an object and a board need.
+fn room(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
+    let corners = board.map(Board::corners);
+    corners.iter().flatten().fold(whole_way(object), |[lower, upper], p| {
+        [Point3::new(lower.x.min(p.x), lower.y.min(p.y), lower.z), upper.sup(p)]
+    })
 }
 
 /// Material of the floor, and the direction of the lamp.

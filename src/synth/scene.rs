@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    Light, Material, Object, Shape, Solid,
+    Board, Light, Material, Object, Shape, Solid,
     bvh::{Bounds, Bvh},
 };
 use crate::geometry::Pose;
@@ -41,6 +41,8 @@ pub struct Scene<'a> {
     floor_z_m: f64,
     floor_center: Point3<f64>,
     floor_radius_m: f64,
+    /// A board that is printed, and the number of its solid.
+    print: Option<(usize, &'a Board)>,
 }
 
 impl<'a> Scene<'a> {
@@ -63,7 +65,21 @@ impl<'a> Scene<'a> {
             floor_z_m: foot.z,
             floor_center: Point3::from(foot),
             floor_radius_m,
+            print: None,
         }
+    }
+
+    /// The scene with a printed board.
+    #[must_use]
+    pub fn with_board(&self, board: &'a Board) -> Self {
+        let print = Some((self.placed.len(), board));
+        Self { print, ..self.with(std::slice::from_ref(&board.solid)) }
+    }
+
+    /// Whether a surface has a print on it, which is finer than a pixel.
+    #[must_use]
+    pub fn is_printed(&self, sight: &Sight) -> bool {
+        self.print.is_some_and(|(solid, _)| solid == sight.solid)
     }
 
     /// The scene with solids that belong to no part, in the frame of the world.
@@ -136,7 +152,10 @@ impl<'a> Scene<'a> {
         footprint_m: f64,
     ) -> Shade {
         let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
-        let own = material.color(&sight.point_in_part, footprint_m);
+        let own = match self.print.filter(|_| self.is_printed(sight)) {
+            Some((_, board)) => board.color(&sight.point_in_part),
+            None => material.color(&sight.point_in_part, footprint_m),
+        };
         // Floor and surroundings are matt.
         let gloss = if sight.part.is_some() { light.gloss(eye, point, &sight.normal) } else { 0.0 };
         Shade {

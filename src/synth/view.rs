@@ -11,6 +11,8 @@ use crate::geometry::{Intrinsics, Pose};
 
 /// Color samples along each side of a pixel on an edge.
 const EDGE_SAMPLES: usize = 3;
+/// ... and of one on a print, whose edges are measured to hundredths of a pixel.
+const PRINT_SAMPLES: usize = 8;
 /// Color where no surface is near, 8 bits.
 const NOTHING: f64 = 0.15;
 /// No surface is seen beyond this, meters.
@@ -100,15 +102,17 @@ impl Rays<'_> {
         let [u, v] = self.center(pixel);
         let shade = self.shade(sights[pixel], [u, v], 1);
         // Within a surface the texture was left without waves that the pixel cannot resolve.
-        if !self.is_on_edge(sights, pixel) {
-            return shade;
-        }
-        let offset = |k: usize| (k as f64 + 0.5) / EDGE_SAMPLES as f64 - 0.5;
-        let samples = (0..EDGE_SAMPLES * EDGE_SAMPLES).map(|k| {
-            let at = [u + offset(k % EDGE_SAMPLES), v + offset(k / EDGE_SAMPLES)];
-            self.shade(self.sight(at), at, EDGE_SAMPLES).color
+        let side = match sights[pixel].as_ref().is_some_and(|s| self.scene.is_printed(s)) {
+            true => PRINT_SAMPLES,
+            false if self.is_on_edge(sights, pixel) => EDGE_SAMPLES,
+            false => return shade,
+        };
+        let offset = |k: usize| (k as f64 + 0.5) / side as f64 - 0.5;
+        let samples = (0..side * side).map(|k| {
+            let at = [u + offset(k % side), v + offset(k / side)];
+            self.shade(self.sight(at), at, side).color
         });
-        let color = samples.sum::<Vector3<f64>>() / (EDGE_SAMPLES * EDGE_SAMPLES) as f64;
+        let color = samples.sum::<Vector3<f64>>() / (side * side) as f64;
         Shade { color, ..shade }
     }
 

@@ -1,7 +1,7 @@
 //! Why a view has no place.
 
 /// Why a frame has no place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lost {
     /// Neither features nor the motion before gave a guess.
     NoGuess,
@@ -22,6 +22,16 @@ pub enum Lost {
 }
 
 impl Lost {
+    /// Why most of some views have no place, for people; views that were placed against others give no reason.
+    #[must_use]
+    pub fn mostly(reasons: &[Option<Self>]) -> &'static str {
+        let count = |why: Self| (reasons.iter().filter(|r| **r == Some(why)).count(), why);
+        reasons.iter().flatten().map(|why| count(*why)).max().map_or(
+            "no other view hangs together with them; move slower, and look back at what was seen",
+            |(_, why)| why.reason(),
+        )
+    }
+
     /// What happened and what to do about it, for people.
     #[must_use]
     pub fn reason(self) -> &'static str {

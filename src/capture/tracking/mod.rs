@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 pub use self::{
     between::{Unaligned, align_tracks},
     gravity::UpBy,
+    lost::Lost,
     observation::Observation,
     track::{Track, TrackingFindings},
     tracker::Tracker,

@@ -45,7 +45,6 @@ pub struct Tracker {
     pub(super) keyframes: Keyframes,
     /// Of every view, in the order of time.
     pub(super) views: Vec<Option<Place>>,
-    pub(super) lost: Vec<Option<Lost>>,
     pieces: usize,
     /// Of the last view that was placed: its number, stamp and piece.
     last: Option<Last>,
@@ -71,7 +70,6 @@ impl Tracker {
             seed,
             keyframes: Keyframes::default(),
             views: Vec::new(),
-            lost: Vec::new(),
             pieces: 0,
             last: None,
             least_known_m: Vec::new(),
@@ -99,7 +97,6 @@ impl Tracker {
         let placed = placed.or_else(|why| self.find_again(view, &observation).ok_or(why));
         match placed {
             Ok((piece, known, located)) => {
-                self.lost.push(None);
                 self.place(view, observation, piece, &known, &located);
                 Ok(())
             }
@@ -107,7 +104,6 @@ impl Tracker {
                 let why = observation.blind().unwrap_or(why);
                 // It may be the first of frames that hang together; what comes later may join them.
                 let first = self.views.is_empty();
-                self.lost.push((!first).then_some(why));
                 self.begin_piece(view, observation);
                 if first { Ok(()) } else { Err(why) }
             }

@@ -1,0 +1,40 @@
+//! How far away the depth sensor sees a board, against where it is by its tags.
+
+use nalgebra::{Point3, Vector3};
+
+use super::layout::BoardLayout;
+use crate::{capture::RgbdFrame, geometry::Pose, statistics::median};
+
+/// Every so many columns and rows a reading is taken: neighbors err alike.
+const STRIDE: usize = 2;
+/// Readings of a view, at least.
+const LEAST_READINGS: usize = 60;
+/// Cosine between ray and normal below which a stereo camera errs.
+/// derived: 75 deg
+const GRAZING: f64 = 0.26;
+
+/// Depth readings over the distance of the board in a view, their median; none where few fall on it.
+pub(super) fn depth_ratio(frame: &RgbdFrame, layout: &BoardLayout, board_from_camera: &Pose) -> Option<f64> {
+    let k = &frame.intrinsics;
+    let normal = board_from_camera.inverse_transform_vector(&Vector3::z());
+    let eye = board_from_camera.translation.vector;
+    let [half_x, half_y] = layout.half_grid_m();
+    let mut ratios = Vec::new();
+    for y in (0..k.height).step_by(STRIDE) {
+        for x in (0..k.width).step_by(STRIDE) {
+            let depth_m = f64::from(frame.depth_m[y * k.width + x]);
+            let ray = k.ray(x as f64, y as f64);
+            let down = normal.dot(&ray);
+            if depth_m <= 0.0 || down > -GRAZING * ray.norm() {
+                continue;
+            }
+            // The camera stands at the height eye.z above the board.
+            let board_m = -eye.z / down;
+            let at = board_from_camera * Point3::from(ray * board_m);
+            if at.x.abs() < half_x && at.y.abs() < half_y {
+                ratios.push(depth_m / board_m);
+            }
+        }
+    }
+    if ratios.len() < LEAST_READINGS { None } else { median(ratios) }
+}

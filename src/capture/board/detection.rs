@@ -1,0 +1,60 @@
+//! Tags in an image.
+
+use std::cell::RefCell;
+
+use apriltag::{DetectorBuilder, Family, Image};
+use nalgebra::Point2;
+
+use super::gray::Gray;
+
+/// A tag in an image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenTag {
+    /// Its number.
+    pub tag: u16,
+    /// Corners of its black border, pixels, to about a pixel: from the upper left one on clockwise as the tag
+    /// is read.
+    pub corners: [Point2<f64>; 4],
+}
+
+/// Bits of a tag that may be wrong: of those that a board has, any two differ in eleven.
+const WRONG_BITS: usize = 1;
+/// Images with a smaller side show no board, pixels.
+/// derived: two tags of three pixels a cell
+const LEAST_SIDE: usize = 48;
+
+/// Tags of an image, by their numbers; one that is seen twice is none.
+pub(super) fn detect(gray: &Gray) -> Vec<SeenTag> {
+    thread_local! {
+        // Its tables are made once a thread.
+        static DETECTOR: RefCell<Option<apriltag::Detector>> = RefCell::new(
+            DetectorBuilder::new().add_family_bits(Family::tag_36h11(), WRONG_BITS).build().ok().map(|mut d| {
+                // At the size of the image: tags are small.
+                d.set_decimation(1.0);
+                d
+            })
+        );
+    }
+    if gray.width.min(gray.height) < LEAST_SIDE {
+        return Vec::new();
+    }
+    let Ok(mut image) = Image::zeros_with_stride(gray.width, gray.height, gray.width) else {
+        return Vec::new();
+    };
+    image.as_slice_mut().copy_from_slice(&gray.bytes());
+    let found = DETECTOR.with_borrow_mut(|d| d.as_mut().map(|d| d.detect(&image)));
+    let seen = |d: &apriltag::Detection| {
+        let corners = d.corners();
+        Some(SeenTag {
+            tag: u16::try_from(d.id()).ok()?,
+            // The detector begins with the lower left one, the other way round, and counts from the corner of
+            // the first pixel.
+            corners: [3, 2, 1, 0].map(|k| Point2::from(corners[k].map(|v| v - 0.5))),
+        })
+    };
+    let mut tags: Vec<SeenTag> = found.unwrap_or_default().iter().filter_map(seen).collect();
+    tags.sort_by_key(|t| t.tag);
+    let twice: Vec<u16> = tags.windows(2).filter(|w| w[0].tag == w[1].tag).map(|w| w[0].tag).collect();
+    tags.retain(|t| !twice.contains(&t.tag));
+    tags
+}

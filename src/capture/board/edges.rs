@@ -1,0 +1,126 @@
+//! Where the edges of a tag run in an image, to hundredths of a pixel.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{detection::SeenTag, gray::Gray, tag::CELLS};
+use crate::statistics::median;
+
+/// Share of an edge next to each corner that is not measured: there the other edge blurs it.
+/// derived: a cell
+const CORNER_SHARE: f64 = 1.0 / CELLS as f64;
+/// Step across an edge, pixels.
+const STEP_PX: f64 = 0.25;
+/// Reach to either side of an edge, in cells: what is black and what is white there is a cell wide.
+/// derived: a cell less what blurs its far side
+const REACH_CELLS: f64 = 0.75;
+/// ... and in pixels: less than the blur of an edge leaves some of it out, more only adds noise.
+const REACH_PX: [f64; 2] = [1.25, 3.0];
+/// Least difference of brightness between the sides of an edge.
+/// derived: five times the noise of a camera, of 255
+const LEAST_STEP: f64 = 10.0 / 255.0;
+/// Places that an edge is measured at, at least.
+const LEAST_PLACES: usize = 5;
+/// Places a pixel apart share half of what they read.
+/// derived: linear interpolation over two pixels along and across
+const INDEPENDENT: f64 = 0.5;
+/// An edge is known no better than this, pixels: lens models leave as much.
+/// derived: a fifth of the reprojection error of good calibrations
+const FLOOR_PX: f64 = 0.03;
+/// Places further off the line than so many robust standard deviations are not of it.
+const GATE: f64 = 3.0;
+/// Rounds, each about the line of the one before.
+const ROUNDS: usize = 3;
+
+/// A place that lies on an edge of a tag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct EdgePoint {
+    pub tag: u16,
+    /// Edge from the corner of that number to the next.
+    pub edge: usize,
+    pub at: Point2<f64>,
+    /// Standard deviation across the edge, pixels.
+    pub sigma_px: f64,
+}
+
+/// Two places on each edge of a tag that err independently: where its least squares line does.
+pub(super) fn edge_points(gray: &Gray, seen: &SeenTag) -> Vec<EdgePoint> {
+    let mut all = Vec::new();
+    for edge in 0..4 {
+        let [from, to] = [seen.corners[edge], seen.corners[(edge + 1) % 4]];
+        let across_px = area_px(&seen.corners) / (to - from).norm().max(1.0);
+        let reach_px = (REACH_CELLS * across_px / CELLS as f64).clamp(REACH_PX[0], REACH_PX[1]);
+        if let Some((places, sigma_px)) = line(gray, from, to, reach_px) {
+            all.extend(places.map(|at| EdgePoint { tag: seen.tag, edge, at, sigma_px }));
+        }
+    }
+    all
+}
+
+/// Area of a quadrilateral.
+fn area_px(corners: &[Point2<f64>; 4]) -> f64 {
+    let [a, b, c, d] = corners;
+    0.5 * (c - a).perp(&(d - b)).abs()
+}
+
+/// Two places of the line along which it gets brighter to the left of the way between two points.
+fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Option<([Point2<f64>; 2], f64)> {
+    let way = to - from;
+    let length = way.norm();
+    let along = way / length.max(1e-9);
+    // Corners run clockwise as seen: what is left of the way is outside.
+    let outward = Vector2::new(along.y, -along.x);
+    let first = CORNER_SHARE * length;
+    let count = (length - 2.0 * first).floor().max(0.0) as usize + 1;
+    // Offset along the outward normal at a place: a + b (place - middle).
+    let middle = 0.5 * length;
+    let (mut a, mut b, mut spread, mut sigma_px) = (0.0, 0.0, 0.0, 0.0);
+    for round in 0..ROUNDS {
+        // At first the line is known to a pixel.
+        let reach_px = if round == 0 { reach_px + 1.0 } else { reach_px };
+        let mut places: Vec<[f64; 2]> = (0..count)
+            .filter_map(|k| {
+                let s = first + (k as f64 + 0.5) * (length - 2.0 * first) / count as f64 - middle;
+                let about = a + b * s;
+                let at = from + along * (s + middle) + outward * about;
+                Some([s, about + step(gray, &at, &outward, reach_px)?])
+            })
+            .collect();
+        let off = |[s, d]: &[f64; 2]| (d - a - b * s).abs();
+        if round > 0 {
+            let gate = GATE * 1.5 * median(places.iter().map(off).collect())?.max(FLOOR_PX);
+            places.retain(|p| off(p) <= gate);
+        }
+        if places.len() < LEAST_PLACES {
+            return None;
+        }
+        let n = places.len() as f64;
+        let [mean_s, mean_d] = [0, 1].map(|k| places.iter().map(|p| p[k]).sum::<f64>() / n);
+        let squares: f64 = places.iter().map(|p| (p[0] - mean_s).powi(2)).sum();
+        let product: f64 = places.iter().map(|p| (p[0] - mean_s) * (p[1] - mean_d)).sum();
+        b = product / squares.max(1e-9);
+        a = mean_d - b * mean_s;
+        let left: f64 = places.iter().map(|p| (p[1] - a - b * p[0]).powi(2)).sum();
+        // A line through n places is as well known at a deviation to either side of their middle, and errors
+        // at the two are independent.
+        spread = (squares / n).sqrt();
+        sigma_px = (2.0 * left / (n - 2.0) / (INDEPENDENT * n)).sqrt().hypot(FLOOR_PX);
+    }
+    let place = |s: f64| from + along * (s + middle) + outward * (a + b * s);
+    Some(([place(-spread), place(spread)], sigma_px))
+}
+
+/// How far along a direction the middle of the brightening lies, pixels.
+fn step(gray: &Gray, at: &Point2<f64>, outward: &Vector2<f64>, reach_px: f64) -> Option<f64> {
+    let steps = (reach_px / STEP_PX).round() as i32;
+    let value = |t: f64| gray.at(at.x + outward.x * t, at.y + outward.y * t);
+    let (mut sum, mut moment) = (0.0, 0.0);
+    let mut before = value(-(f64::from(steps) + 0.5) * STEP_PX)?;
+    for k in -steps..=steps {
+        let here = value((f64::from(k) + 0.5) * STEP_PX)?;
+        sum += here - before;
+        moment += f64::from(k) * STEP_PX * (here - before);
+        before = here;
+    }
+    let offset = moment / sum;
+    (sum >= LEAST_STEP && offset.abs() <= reach_px).then_some(offset)
+}

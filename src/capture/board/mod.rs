@@ -1,0 +1,38 @@
+//! A printed board of tags in view: it gives a recording scale, world and up. See docs/method.md 2.15.
+//!
+//! Tags are read by a detector (AprilTag 36h11); their edges are then measured to hundredths of a pixel, and
+//! the camera's pose is the one under which the edges of all tags lie where they are seen, wherever ink
+//! spread to. Many views together say where a tracked map lies on the board, and how long it is.
+
+mod depth;
+mod detection;
+mod edges;
+mod gray;
+mod layout;
+mod place;
+mod pose;
+mod sighting;
+mod start;
+mod tag;
+#[cfg(test)]
+mod test_view;
+
+use serde::{Deserialize, Serialize};
+
+pub use self::{
+    layout::{BoardLayout, Paper},
+    place::{BoardInView, BoardPlace, stretched},
+    sighting::{BoardSighting, find_board},
+    tag::TagCells,
+};
+
+/// Whether a board of tags is looked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UseBoard {
+    /// Where the camera is tracked by what it sees.
+    #[default]
+    Auto,
+    /// A board is a thing like any other.
+    Never,
+}

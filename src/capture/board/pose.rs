@@ -1,0 +1,198 @@
+//! The pose of a camera that sees a board, by the edges of its tags. See docs/method.md 2.15.
+
+use nalgebra::{Matrix2x3, Matrix6, Point2, Point3, SMatrix, SVector, Vector2, Vector3};
+
+use super::{
+    detection::SeenTag,
+    edges::EdgePoint,
+    layout::BoardLayout,
+    start::{pose_by_homography, turned_over},
+};
+use crate::{
+    geometry::{Intrinsics, Pose},
+    statistics::median,
+};
+
+/// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
+/// deviation.
+/// derived: half a pixel of blur, read in brightness that is not linear
+const INK_PX: f64 = 0.3;
+/// Rounds of Gauss-Newton at most.
+const ROUNDS: usize = 20;
+/// Rounds end when nothing moves further than this, meters (radians times one meter).
+/// derived: a thousandth of what the frame is to be known to
+const STEP_M: f64 = 1e-6;
+/// Length of a residual in standard deviations at which it counts a quarter (Geman and McClure 1985).
+/// derived: 0.3 % of a normal distribution
+const DOUBTED: f64 = 3.0;
+/// A tag whose edges lie further off is another one of the same number, or bent, pixels.
+const OTHER_PX: f64 = 1.5;
+/// Edges are off by no more than this in a start, pixels: the first rounds doubt residuals beyond it.
+const START_PX: f64 = 5.0;
+
+/// Where a camera stands before a board.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct BoardPose {
+    pub board_from_camera: Pose,
+    /// Of the camera's motion in its own frame, meters and radians.
+    pub covariance: Matrix6<f64>,
+    /// By how much the edges lie outside where they are printed, pixels.
+    pub ink_px: f64,
+    /// Root mean square distance of the edges of the tags that agree.
+    pub rms_px: f64,
+    /// The tags that agree.
+    pub tags: Vec<u16>,
+}
+
+/// Edges of tags that a camera sees.
+pub(super) struct BoardView<'a> {
+    pub intrinsics: &'a Intrinsics,
+    pub layout: &'a BoardLayout,
+    pub points: &'a [EdgePoint],
+}
+
+/// Unknowns: motion of the camera in its own frame, spread of the ink.
+type Step = SVector<f64, 7>;
+
+struct Fit {
+    board_from_camera: Pose,
+    ink_px: f64,
+    information: SMatrix<f64, 7, 7>,
+    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    scale: f64,
+    /// What remains of it all, every residual bounded.
+    cost: f64,
+}
+
+impl BoardView<'_> {
+    /// The pose under which most edges lie where they are seen; `tags` give starts.
+    pub fn pose(&self, tags: &[SeenTag]) -> Option<BoardPose> {
+        let corners = |seen: &SeenTag| {
+            let on_board = self.layout.corners(seen.tag).into_iter().flatten();
+            on_board.zip(seen.corners).collect::<Vec<_>>()
+        };
+        // All tags, or each alone, should the others be wrong.
+        let all: Vec<_> = tags.iter().flat_map(corners).collect();
+        let starts = std::iter::once(all).chain(tags.iter().map(corners));
+        let fits = starts.filter_map(|p| self.fit(&pose_by_homography(self.intrinsics, &p)?.inverse()));
+        let mut best = fits.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        let over = turned_over(&best.board_from_camera.inverse()).and_then(|p| self.fit(&p.inverse()));
+        if let Some(over) = over.filter(|o| o.cost < best.cost) {
+            best = over;
+        }
+        self.found(&best)
+    }
+
+    fn found(&self, fit: &Fit) -> Option<BoardPose> {
+        let off = |p: &EdgePoint| {
+            let camera_from_board = fit.board_from_camera.inverse();
+            self.residual(&camera_from_board, fit.ink_px, p).map_or(f64::INFINITY, |(r, _)| r.abs())
+        };
+        let agrees = |tag: u16| self.points.iter().filter(|p| p.tag == tag).all(|p| off(p) < OTHER_PX);
+        let mut tags: Vec<u16> = self.points.iter().map(|p| p.tag).collect();
+        tags.dedup();
+        tags.retain(|t| agrees(*t));
+        let squares: Vec<f64> =
+            self.points.iter().filter(|p| tags.contains(&p.tag)).map(|p| off(p).powi(2)).collect();
+        let covariance = fit.information.cholesky()?.inverse() * fit.scale.powi(2);
+        Some(BoardPose {
+            board_from_camera: fit.board_from_camera,
+            covariance: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
+            ink_px: fit.ink_px,
+            rms_px: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
+            tags,
+        })
+    }
+
+    /// Gauss-Newton from a pose.
+    fn fit(&self, start: &Pose) -> Option<Fit> {
+        let mut fit = Fit {
+            board_from_camera: *start,
+            ink_px: 0.0,
+            information: SMatrix::zeros(),
+            scale: 1.0,
+            cost: 0.0,
+        };
+        for round in 0..ROUNDS {
+            let loose_px = START_PX * 0.3f64.powi(round as i32);
+            let gradient = self.sums(&mut fit, loose_px)?;
+            let step: Step = -fit.information.cholesky()?.solve(&gradient);
+            fit.board_from_camera *=
+                Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
+            fit.ink_px += step[6];
+            if !step.iter().all(|s| s.is_finite()) {
+                return None;
+            }
+            if loose_px < INK_PX && step.fixed_rows::<6>(0).amax() < STEP_M {
+                break;
+            }
+        }
+        self.sums(&mut fit, 0.0)?;
+        Some(fit)
+    }
+
+    /// Normal equations about a fit; fills in its information, scale and cost.
+    fn sums(&self, fit: &mut Fit, loose_px: f64) -> Option<Step> {
+        let camera_from_board = fit.board_from_camera.inverse();
+        let residuals: Vec<Option<(f64, Step)>> =
+            self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();
+        let lengths = self.points.iter().zip(&residuals);
+        let lengths: Vec<f64> = lengths.filter_map(|(p, r)| Some(r.as_ref()?.0.abs() / p.sigma_px)).collect();
+        fit.scale = (1.4826 * median(lengths)?).max(1.0);
+        let (mut information, mut gradient) = (SMatrix::<f64, 7, 7>::zeros(), Step::zeros());
+        information[(6, 6)] = INK_PX.powi(-2) * fit.scale.powi(2);
+        gradient[6] = information[(6, 6)] * fit.ink_px;
+        fit.cost = 0.0;
+        for (point, residual) in self.points.iter().zip(&residuals) {
+            let Some((r, slope)) = residual else {
+                // Behind the camera: as wrong as can be.
+                fit.cost += DOUBTED.powi(2);
+                continue;
+            };
+            let sigma = (fit.scale * point.sigma_px).hypot(loose_px);
+            let doubt = (r / (DOUBTED * sigma)).powi(2);
+            let weight = (1.0 + doubt).powi(-2) * point.sigma_px.powi(-2);
+            information += slope * slope.transpose() * weight;
+            gradient += slope * (*r * weight);
+            // In pixels that do not depend on the fit, so that fits can be compared.
+            let bounded = (r / OTHER_PX).powi(2);
+            fit.cost += DOUBTED.powi(2) * bounded / (1.0 + bounded);
+        }
+        fit.information = information;
+        Some(gradient)
+    }
+
+    /// How far a measured place lies outside the edge that the board should show there, pixels, and the
+    /// derivatives by the unknowns.
+    fn residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
+        let corners = self.layout.corners(point.tag)?;
+        let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];
+        let [from, to] = ends.map(|p| camera_from_board * Point3::new(p.x, p.y, 0.0));
+        let [a, b] = [from, to].map(|p| self.intrinsics.project(&p));
+        let (a, b) = (Point2::from(<[f64; 2]>::from(a?)), Point2::from(<[f64; 2]>::from(b?)));
+        let along = (b - a).try_normalize(1e-9)?;
+        let outward = Vector2::new(along.y, -along.x);
+        let residual = outward.dot(&(point.at - a)) - ink_px;
+        // The place of the edge that is seen next to the measured one: there it slides along itself.
+        let k = self.intrinsics;
+        let center = Vector2::new(k.cx, k.cy);
+        let level = Vector3::new(k.fx * along.x, k.fy * along.y, along.dot(&(center - point.at.coords)));
+        let share = -level.dot(&from.coords) / level.dot(&(to - from));
+        let seen = from + (to - from) * share;
+        let z = seen.z;
+        if !(z > 1e-9) {
+            return None;
+        }
+        let by_point =
+            Matrix2x3::new(k.fx / z, 0.0, -k.fx * seen.x / (z * z), 0.0, k.fy / z, -k.fy * seen.y / (z * z));
+        let by_point = by_point.transpose() * outward;
+        // A point before a camera that moves by t and turns by w moves by -t + p x w.
+        let turn = seen.coords.cross(&by_point);
+        let [t, w] = [by_point, turn];
+        Some((residual, Step::from([t.x, t.y, t.z, w.x, w.y, w.z, -1.0])))
+    }
+}
+
+#[cfg(test)]
+#[path = "pose_tests.rs"]
+mod tests;

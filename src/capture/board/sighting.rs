@@ -1,0 +1,106 @@
+//! A board in a view.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Matrix6;
+
+use super::{
+    depth::depth_ratio,
+    detection::{SeenTag, detect},
+    edges::{EdgePoint, edge_points},
+    gray::Gray,
+    layout::{BoardLayout, Paper},
+    pose::BoardView,
+};
+use crate::{capture::RgbdFrame, geometry::Pose};
+
+/// Tags that must agree: one alone may be any tag of its number, and its tilt is hardly known.
+const LEAST_TAGS: usize = 2;
+
+/// A board in a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSighting {
+    /// The sheet that it is printed on.
+    pub paper: Paper,
+    /// Pose of the color camera on the board, as if it were printed at true scale.
+    pub board_from_camera: Pose,
+    /// Covariance of a motion of the camera in its own frame: shift, meters, and turn, radians.
+    pub covariance: Matrix6<f64>,
+    /// Tags whose edges agree.
+    pub tags: usize,
+    /// Root mean square distance of their edges from where they should be, pixels.
+    pub rms_px: f64,
+    /// Depth readings on the board over its distance by its tags, median; `None` where few fall on it.
+    pub depth_ratio: Option<f64>,
+}
+
+/// The board that a frame shows; none where fewer than two of its tags are read and agree.
+#[must_use]
+pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
+    let gray = Gray::of(frame);
+    let mut by_paper: BTreeMap<Paper, Vec<SeenTag>> = BTreeMap::new();
+    for seen in detect(&gray) {
+        if let Some(layout) = BoardLayout::with_tag(seen.tag) {
+            by_paper.entry(layout.paper).or_default().push(seen);
+        }
+    }
+    // One board a view: that with most tags; of equals the first.
+    let (paper, tags) = by_paper.into_iter().rev().max_by_key(|(_, tags)| tags.len())?;
+    let layout = BoardLayout::of(paper);
+    let points: Vec<EdgePoint> = tags.iter().flat_map(|t| edge_points(&gray, t)).collect();
+    let view = BoardView { intrinsics: &frame.intrinsics, layout: &layout, points: &points };
+    let found = view.pose(&tags)?;
+    (found.tags.len() >= LEAST_TAGS).then(|| BoardSighting {
+        paper,
+        board_from_camera: found.board_from_camera,
+        covariance: found.covariance,
+        tags: found.tags.len(),
+        rms_px: found.rms_px,
+        depth_ratio: depth_ratio(frame, &layout, &found.board_from_camera),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point2;
+
+    use super::*;
+    use crate::{
+        capture::board::test_view::{drawn, looking_at},
+        geometry::shift_and_turn,
+    };
+
+    #[test]
+    fn boards_are_found_where_they_are() {
+        for (paper, away_m, tilt, roll) in [
+            (Paper::A4, 0.9, 0.5, 0.1),
+            (Paper::A4, 1.4, 0.9, 2.0),
+            (Paper::A3, 1.8, 0.8, -1.4),
+            (Paper::Letter, 0.7, 0.1, 3.0),
+        ] {
+            let layout = BoardLayout::of(paper);
+            let truth = looking_at(Point2::new(0.05, -0.02), away_m, [tilt, 0.7, roll]);
+            let frame = drawn(&layout, &truth);
+            let found = find_board(&frame).unwrap();
+            assert_eq!((found.paper, found.tags), (paper, 6));
+            let off = shift_and_turn(&(truth.inverse() * found.board_from_camera));
+            let sigmas = off.dot(&(found.covariance.cholesky().unwrap().inverse() * off)).sqrt();
+            let distance =
+                found.board_from_camera.translation.vector.norm() / truth.translation.vector.norm();
+            println!("{paper:?} {away_m}: {off} {sigmas} rms {} ratio {:?}", found.rms_px, found.depth_ratio);
+            assert!((distance - 1.0).abs() < 0.002, "{distance}");
+            assert!(off.fixed_rows::<3>(0).norm() < 0.004 * away_m && sigmas < 6.0, "{off} {sigmas}");
+            assert!((found.depth_ratio.unwrap() - 1.0).abs() < 0.002, "{:?}", found.depth_ratio);
+        }
+    }
+
+    #[test]
+    fn a_floor_shows_no_board() {
+        let layout = BoardLayout::of(Paper::A4);
+        let mut frame = drawn(&layout, &looking_at(Point2::origin(), 1.0, [0.4, 0.0, 0.0]));
+        frame.rgb.iter_mut().enumerate().for_each(|(i, c)| *c = [(i * 7919 % 251) as u8; 3]);
+        assert_eq!(find_board(&frame), None);
+        frame.rgb.fill([128; 3]);
+        assert_eq!(find_board(&frame), None);
+    }
+}

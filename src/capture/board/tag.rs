@@ -1,0 +1,33 @@
+//! The pattern of a tag: AprilTag 36h11 (Olson 2011).
+
+/// Cells along a side of a tag, the black border included.
+pub(super) const CELLS: usize = 8;
+/// Cells along a side of what a tag codes.
+const INSIDE: usize = CELLS - 2;
+
+/// Which cells of a tag are black: rows from above.
+pub type TagCells = [[bool; CELLS]; CELLS];
+
+/// The cells of a tag with a code of 36 bits, the first of which is the highest. A quarter of them is the
+/// upper side of every ring, from the outside in; the other quarters are turned clockwise. A bit that is set
+/// is white.
+pub(super) fn cells(code: u64) -> TagCells {
+    let mut cells = [[true; CELLS]; CELLS];
+    let quarter = INSIDE * INSIDE / 4;
+    let mut place = 0;
+    for ring in 0..INSIDE / 2 {
+        for along in ring..INSIDE - 1 - ring {
+            for side in 0..4 {
+                let bit = side * quarter + place;
+                // The upper side, turned by quarters.
+                let (mut x, mut y) = (1 + along, 1 + ring);
+                for _ in 0..side {
+                    (x, y) = (CELLS - 1 - y, x);
+                }
+                cells[y][x] = code >> (INSIDE * INSIDE - 1 - bit) & 1 == 0;
+            }
+            place += 1;
+        }
+    }
+    cells
+}

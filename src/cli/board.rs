@@ -1,0 +1,48 @@
+//! `artitwin board`.
+
+use std::{fs::File, io::Write as _, path::PathBuf};
+
+use clap::Args;
+
+use super::{
+    exit::{CliError, Exit},
+    terminal,
+};
+use crate::{
+    capture::{BoardLayout, Paper},
+    export::board_page,
+};
+
+/// Options of `board`.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example: artitwin board --out board.pdf --paper a3")]
+pub struct BoardArgs {
+    /// File that gets the page; a file that is there is not replaced
+    #[arg(long, value_name = "FILE.pdf")]
+    pub out: PathBuf,
+    /// Sheet to print on: a4, a3 or letter
+    #[arg(long, value_name = "PAPER", value_parser = paper, default_value = "a4")]
+    pub paper: Paper,
+}
+
+/// The paper of a name.
+pub fn paper(text: &str) -> Result<Paper, &'static str> {
+    Paper::named(text).ok_or("give a4, a3 or letter")
+}
+
+/// Writes the page.
+///
+/// # Errors
+/// A file that is there already, or one that cannot be written.
+pub fn run(args: &BoardArgs) -> Result<Exit, CliError> {
+    let page = board_page(&BoardLayout::of(args.paper));
+    let refused = |source| CliError::Board { path: args.out.clone(), source };
+    let mut file = File::create_new(&args.out).map_err(refused)?;
+    file.write_all(&page).and_then(|()| file.sync_all()).map_err(refused)?;
+    let text = format!(
+        "{}: print at 100 %, measure the ruler, glue the sheet to a flat plate\n",
+        args.out.display()
+    );
+    terminal::print(&text)?;
+    Ok(Exit::Done)
+}

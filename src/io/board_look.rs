@@ -1,0 +1,35 @@
+//! Whether a recording shows a printed board of tags, by a few of its views.
+
+use rayon::prelude::*;
+
+use super::{bag::Bag, pixels::decode_views, views::Views};
+use crate::{
+    capture::{CaptureConfig, UseBoard, find_board},
+    note::{Note, NoteCode},
+};
+
+/// Views that are looked at, spread over the recording.
+const LOOKED_AT: usize = 6;
+
+/// What is said of a board; nothing where none is seen, or none is to be looked for.
+pub(super) fn board_note(bag: &Bag, views: &Views, config: &CaptureConfig) -> Option<Note> {
+    let count = views.views.len();
+    if config.board == UseBoard::Never || count == 0 {
+        return None;
+    }
+    let some = count.min(LOOKED_AT);
+    let chosen: Vec<(usize, usize)> = (0..some).map(|k| (0, (2 * k + 1) * count / (2 * some))).collect();
+    // What cannot be decoded shows no board; why is said elsewhere.
+    let frames = decode_views(bag, views, &chosen, config).ok()?.frames;
+    let found: Vec<_> = frames.par_iter().filter_map(|(_, frame)| find_board(frame)).collect();
+    let paper = found.first()?.paper.name();
+    let use_of_it = match views.are_untracked() {
+        true => "it gives the recording its lengths and its world",
+        false => "it is not used, as the recording has camera poses; capture.tracking=always would use it",
+    };
+    let text = format!(
+        "a board of tags ({paper}) is seen in {} of {some} views looked at: {use_of_it}",
+        found.len()
+    );
+    Some(Note::new(NoteCode::BoardSeen, text))
+}

@@ -1,0 +1,209 @@
+//! The world of a tracked recording whose views show a printed board of tags.
+
+use super::tracked_state::{TrackedState, Worlds, unaligned};
+use crate::{
+    capture::{BoardInView, BoardPlace, CaptureError, Unaligned, UpBy, stretched},
+    geometry::Pose,
+    note::{Note, NoteCode},
+};
+
+/// A size that depth finds further off than this, as a share, is doubted, and depth counts.
+/// derived: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to
+/// 6 % smaller
+const LARGEST_OFF: f64 = 0.02;
+/// A board that what stands still moves further than this between states was moved: meters, and radians.
+/// tuned: what states are brought together to by what stands still was within 3 mm in shared/bags, and what
+/// remains after it is corrected up to as much (docs/method.md 2.8)
+const MOVED: [f64; 2] = [0.010, 0.02];
+/// A board tilted further than this against the plane that the object stands on is said, radians.
+/// derived: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
+const TILTED_RAD: f64 = 0.035;
+/// ... and one that is tilted further stands on its own, against a wall or on a slope, radians.
+/// derived: nobody calls 20 deg level
+const STANDS_RAD: f64 = 0.35;
+/// The same against what is up in the images, which are held level to tens of degrees, radians.
+const STANDS_BY_IMAGES_RAD: f64 = 1.0;
+/// How far from the board its frame's deviation is named, meters.
+const AWAY_M: f64 = 0.5;
+
+/// Where the maps of states lie on boards; `None` where no state shows one often enough.
+pub(super) fn places(tracked: &[TrackedState]) -> Option<Places> {
+    let found: Vec<Option<BoardPlace>> = tracked.iter().map(|state| place(state, None)).collect();
+    // One sensor, one length: the mean of all states.
+    let lengths = found.iter().flatten().map(|p| p.scale);
+    let (weight, sum) =
+        lengths.fold((0.0, 0.0), |(w, s), [scale, sigma]| (w + sigma.powi(-2), s + scale * sigma.powi(-2)));
+    if !(weight > 0.0) {
+        return None;
+    }
+    let scale = sum / weight;
+    let of_state = tracked.iter().zip(&found).map(|(state, found)| {
+        found.as_ref()?;
+        place(state, Some(scale))
+    });
+    Some(Places { of_state: of_state.collect(), scale: [scale, weight.powf(-0.5)] })
+}
+
+fn place(state: &TrackedState, scale: Option<f64>) -> Option<BoardPlace> {
+    let posed = state.track.poses.iter().zip(&state.boards);
+    let views: Vec<BoardInView<'_>> = posed
+        .filter_map(|(pose, board)| {
+            Some(BoardInView { map_from_camera: (*pose)?, sighting: board.as_ref()? })
+        })
+        .collect();
+    // The paper that most views show.
+    let paper = views.iter().map(|v| v.sighting.paper).max_by_key(|p| {
+        let count = views.iter().filter(|v| v.sighting.paper == *p).count();
+        (count, std::cmp::Reverse(*p))
+    })?;
+    let views: Vec<BoardInView<'_>> = views.into_iter().filter(|v| v.sighting.paper == paper).collect();
+    BoardPlace::of(&views, scale)
+}
+
+/// Where the maps of states lie on a board.
+pub(super) struct Places {
+    /// Of every state; `None` where it shows no board often enough.
+    of_state: Vec<Option<BoardPlace>>,
+    /// Lengths on the board over those of the maps, of all states, and the standard deviation of that.
+    scale: [f64; 2],
+}
+
+/// The world of the board, or one upright with its length, and what is said of it. `aligned` says of every
+/// state but the first how it lies in that one's map.
+///
+/// # Errors
+/// [`CaptureError::StatesUnaligned`] where a state shows no board and nothing that stands still.
+pub(super) fn board_worlds(
+    tracked: &[TrackedState],
+    places: &Places,
+    aligned: &[Result<(Pose, f64), Unaligned>],
+    [notes, warnings]: [&mut Vec<Note>; 2],
+) -> Result<Worlds, CaptureError> {
+    let trusted = (places.scale[0] - 1.0).abs() <= LARGEST_OFF;
+    // Lengths of the world over those of the maps.
+    let scale = if trusted { places.scale[0] } else { 1.0 };
+    for (state, place) in places.of_state.iter().enumerate() {
+        notes.extend(place.as_ref().map(|p| seen(state, p, tracked[state].boards.len())));
+    }
+    notes.extend(trusted.then(|| length(&places.scale)));
+    warnings.extend((!trusted).then(|| doubtful(places.scale[0])));
+    let on_board = |state: usize| {
+        Some(stretched(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
+    };
+    let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
+        return Ok(Worlds { from_maps: vec![Pose::identity(); tracked.len()], scale: 1.0 });
+    };
+    let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
+    let in_first = |state: usize| match &aligned[state - 1] {
+        Ok((first_from_map, _)) => Ok(stretched(first_from_map, scale)),
+        Err(why) => Err(unaligned(state, why)),
+    };
+    let first = match on_board(0) {
+        Some(board_from_map) => world_from_board * board_from_map,
+        None => world_from_board * board_from_map * in_first(reference)?.inverse(),
+    };
+    let mut from_maps = vec![first];
+    for state in 1..tracked.len() {
+        let by_surroundings = in_first(state).map(|p| first * p);
+        let world = match (on_board(state), by_surroundings) {
+            (Some(on_board), Ok(expected)) => {
+                let moved = expected * (world_from_board * on_board).inverse();
+                // At the board's middle.
+                let at = world_from_board.translation.vector;
+                let far_m = (moved * nalgebra::Point3::from(at) - at).coords.norm();
+                if far_m > MOVED[0] || moved.rotation.angle() > MOVED[1] {
+                    warnings.push(board_moved(state, far_m, moved.rotation.angle()));
+                    expected
+                } else {
+                    world_from_board * on_board
+                }
+            }
+            (Some(on_board), Err(_)) => world_from_board * on_board,
+            (None, by_surroundings) => by_surroundings?,
+        };
+        from_maps.push(world);
+    }
+    Ok(Worlds { from_maps, scale })
+}
+
+/// The world in which a board lies level, or the upright one where it does not.
+fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: &mut Vec<Note>) -> Pose {
+    let (upright_from_map, by) = tracked.track.upright(None);
+    let normal = board_from_map.inverse() * nalgebra::Vector3::z();
+    let up = upright_from_map.inverse() * nalgebra::Vector3::z();
+    let tilt_rad = normal.angle(&up);
+    let most_rad = if by == UpBy::Images { STANDS_BY_IMAGES_RAD } else { STANDS_RAD };
+    let degrees = tilt_rad.to_degrees();
+    if tilt_rad > most_rad {
+        warnings.push(Note::new(
+            NoteCode::BoardTilted,
+            format!(
+                "the board does not lie level: it is tilted by {degrees:.0} deg; it gives lengths alone, and \
+                 the world is upright by what else is seen; lay the board on the floor or the table"
+            ),
+        ));
+        return stretched(&upright_from_map, scale) * board_from_map.inverse();
+    }
+    if by == UpBy::Support && tilt_rad > TILTED_RAD {
+        warnings.push(Note::new(
+            NoteCode::BoardTilted,
+            format!(
+                "the board is tilted by {degrees:.1} deg against the plane that the object stands on; up is \
+                 the board's: lay it level"
+            ),
+        ));
+    }
+    Pose::identity()
+}
+
+fn seen(state: usize, place: &BoardPlace, looked_at: usize) -> Note {
+    Note::new(
+        NoteCode::BoardSeen,
+        format!(
+            "state {state}: a board of tags was seen in {} of {looked_at} views, of which {} agree; edges of \
+             its tags lie within {:.2} px; the world is the board's: a point on it is known to {:.2} mm, one \
+             {AWAY_M} m away to {:.2} mm (one standard deviation)",
+            place.views,
+            place.agreeing,
+            place.edges_px,
+            1e3 * place.sigma_m(0.0),
+            1e3 * place.sigma_m(AWAY_M)
+        ),
+    )
+}
+
+fn length([scale, sigma]: &[f64; 2]) -> Note {
+    Note::new(
+        NoteCode::BoardSize,
+        format!(
+            "by depth the board measures {:.2} % of its size (standard deviation {:.2} %); depth and poses \
+             were multiplied by {scale:.5}",
+            100.0 / scale,
+            100.0 * sigma
+        ),
+    )
+}
+
+fn doubtful(scale: f64) -> Note {
+    Note::new(
+        NoteCode::BoardSizeDoubtful,
+        format!(
+            "by depth the board measures {:.1} % of its size: it was not printed at 100 %, or the depth \
+             sensor is off by more than data sheets allow; lengths are those of depth; measure the ruler \
+             on the board",
+            100.0 / scale
+        ),
+    )
+}
+
+fn board_moved(state: usize, far_m: f64, turned_rad: f64) -> Note {
+    Note::new(
+        NoteCode::BoardMoved,
+        format!(
+            "state {state}: the board was moved since state 0, by {:.0} mm and {:.1} deg against what stands \
+             still, which brings the states together instead; leave the board where it lies",
+            1e3 * far_m,
+            turned_rad.to_degrees()
+        ),
+    )
+}

@@ -1,0 +1,39 @@
+//! A state whose camera was tracked, and where its map lies in the world.
+
+use crate::{
+    capture::{BoardSighting, CaptureError, Track, Unaligned},
+    geometry::Pose,
+    note::Note,
+};
+
+/// The camera's way through a state.
+pub(super) struct TrackedState {
+    pub track: Track,
+    /// Views that were looked at, by their numbers among those of the bag.
+    pub views: Vec<usize>,
+    /// The board of tags that each of them shows.
+    pub boards: Vec<Option<BoardSighting>>,
+    /// What was found.
+    pub notes: Vec<Note>,
+    /// What was lost.
+    pub warnings: Vec<Note>,
+}
+
+/// Where the maps of states lie in the world in which the twin stands.
+pub(super) struct Worlds {
+    /// From every state's map at its length in the world.
+    pub from_maps: Vec<Pose>,
+    /// Lengths in the world over those of the maps, and over those of depth.
+    pub scale: f64,
+}
+
+/// The error of a state that what stands still does not bring into the world.
+pub(super) fn unaligned(state: usize, why: &Unaligned) -> CaptureError {
+    let reason = match why {
+        Unaligned::NothingAlike => "nothing looks alike in both".to_owned(),
+        Unaligned::Ambiguous { cells: [best, next] } => {
+            format!("two motions explain about as much of what looks alike ({best} and {next} places)")
+        }
+    };
+    CaptureError::StatesUnaligned { state, reason }
+}

@@ -1,0 +1,113 @@
+//! A printed board of tags on the floor before an object.
+
+use nalgebra::{Matrix3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
+
+use super::{Material, Object, Solid, SynthConfig, workspace::whole_way};
+use crate::{
+    capture::{BoardLayout, Paper},
+    geometry::Pose,
+};
+
+/// Thickness of the plate that the sheet is glued to, meters.
+const THICK_M: f64 = 0.003;
+/// Between the sheet and all that the object reaches, meters.
+const GAP_M: f64 = 0.02;
+/// Shares of the light that paper and ink send back.
+const PAPER: f64 = 0.8;
+const INK: f64 = 0.04;
+
+/// A board and where it lies.
+#[derive(Clone, Debug)]
+pub struct Board {
+    /// What is printed on it.
+    pub layout: BoardLayout,
+    /// From the board's frame to the true world.
+    pub world_from_board: Pose,
+    pub(super) solid: Solid,
+}
+
+impl Board {
+    /// The board of a configuration, before the front of an object, level, its upper edge towards it.
+    #[must_use]
+    pub fn of(object: &Object, config: &SynthConfig) -> Option<Self> {
+        config.board.map(|paper| Self::before(object, paper))
+    }
+
+    fn before(object: &Object, paper: Paper) -> Self {
+        let layout = BoardLayout::of(paper);
+        let [low, high] = layout.sheet();
+        let [lower, upper] = whole_way(object);
+        let foot = object.world_from_rest.translation.vector;
+        let front = object.world_from_rest.rotation * Vector3::x();
+        let front = Vector3::new(front.x, front.y, 0.0).normalize();
+        // Beyond the plane across the front that touches the box of all that the object reaches.
+        let half = (upper - lower) * 0.5;
+        let away_m = half.x * front.x.abs() + half.y * front.y.abs() + GAP_M + high.y;
+        let center = nalgebra::center(&lower, &upper);
+        let at = Vector3::new(center.x, center.y, foot.z + THICK_M) + front * away_m;
+        let axes = Matrix3::from_columns(&[(-front).cross(&Vector3::z()), -front, Vector3::z()]);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let world_from_board = Pose::from_parts(at.into(), turn);
+        let paper = Material::plain(Vector3::repeat(PAPER));
+        let plate = Solid::between([low.x, low.y, -THICK_M], [high.x, high.y, 0.0], &paper);
+        let solid = Solid { part_from_solid: world_from_board * plate.part_from_solid, ..plate };
+        Self { layout, world_from_board, solid }
+    }
+
+    /// Color of the sheet at a point of the world, linear.
+    #[must_use]
+    pub(super) fn color(&self, point: &Point3<f64>) -> Vector3<f64> {
+        let at = self.world_from_board.inverse_transform_point(point);
+        Vector3::repeat(if self.layout.is_black(&Point2::new(at.x, at.y)) { INK } else { PAPER })
+    }
+
+    /// Corners of the sheet in the world.
+    pub(super) fn corners(&self) -> [Point3<f64>; 4] {
+        let [low, high] = self.layout.sheet();
+        [[low.x, low.y], [high.x, low.y], [high.x, high.y], [low.x, high.y]]
+            .map(|[x, y]| self.world_from_board * Point3::new(x, y, 0.0))
+    }
+
+    /// A sphere that holds another one and the board.
+    pub(super) fn sphere_with(&self, (center, radius_m): (Point3<f64>, f64)) -> (Point3<f64>, f64) {
+        self.corners().iter().fold((center, radius_m), |(center, radius_m), corner| {
+            let away = corner - center;
+            let over_m = 0.5 * (away.norm() - radius_m);
+            if over_m > 0.0 {
+                (center + away.normalize() * over_m, radius_m + over_m)
+            } else {
+                (center, radius_m)
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::generate;
+
+    #[test]
+    fn the_board_lies_on_the_floor_beside_all_that_moves() {
+        for seed in 0..6 {
+            let config = SynthConfig { seed, board: Some(Paper::A3), ..SynthConfig::default() };
+            let object = generate(&config).unwrap();
+            let board = Board::of(&object, &config).unwrap();
+            let [lower, upper] = whole_way(&object);
+            let floor_m = object.world_from_rest.translation.vector.z;
+            let front = object.world_from_rest.rotation * Vector3::x();
+            let reach = |p: &Point3<f64>| p.coords.dot(&front);
+            let box_m = [lower.x, upper.x]
+                .iter()
+                .flat_map(|x| [lower.y, upper.y].map(|y| reach(&Point3::new(*x, y, 0.0))))
+                .fold(f64::MIN, f64::max);
+            for corner in board.corners() {
+                assert!((corner.z - floor_m - THICK_M).abs() < 1e-12);
+                assert!(reach(&corner) > box_m);
+            }
+            let (center, radius_m) = board.sphere_with(object.bounding_sphere());
+            assert!(board.corners().iter().all(|c| (c - center).norm() < radius_m + 1e-9));
+            assert_eq!(Board::of(&object, &SynthConfig::default()).map(|_| ()), None);
+        }
+    }
+}
