@@ -8,7 +8,6 @@ mod common;
 mod program;
 
 use std::{
-    io::Cursor,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -18,7 +17,7 @@ use artitwin::internal::io::{
     ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
 };
 use common::{BagWriter, START, TempDir};
-use program::{Ended, Message, drawer, end, reconstruct, rewrite, shipped};
+use program::{Ended, Message, change_picture, drawer, end, reconstruct, rewrite, shipped};
 
 const COLOR: &str = "/color/image_raw/compressed";
 const DEPTH: &str = "/aligned_depth_to_color/image_raw/compressedDepth";
@@ -73,22 +72,6 @@ fn change_tf(message: &mut Message, change: impl FnOnce(&mut TfMessage)) {
     let mut tf: TfMessage = decode(&message.data).unwrap();
     change(&mut tf);
     message.data = encode(&tf).unwrap();
-}
-
-/// Replaces a compressed image by `change` of its header bytes and picture.
-fn change_picture(
-    message: &mut Message,
-    front: usize,
-    format: image::ImageFormat,
-    change: impl FnOnce(&mut image::DynamicImage),
-) {
-    let mut compressed: CompressedImage = decode(&message.data).unwrap();
-    let mut picture = image::load_from_memory(&compressed.data[front..]).unwrap();
-    change(&mut picture);
-    let mut file = Cursor::new(Vec::new());
-    picture.write_to(&mut file, format).unwrap();
-    compressed.data = [&compressed.data[..front], &file.into_inner()].concat();
-    message.data = encode(&compressed).unwrap();
 }
 
 #[test]

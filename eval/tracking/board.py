@@ -1,21 +1,30 @@
 """Measures what a printed board of tags gives tracked recordings: length and frame against the truth, with the board and without.
 
-    python eval/tracking/board.py --bags DIR [--artitwin PATH] [--without] NAME...
+    python eval/tracking/board.py --bags DIR [--artitwin PATH] [--without] [--twins DIR] NAME...
 
 Needs what `trajectory.py` needs. `DIR/NAME` is a made object (`artitwin synth --board`). Of every state:
 - length: scale that takes the tracked way to the true one (Umeyama 1991), off 1, percent;
 - board, object: how far the tracked world is off the board's true frame at the board's middle and at what the cameras look at, mm;
 - depth: what readings of depth are off after the correction, percent, by the factor that the sensor drew.
+`--twins` reconstructs each into DIR, where it is not there yet, and says what is left in the twin, when poses and sensor are corrected:
+- length: of the static part against the true one along its normals, percent;
+- frame: how far the twin's world is off the board's true frame, at the object, mm, and in deg.
 `--without` adds a line with `capture.board=never`, whose frame is another: its length alone is comparable.
 """
 
 import argparse
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 from trajectory import degrees, nearest, track, true_poses
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sensor"))
+from in_frame import align, static_surface  # noqa: E402
+from tier import ended  # noqa: E402
 
 
 def similarity(a, b):
@@ -45,14 +54,47 @@ def measure(found, truth):
     return 100 * (1 / similarity(a[:, :3, 3], b[:, :3, 3]) - 1), at(np.zeros(3)), at(focus(b)), degrees(u @ vt)
 
 
+def twin(recording, folder, board_from_world, args):
+    """Errors of a reconstructed twin: length in percent, frame at the object in mm and deg."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run, log = folder / "object", folder / "reconstruct.log"
+    if not log.exists():
+        states = [recording / "state0", recording / "state1"]
+        options = ["--set", "capture.tracking=always", "--preset", "preview", "--name", "object"]
+        ended([args.artitwin, "reconstruct", *states, "--out", folder, *options], log)
+    if not run.exists():
+        return "no twin | | "
+    seen = np.load(recording / "truth" / "state0" / "seen.npy").astype(float)
+    static = seen[seen[:, 3] == 0][:, :3]
+    surface, normals = static_surface(run)
+    motion = align(static, surface, normals, board_from_world)
+    moved = static @ motion[:3, :3].T + motion[:3, 3]
+    away, at = cKDTree(surface).query(moved)
+    near = away < 0.01
+    reach = np.einsum("ij,ij->i", normals[at[near]], moved[near] - moved.mean(0))
+    longer = np.einsum("ij,ij->i", normals[at[near]], surface[at[near]] - moved[near])
+    off = motion @ np.linalg.inv(board_from_world)
+    center = (board_from_world @ [*seen[:, :3].mean(0), 1])[:3]
+    frame = 1e3 * np.linalg.norm(off[:3, :3] @ center + off[:3, 3] - center)
+    return f"{100 * (reach @ longer) / (reach @ reach):+.3f} | {frame:.2f} | {degrees(off[:3, :3]):.3f}"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bags", type=Path, required=True)
     parser.add_argument("--artitwin", default="target/release/artitwin")
     parser.add_argument("--without", action="store_true")
+    parser.add_argument("--twins", type=Path)
     parser.add_argument("--verbose", action="store_true")
     parser.add_argument("names", nargs="+")
     args = parser.parse_args()
+    if args.twins:
+        print("| recording | length of the twin % | frame at the object mm | turn deg |\n|---|---|---|---|")
+        for name in args.names:
+            truth = json.loads((args.bags / name / "truth.json").read_text())
+            board_from_world = np.linalg.inv(np.array(truth["board"]["world_from_board"]))
+            print(f"| {name} | {twin(args.bags / name, args.twins / name, board_from_world, args)} |", flush=True)
+        print()
     print("| recording | state | views | tracked | with the board | length % | depth % | board mm | object mm | turn deg |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name in args.names:

@@ -23,7 +23,8 @@ mod undistort;
 mod window;
 
 pub use board::{
-    BoardInView, BoardLayout, BoardPlace, BoardSighting, Paper, TagCells, UseBoard, find_board, stretched,
+    BoardInView, BoardInWorld, BoardLayout, BoardPlace, BoardSighting, ColorTurn, Paper, UNREAD_BOARD,
+    UseBoard, board_scale, find_board, stretched,
 };
 pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};

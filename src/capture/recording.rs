@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
+use super::{BoardInWorld, NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
 use crate::note::Note;
 
 /// The recording: frames of every state, and what was found or lost on the way.
@@ -20,6 +20,9 @@ pub struct Capture {
     /// How the camera was tracked, of each state; empty where poses came with the recording.
     #[serde(default)]
     pub tracking: Vec<TrackingFindings>,
+    /// The board of tags that the world is of. Used up before the first checkpoint.
+    #[serde(skip)]
+    pub board: Option<BoardInWorld>,
     /// What was found of the camera poses.
     pub poses: PoseFindings,
     /// What was degraded: damage, drops, frames not used.

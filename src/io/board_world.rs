@@ -2,7 +2,10 @@
 
 use super::tracked_state::{TrackedState, Worlds, unaligned};
 use crate::{
-    capture::{BoardInView, BoardPlace, CaptureError, Unaligned, UpBy, stretched},
+    capture::{
+        BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
+        board_scale, stretched,
+    },
     geometry::Pose,
     note::{Note, NoteCode},
 };
@@ -28,43 +31,32 @@ const AWAY_M: f64 = 0.5;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.
 pub(super) fn places(tracked: &[TrackedState]) -> Option<Places> {
-    let found: Vec<Option<BoardPlace>> = tracked.iter().map(|state| place(state, None)).collect();
-    // One sensor, one length: the mean of all states.
-    let lengths = found.iter().flatten().map(|p| p.scale);
-    let (weight, sum) =
-        lengths.fold((0.0, 0.0), |(w, s), [scale, sigma]| (w + sigma.powi(-2), s + scale * sigma.powi(-2)));
-    if !(weight > 0.0) {
-        return None;
-    }
-    let scale = sum / weight;
-    let of_state = tracked.iter().zip(&found).map(|(state, found)| {
-        found.as_ref()?;
-        place(state, Some(scale))
-    });
-    Some(Places { of_state: of_state.collect(), scale: [scale, weight.powf(-0.5)] })
+    let ratios: Vec<f64> = tracked.iter().flat_map(in_view).filter_map(|v| v.sighting.depth_ratio).collect();
+    // One sensor, one length.
+    let scale = board_scale(&ratios).unwrap_or(UNREAD_BOARD);
+    let of_state: Vec<Option<BoardPlace>> =
+        tracked.iter().map(|s| BoardPlace::of(&in_view(s), scale, &ColorTurn::EXPECTED)).collect();
+    of_state.iter().any(Option::is_some).then_some(Places { of_state, scale })
 }
 
-fn place(state: &TrackedState, scale: Option<f64>) -> Option<BoardPlace> {
+/// The views of a state that show the paper that most of them show.
+fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
     let posed = state.track.poses.iter().zip(&state.boards);
     let views: Vec<BoardInView<'_>> = posed
         .filter_map(|(pose, board)| {
             Some(BoardInView { map_from_camera: (*pose)?, sighting: board.as_ref()? })
         })
         .collect();
-    // The paper that most views show.
-    let paper = views.iter().map(|v| v.sighting.paper).max_by_key(|p| {
-        let count = views.iter().filter(|v| v.sighting.paper == *p).count();
-        (count, std::cmp::Reverse(*p))
-    })?;
-    let views: Vec<BoardInView<'_>> = views.into_iter().filter(|v| v.sighting.paper == paper).collect();
-    BoardPlace::of(&views, scale)
+    let count = |paper: Paper| views.iter().filter(|v| v.sighting.paper == paper).count();
+    let most = views.iter().map(|v| v.sighting.paper).max_by_key(|p| (count(*p), std::cmp::Reverse(*p)));
+    views.into_iter().filter(|v| Some(v.sighting.paper) == most).collect()
 }
 
 /// Where the maps of states lie on a board.
 pub(super) struct Places {
     /// Of every state; `None` where it shows no board often enough.
     of_state: Vec<Option<BoardPlace>>,
-    /// Lengths on the board over those of the maps, of all states, and the standard deviation of that.
+    /// Lengths on the board over those of the maps, and the standard deviation of that.
     scale: [f64; 2],
 }
 
@@ -90,8 +82,9 @@ pub(super) fn board_worlds(
     let on_board = |state: usize| {
         Some(stretched(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
     };
+    let mut on_its_place: Vec<bool> = places.of_state.iter().map(Option::is_some).collect();
     let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
-        return Ok(Worlds { from_maps: vec![Pose::identity(); tracked.len()], scale: 1.0 });
+        return Ok(Worlds::of_maps(vec![Pose::identity(); tracked.len()]));
     };
     let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
     let in_first = |state: usize| match &aligned[state - 1] {
@@ -113,6 +106,7 @@ pub(super) fn board_worlds(
                 let far_m = (moved * nalgebra::Point3::from(at) - at).coords.norm();
                 if far_m > MOVED[0] || moved.rotation.angle() > MOVED[1] {
                     warnings.push(board_moved(state, far_m, moved.rotation.angle()));
+                    on_its_place[state] = false;
                     expected
                 } else {
                     world_from_board * on_board
@@ -123,7 +117,8 @@ pub(super) fn board_worlds(
         };
         from_maps.push(world);
     }
-    Ok(Worlds { from_maps, scale })
+    let board = BoardInWorld { world_from_board, in_states: on_its_place, trusted, sightings: Vec::new() };
+    Ok(Worlds { from_maps, scale, board: Some(board) })
 }
 
 /// The world in which a board lies level, or the upright one where it does not.

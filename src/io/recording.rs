@@ -1,6 +1,7 @@
 //! Recordings opened: from paths to a [`Capture`] whose frames carry object masks.
 
 use std::{
+    collections::BTreeMap,
     fmt::Display,
     path::{Path, PathBuf},
 };
@@ -50,6 +51,7 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
     // Poses before isolation, which puts the points of all frames together.
     if config.refine_poses == RefinePoses::Auto {
         correct_poses(&mut capture);
+        place_on_board(&mut capture);
     }
     isolate(&mut capture, config, &mut stage_rng(seed, "capture/isolate", 0))?;
     // Denoising last: it works on the object's pixels and hides the noise that was measured.
@@ -171,6 +173,7 @@ fn posed_states(
             tracked.push(track(bag, views, &all, config, (state, seed))?);
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
+        capture.board = worlds.board;
         for ((tracked, world), (_, views)) in tracked.into_iter().zip(worlds.from_maps).zip(&mut recordings) {
             give_poses(capture, views, tracked, (&world, worlds.scale));
         }
@@ -211,6 +214,7 @@ fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, 
             tracked.push(track(&bag, &views, of_state, config, (state, seed))?);
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
+        capture.board = worlds.board;
         for (tracked, world) in tracked.into_iter().zip(worlds.from_maps) {
             give_poses(&mut capture, &mut views, tracked, (&world, worlds.scale));
         }
@@ -233,11 +237,15 @@ fn give_poses(
     tracked: TrackedState,
     (world_from_map, scale): (&Pose, f64),
 ) {
-    let TrackedState { track, views: seen, notes, warnings, .. } = tracked;
-    for (view, pose) in seen.into_iter().zip(track.poses) {
-        views.views[view].world_from_camera = pose.map(|pose| world_from_map * stretched(&pose, scale));
+    let TrackedState { track, views: seen, boards, notes, warnings } = tracked;
+    let mut sightings = BTreeMap::new();
+    for ((view, pose), board) in seen.into_iter().zip(track.poses).zip(boards) {
+        let view = &mut views.views[view];
+        view.world_from_camera = pose.map(|pose| world_from_map * stretched(&pose, scale));
+        sightings.extend(board.map(|board| (view.stamp_nanos, board)));
     }
     views.depth_factor = scale;
+    capture.board.iter_mut().for_each(|board| board.sightings.push(sightings.clone()));
     capture.tracking.push(track.findings);
     capture.notes.extend(notes);
     capture.warnings.extend(warnings);
@@ -332,6 +340,14 @@ fn correct_poses(capture: &mut Capture) {
     // State 0 is what the others' worlds are corrected to.
     for (state, world) in (1..).zip(&capture.poses.worlds) {
         capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
+    }
+}
+
+/// Places tracked frames on a board of tags by what was corrected.
+fn place_on_board(capture: &mut Capture) {
+    let Some(board) = &capture.board else { return };
+    if let Some(found) = board.place_again(&mut capture.states, capture.poses.sensor.as_ref()) {
+        capture.notes.push(Note::new(NoteCode::BoardSeen, found.to_string()));
     }
 }
 

@@ -1,7 +1,7 @@
 //! A state whose camera was tracked, and where its map lies in the world.
 
 use crate::{
-    capture::{BoardSighting, CaptureError, Track, Unaligned},
+    capture::{BoardInWorld, BoardSighting, CaptureError, Track, Unaligned},
     geometry::Pose,
     note::Note,
 };
@@ -25,6 +25,15 @@ pub(super) struct Worlds {
     pub from_maps: Vec<Pose>,
     /// Lengths in the world over those of the maps, and over those of depth.
     pub scale: f64,
+    /// The board that the world is of.
+    pub board: Option<BoardInWorld>,
+}
+
+impl Worlds {
+    /// At the lengths of depth, and of no board.
+    pub fn of_maps(from_maps: Vec<Pose>) -> Self {
+        Self { from_maps, scale: 1.0, board: None }
+    }
 }
 
 /// The error of a state that what stands still does not bring into the world.

@@ -102,7 +102,7 @@ pub(super) fn worlds(
     warnings: &mut Vec<Note>,
 ) -> Result<Worlds, CaptureError> {
     let Some((first, others)) = tracked.split_first() else {
-        return Ok(Worlds { from_maps: Vec::new(), scale: 1.0 });
+        return Ok(Worlds::of_maps(Vec::new()));
     };
     let aligned: Vec<Result<(Pose, f64), Unaligned>> =
         others.iter().map(|other| align_tracks(&first.track, &other.track, seed)).collect();
@@ -125,7 +125,7 @@ pub(super) fn worlds(
         let (map0_from_map, _) = found.as_ref().map_err(|why| unaligned(state, why))?;
         from_maps.push(world_from_map * map0_from_map);
     }
-    Ok(Worlds { from_maps, scale: 1.0 })
+    Ok(Worlds::of_maps(from_maps))
 }
 
 fn brought_in(state: usize, agreeing: f64) -> Note {

@@ -3,9 +3,12 @@
 #![allow(dead_code, reason = "every test binary uses its own part of this")]
 
 use std::{
+    io::Cursor,
     path::{Path, PathBuf},
     process::Command,
 };
+
+use artitwin::internal::io::ros2msg::{CompressedImage, decode, encode};
 
 use crate::common::{BagWriter, TempDir, write_metadata};
 
@@ -116,4 +119,20 @@ pub fn drawer(folder: &TempDir, mut change: impl FnMut(usize, &mut Message) -> b
         });
     }
     bag
+}
+
+/// Replaces a compressed image by `change` of its header bytes and picture.
+pub fn change_picture(
+    message: &mut Message,
+    front: usize,
+    format: image::ImageFormat,
+    change: impl FnOnce(&mut image::DynamicImage),
+) {
+    let mut compressed: CompressedImage = decode(&message.data).unwrap();
+    let mut picture = image::load_from_memory(&compressed.data[front..]).unwrap();
+    change(&mut picture);
+    let mut file = Cursor::new(Vec::new());
+    picture.write_to(&mut file, format).unwrap();
+    compressed.data = [&compressed.data[..front], &file.into_inner()].concat();
+    message.data = encode(&compressed).unwrap();
 }

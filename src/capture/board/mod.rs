@@ -8,6 +8,7 @@ mod depth;
 mod detection;
 mod edges;
 mod gray;
+mod in_world;
 mod layout;
 mod place;
 mod pose;
@@ -20,10 +21,10 @@ mod test_view;
 use serde::{Deserialize, Serialize};
 
 pub use self::{
+    in_world::BoardInWorld,
     layout::{BoardLayout, Paper},
-    place::{BoardInView, BoardPlace, stretched},
+    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, stretched},
     sighting::{BoardSighting, find_board},
-    tag::TagCells,
 };
 
 /// Whether a board of tags is looked for.

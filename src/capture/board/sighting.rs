@@ -34,6 +34,14 @@ pub struct BoardSighting {
     pub depth_ratio: Option<f64>,
 }
 
+impl BoardSighting {
+    /// Depth readings of the frame on the board over its distance by its tags, after the readings were corrected.
+    #[must_use]
+    pub fn depth_ratio_in(&self, frame: &RgbdFrame) -> Option<f64> {
+        depth_ratio(frame, &BoardLayout::of(self.paper), &self.board_from_camera)
+    }
+}
+
 /// The board that a frame shows; none where fewer than two of its tags are read and agree.
 #[must_use]
 pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
@@ -77,6 +85,8 @@ mod tests {
             (Paper::A4, 1.4, 0.9, 2.0),
             (Paper::A3, 1.8, 0.8, -1.4),
             (Paper::Letter, 0.7, 0.1, 3.0),
+            // Cells narrower than what can be read.
+            (Paper::A3, 1.4, 1.25, 0.0),
         ] {
             let layout = BoardLayout::of(paper);
             let truth = looking_at(Point2::new(0.05, -0.02), away_m, [tilt, 0.7, roll]);

@@ -1,0 +1,102 @@
+//! A board in the world of a recording, and the recording placed on it once more. See docs/method.md 2.15.
+
+use std::{collections::BTreeMap, fmt};
+
+use nalgebra::Point3;
+
+use super::{
+    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, stretched},
+    sighting::BoardSighting,
+};
+use crate::{
+    capture::{RgbdFrame, SensorCalibration},
+    geometry::Pose,
+};
+
+/// How far from the board its frame's deviation is named, meters.
+const AWAY_M: f64 = 0.5;
+
+/// A board in the world, and the views that show it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardInWorld {
+    /// Where it lies.
+    pub world_from_board: Pose,
+    /// The states in which it lies there and is seen.
+    pub in_states: Vec<bool>,
+    /// Whether its length is believed.
+    pub trusted: bool,
+    /// What the views of every state see of it, by their stamps, nanoseconds.
+    pub sightings: Vec<BTreeMap<i64, BoardSighting>>,
+}
+
+/// How frames were placed on a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardCorrection {
+    /// Views that agree.
+    pub views: usize,
+    /// By how much the world moved at the board, meters.
+    pub moved_m: f64,
+    /// By what lengths were multiplied, and the standard deviation of that.
+    pub scale: [f64; 2],
+    /// Standard deviations of a point on the board, and of one that is half a meter away, meters.
+    pub sigma_m: [f64; 2],
+}
+
+impl BoardInWorld {
+    /// Moves frames, whose poses and sensor were corrected, onto the board: all states as one, since what
+    /// stands still has brought them together. `None`, and nothing moved, where too few show it.
+    #[must_use]
+    pub fn place_again(
+        &self,
+        states: &mut [Vec<RgbdFrame>],
+        sensor: Option<&SensorCalibration>,
+    ) -> Option<BoardCorrection> {
+        let on_its_place = states.iter().zip(&self.sightings).zip(&self.in_states).filter(|(_, on)| **on);
+        let seen: Vec<(&RgbdFrame, &BoardSighting)> = on_its_place
+            .flat_map(|((frames, boards), _)| frames.iter().map(move |f| (f, boards.get(&f.stamp_nanos))))
+            .filter_map(|(frame, board)| Some((frame, board?)))
+            .collect();
+        let intrinsics = &seen.first()?.0.intrinsics;
+        let color = sensor
+            .filter(|s| s.used)
+            .map_or(ColorTurn::EXPECTED, |s| ColorTurn::of_shift(s.color_shift_px, intrinsics));
+        let ratios: Vec<f64> = seen.iter().filter_map(|(f, board)| board.depth_ratio_in(f)).collect();
+        let [scale, sigma] = board_scale(&ratios).unwrap_or(UNREAD_BOARD);
+        let views: Vec<BoardInView<'_>> = seen
+            .iter()
+            .map(|(f, sighting)| BoardInView { map_from_camera: f.world_from_camera, sighting })
+            .collect();
+        let place = BoardPlace::of(&views, [scale, sigma], &color)?;
+        // Lengths stay those of depth where the print is not believed.
+        let factor = if self.trusted { scale } else { 1.0 };
+        let moved = self.world_from_board * stretched(&place.board_from_map, factor / scale);
+        let at = self.world_from_board.translation.vector;
+        for frame in states.iter_mut().flatten() {
+            frame.world_from_camera = moved * stretched(&frame.world_from_camera, factor);
+            frame.depth_m.iter_mut().for_each(|d| *d *= factor as f32);
+        }
+        Some(BoardCorrection {
+            views: place.agreeing,
+            moved_m: (moved * Point3::from(at * factor) - at).coords.norm(),
+            scale: [factor, sigma],
+            sigma_m: [0.0, AWAY_M].map(|away_m| place.sigma_m(away_m)),
+        })
+    }
+}
+
+impl fmt::Display for BoardCorrection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [factor, sigma] = self.scale;
+        let [on_mm, away_mm] = self.sigma_m.map(|m| 1e3 * m);
+        write!(
+            f,
+            "by corrected poses and depth the world was placed on the board again, by {} views: it moved by \
+             {:.2} mm there, and lengths changed by {:+.2} % (standard deviation {:.2} %); a point on the \
+             board is known to {on_mm:.2} mm, one {AWAY_M} m away to {away_mm:.2} mm (one standard deviation)",
+            self.views,
+            1e3 * self.moved_m,
+            100.0 * (factor - 1.0),
+            100.0 * sigma
+        )
+    }
+}
