@@ -180,6 +180,11 @@ fn outputs() -> Vec<String> {
         matched: 5,
         unmatched: 6,
         session: "s".into(),
+        tracked: true,
+        views_per_second: 7.5,
+        inliers: 0.9375,
+        position_error: 0.001953125,
+        hint: "h".into(),
     };
     let result = ReconstructResult {
         success: true,
@@ -218,7 +223,8 @@ fn outputs() -> Vec<String> {
         case(
             &collection,
             json!({"phase": 2, "state": 1, "keyframes": [3, 4], "matched": 5, "unmatched": 6,
-                   "session": "s"}),
+                   "session": "s", "tracked": true, "views_per_second": 7.5, "inliers": 0.9375,
+                   "position_error": 0.001953125, "hint": "h"}),
         ),
         line("artitwin_msgs/msg/SetState_Request", &SetStateRequest { state: 1 }, json!({"state": 1})),
         line(

@@ -320,6 +320,9 @@ pub struct SynthArgs {
         value_delimiter = ','
     )]
     pub sensor_without: Vec<Effect>,
+    /// Record the accelerometer of the camera, too, which shows which way is up
+    #[arg(long)]
+    pub imu: bool,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

@@ -38,6 +38,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         width: args.width,
         height: args.height,
         sensor,
+        imu: args.imu,
     };
     let OutputArgs { out, name, force } = args.output.clone();
     let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;

@@ -13,8 +13,8 @@ use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
     synth::{
-        Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, record,
-        workspace,
+        Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate, imu_bias,
+        record, workspace,
     },
 };
 
@@ -34,6 +34,9 @@ struct TruthFile<'a> {
     /// Positions of the parts' joints in the states behind the first two, null for the static part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
+    /// Bias of the accelerometer, m/s², in its own axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    imu_bias: Option<[f64; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     sensor: Option<SensorEntry>,
 }
@@ -132,6 +135,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
             .iter()
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
             .collect(),
+        imu_bias: config.imu.then(|| imu_bias(config).into()),
         sensor,
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;

@@ -6,11 +6,12 @@ use super::{
     bag::Bag,
     depth_noise::measured_noise,
     pixels::decode_views,
+    upright::upright_of,
     views::{View, Views},
 };
 use crate::{
     capture::{
-        CaptureConfig, CaptureError, NoiseConfig, Observation, RgbdFrame, Track, Tracker, Unaligned, UpBy,
+        CaptureConfig, CaptureError, NoiseConfig, Observation, RgbdFrame, Track, Tracker, Unaligned,
         align_tracks,
     },
     geometry::Pose,
@@ -66,10 +67,11 @@ pub(super) fn track(
             reasons.push(tracker.add(observation).err());
         }
     }
-    let track = tracker.finish();
+    let mut track = tracker.finish();
     if track.findings.tracked < 2 {
         return Err(CaptureError::NotTracked { state, views: seen.len() });
     }
+    track.measured_up = views.accelerometer.as_ref().map(|a| track.up_of(a));
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
         let why = (*first..=*last).find_map(|v| reasons[v]).map_or(
@@ -110,14 +112,7 @@ pub(super) fn worlds(
     warnings: &mut Vec<Note>,
 ) -> Result<Vec<Pose>, CaptureError> {
     let Some((first, others)) = tracked.split_first() else { return Ok(Vec::new()) };
-    let (world_from_map, by) = first.track.upright(None);
-    if by == UpBy::Images {
-        warnings.push(Note::new(
-            NoteCode::UprightByImages,
-            "no plane was found that the object stands on: up is what is up in the images, by some degrees \
-             at best; let the camera see the floor or the table",
-        ));
-    }
+    let world_from_map = upright_of(&first.track, notes, warnings).world_from_map;
     let mut worlds = vec![world_from_map];
     for (state, other) in (1..).zip(others) {
         let (map0_from_map, agreeing) =

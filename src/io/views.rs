@@ -5,11 +5,12 @@ use super::{
     bag::Bag,
     bag_index::{BagIndex, ImageEntry, InfoTopic},
     camera::pinhole,
+    imu::accelerometer,
     poses::PoseSource,
     topics::{TopicChoice, choose},
 };
 use crate::{
-    capture::{CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
+    capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
     geometry::{Intrinsics, Pose},
     note::{Note, NoteCode},
 };
@@ -62,6 +63,8 @@ pub struct Views {
     pub cameras: Vec<Camera>,
     /// Sorted by stamp.
     pub views: Vec<View>,
+    /// What says which way is up, where the camera is to be tracked.
+    pub accelerometer: Option<Accelerometer>,
     /// What was chosen.
     pub notes: Vec<Note>,
     /// What was lost.
@@ -91,6 +94,7 @@ impl Views {
             world_frame: String::new(),
             cameras: Vec::new(),
             views: Vec::new(),
+            accelerometer: None,
             notes: Vec::new(),
             warnings: Vec::new(),
         };
@@ -106,7 +110,13 @@ impl Views {
                 found.world_frame = poses.world.clone();
                 found.place(index, config, state, &matches, &cameras, poses)?;
             }
-            None => found.without_poses(&matches, &cameras)?,
+            None => {
+                found.without_poses(&matches, &cameras)?;
+                let optical = index.images.get(&found.topics.color).map_or("", |i| i.frame.as_str());
+                let (instrument, note) = accelerometer(&index.imus, &index.tf, optical);
+                found.accelerometer = instrument;
+                found.notes.extend(note);
+            }
         }
         found.notes.push(Note::new(
             NoteCode::TopicsChosen,

@@ -38,6 +38,9 @@ fn settings() -> CollectorSettings {
         max_gap_nanos: 500_000_000,
         queue: 30,
         rule,
+        tracking: TrackCamera::Never,
+        poses_asked: false,
+        map_frame: "map".into(),
         hold: 0,
     }
 }

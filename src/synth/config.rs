@@ -123,6 +123,8 @@ pub struct SynthConfig {
     pub height: usize,
     /// The effects of a camera carried by hand; `None` records cleanly and with masks.
     pub sensor: Option<HandheldSensor>,
+    /// Whether the camera's accelerometer is recorded.
+    pub imu: bool,
 }
 
 impl Default for SynthConfig {
@@ -143,6 +145,7 @@ impl Default for SynthConfig {
             width: 640,
             height: 480,
             sensor: None,
+            imu: false,
         }
     }
 }

@@ -48,4 +48,10 @@ impl Lost {
             Self::Blank => "they show nothing that can be found again; keep corners and texture in view",
         }
     }
+
+    /// What to do about it, for people: the end of [`Self::reason`].
+    #[must_use]
+    pub fn remedy(self) -> &'static str {
+        self.reason().split_once("; ").map_or(self.reason(), |(_, remedy)| remedy)
+    }
 }
