@@ -11,8 +11,7 @@ use super::{
     mcap_file::{FileReport, RawMessage},
     ros2msg::{
         CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode,
-        encode,
-        imu::Imu,
+        encode, imu::Imu,
     },
     topics::{INFO_TYPE, TopicSummary},
 };

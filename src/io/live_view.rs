@@ -1,10 +1,7 @@
 //! Views that come one by one, made to what the tracker takes as those of a recording are.
 
 use super::{
-    camera::pinhole,
-    depth_noise::measured_noise,
-    image_codec::Raster,
-    pixels::limit_depth,
+    camera::pinhole, depth_noise::measured_noise, image_codec::Raster, pixels::limit_depth,
     ros2msg::CameraInfo,
 };
 use crate::{

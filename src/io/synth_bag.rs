@@ -57,7 +57,8 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical),
     )?;
     if !recording.imu.is_empty() {
-        let mount = transform(start - STATIC_NANOS, LINK, ACCEL_FRAME, &(link_from_optical * optical_from_imu()));
+        let mount =
+            transform(start - STATIC_NANOS, LINK, ACCEL_FRAME, &(link_from_optical * optical_from_imu()));
         put(&mut bag, "/tf_static", start - STATIC_NANOS, &mount)?;
     }
     let mut readings = recording.imu.iter().peekable();

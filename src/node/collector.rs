@@ -2,6 +2,7 @@
 //! are new and writes them to a bag as they come. It knows no middleware and no clock.
 
 mod keep;
+mod to_track;
 mod tracked;
 
 use std::{
@@ -9,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use self::tracked::Tracking;
+use self::to_track::Tracking;
 use super::{
     collect_error::CollectError,
     counts::Counts,

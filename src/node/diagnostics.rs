@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use super::{
-    collection::Snapshot, input_count::InputSnapshot, inputs::Input, track_status::TrackStatus,
-};
+use super::{collection::Snapshot, input_count::InputSnapshot, inputs::Input, track_status::TrackStatus};
 use crate::{
     field::InstructionSet,
     io::ros2msg::{

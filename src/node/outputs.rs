@@ -20,8 +20,8 @@ use super::{
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
 use crate::io::ros2msg::{
-    Header, JointState, TfMessage, TransformStamped, diagnostic::DiagnosticArray, gap::GapReport, markers::MarkerArray,
-    point_cloud::PointCloud2, status::CollectionStatus, text::Text,
+    Header, JointState, TfMessage, TransformStamped, diagnostic::DiagnosticArray, gap::GapReport,
+    markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus, text::Text,
 };
 
 /// Values of `CollectionStatus.phase`.

@@ -18,9 +18,8 @@ use super::{
     environment::Environment,
     error::NodeError,
     inputs::{self, Outbox},
-    live_tracking,
     last_results::{last_report, last_twin},
-    logger,
+    live_tracking, logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
     parameters::{Loaded, Parameters},
@@ -152,8 +151,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     // The core: the one owner of the collector, on a thread of its own, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
-    let (queue, tracked) = live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
-        .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let (queue, tracked) =
+        live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
+            .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),

@@ -148,8 +148,7 @@ mod tests {
     }
 
     fn placed(stamp_secs: f64, is_fast: bool) -> Tracked {
-        let found =
-            LiveView { world_from_camera: Pose::identity(), inliers: 0.97, error_m: 0.001, is_fast };
+        let found = LiveView { world_from_camera: Pose::identity(), inliers: 0.97, error_m: 0.001, is_fast };
         let intrinsics = Intrinsics { width: 1, height: 1, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
         let color = Raster { width: 1, height: 1, pixels: vec![[0; 3]] };
         let depth = Raster { width: 1, height: 1, pixels: vec![1.0] };

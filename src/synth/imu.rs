@@ -95,10 +95,8 @@ mod tests {
         let up = up / found.len() as f64;
         assert!((up - Vector3::z() * GRAVITY).norm() < 0.15, "{up}");
         // Neighbors differ by noise alone: 16 mm/s² each.
-        let steps: Vec<f64> = found
-            .windows(2)
-            .map(|w| (w[1].acceleration - w[0].acceleration).norm_squared() / 6.0)
-            .collect();
+        let steps: Vec<f64> =
+            found.windows(2).map(|w| (w[1].acceleration - w[0].acceleration).norm_squared() / 6.0).collect();
         let sigma = (steps.iter().sum::<f64>() / steps.len() as f64).sqrt();
         assert!((0.015..0.03).contains(&sigma), "{sigma}");
     }

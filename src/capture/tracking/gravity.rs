@@ -115,9 +115,7 @@ impl Placed<'_> {
             (apart_rad, apart_rad > APART * m.sigma_rad.hypot(s.sigma_rad))
         });
         let (normal, by, sigma_rad) = match (measured, &support) {
-            (Some(m), Some(s)) if s.sigma_rad < m.sigma_rad => {
-                (s.normal, UpBy::Support, Some(s.sigma_rad))
-            }
+            (Some(m), Some(s)) if s.sigma_rad < m.sigma_rad => (s.normal, UpBy::Support, Some(s.sigma_rad)),
             (Some(m), _) => (m.up, UpBy::Imu, Some(m.sigma_rad)),
             (None, Some(s)) => (s.normal, UpBy::Support, Some(s.sigma_rad)),
             (None, None) => (upright, UpBy::Images, None),
@@ -138,8 +136,8 @@ impl Placed<'_> {
         support: Option<&Support>,
     ) -> Pose {
         let ahead = self.poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
-        let focus = common_focus(self.poses)
-            .unwrap_or_else(|| self.poses[0] * Point3::new(0.0, 0.0, self.depth_m()));
+        let focus =
+            common_focus(self.poses).unwrap_or_else(|| self.poses[0] * Point3::new(0.0, 0.0, self.depth_m()));
         // Below the focus: on the support, or on the lowest tenth of what is seen.
         let height_m = |p: &Point3<f64>| normal.dot(&p.coords);
         let floor_m = match support {
@@ -238,7 +236,8 @@ fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
     let normal = if found.dot(&plane.normal) < 0.0 { -found } else { found };
     // The warp of a sensor is the same in all that it reads: more patches do not average it away, only the
     // reach of the plane counts, in the direction in which it is shortest.
-    let reach_m = (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
+    let reach_m =
+        (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
     let error_m = on.iter().map(|p| p.gate_m * weight(p)).sum::<f64>() / (GATE * total);
     Some(Support {
         normal,

@@ -1,4 +1,4 @@
-//! Which way is up, by an accelerometer that is fixed to a tracked camera. See docs/method.md 2.15.
+//! Which way is up, by an accelerometer that is fixed to a tracked camera. See docs/method.md 2.14.
 //!
 //! A reading is what holds the sensor up and what moves it. The tracked poses say what moved it: the second
 //! difference of its places is the mean of its acceleration, weighed by a triangle over the same time,
@@ -8,7 +8,6 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, Unit, Vector3, Vector6};
 
-use super::track::Track;
 use crate::{
     geometry::Pose,
     statistics::{SIGMAS_PER_MAD, median},
@@ -106,20 +105,19 @@ struct Window {
     turn: Matrix3<f64>,
 }
 
-impl Track {
-    /// Which way is up in the map, by an accelerometer.
-    ///
-    /// # Errors
-    /// [`NoGravity`].
-    pub fn up_of(&self, accelerometer: &Accelerometer) -> Result<MeasuredUp, NoGravity> {
-        let placed: Vec<(i64, Pose)> =
-            self.stamps_nanos.iter().zip(&self.poses).filter_map(|(t, p)| Some((*t, (*p)?))).collect();
-        let windows = windows(&placed, accelerometer);
-        if windows.len() < LEAST_WINDOWS {
-            return Err(NoGravity::Short { windows: windows.len() });
-        }
-        solve(&windows)
+/// Which way is up in the map of views with stamps, nanoseconds, and poses, in the order of time.
+///
+/// # Errors
+/// [`NoGravity`].
+pub(super) fn measured_up(
+    placed: &[(i64, Pose)],
+    accelerometer: &Accelerometer,
+) -> Result<MeasuredUp, NoGravity> {
+    let windows = windows(placed, accelerometer);
+    if windows.len() < LEAST_WINDOWS {
+        return Err(NoGravity::Short { windows: windows.len() });
     }
+    solve(&windows)
 }
 
 /// Windows side by side, each from a view to another about half a second from one between.
@@ -161,8 +159,8 @@ fn window(
     for k in first..last {
         let (t, value) = readings[k];
         // A reading stands for the time to its neighbors.
-        let [from, to] =
-            [readings.get(k.wrapping_sub(1)), readings.get(k + 1)].map(|r| r.map_or(t, |r| r.0.clamp(t0, t2)));
+        let [from, to] = [readings.get(k.wrapping_sub(1)), readings.get(k + 1)]
+            .map(|r| r.map_or(t, |r| r.0.clamp(t0, t2)));
         let height = if t < t1 { seconds(t0, t) / before_s } else { seconds(t, t2) / after_s };
         let weight = height * seconds(from, to);
         let rotation = rotation_at(views, t)?.to_rotation_matrix();
@@ -236,10 +234,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::{
-        capture::TrackingFindings,
-        random::{self, stage_rng},
-    };
+    use crate::random::{self, stage_rng};
 
     const RATE_HZ: f64 = 250.0;
     const SECONDS: f64 = 12.0;
@@ -259,21 +254,15 @@ mod tests {
         )
     }
 
-    fn track(rate_hz: f64, turn_rad: f64, map: &Pose) -> Track {
+    fn placed(rate_hz: f64, turn_rad: f64, map: &Pose) -> Vec<(i64, Pose)> {
         let rng = &mut stage_rng(1, "views", 0);
-        let times: Vec<f64> = (0..(SECONDS * rate_hz) as usize).map(|k| k as f64 / rate_hz).collect();
+        let times = (0..(SECONDS * rate_hz) as usize).map(|k| k as f64 / rate_hz);
         let mut error = |sigma: f64| Vector3::from_fn(|_, _| sigma * random::normal(rng));
-        Track {
-            stamps_nanos: times.iter().map(|t| (t * 1e9) as i64).collect(),
-            poses: times
-                .iter()
-                .map(|t| Some(map * pose(*t, turn_rad) * Pose::new(error(0.0005), error(0.001))))
-                .collect(),
-            findings: TrackingFindings::default(),
-            measured_up: None,
-            observations: Vec::new(),
-            key_poses: Vec::new(),
-        }
+        let view = |t: f64| {
+            let pose = map * pose(t, turn_rad) * Pose::new(error(0.0005), error(0.001));
+            ((t * 1e9) as i64, pose)
+        };
+        times.map(view).collect()
     }
 
     fn readings(turn_rad: f64, bias: Vector3<f64>, unit: f64) -> Accelerometer {
@@ -300,7 +289,8 @@ mod tests {
         let truth = map().rotation * Vector3::z();
         let bias = Vector3::new(0.5, -0.4, 0.6);
         for (rate_hz, turn_rad, most_rad) in [(15.0, 3.0, 0.012), (5.0, 3.0, 0.013), (15.0, 0.0, 0.12)] {
-            let found = track(rate_hz, turn_rad, &map()).up_of(&readings(turn_rad, bias, 1.0)).unwrap();
+            let found =
+                measured_up(&placed(rate_hz, turn_rad, &map()), &readings(turn_rad, bias, 1.0)).unwrap();
             let off = found.up.angle(&Unit::new_normalize(truth));
             assert!(off < 2.5 * found.sigma_rad && found.sigma_rad < most_rad, "{off} {found:?}");
             if turn_rad > 0.0 {
@@ -318,23 +308,23 @@ mod tests {
         for (_, reading) in knocked.readings.iter_mut().skip(400).step_by(900) {
             reading.x += 150.0;
         }
-        let found = track(15.0, 3.0, &map()).up_of(&knocked).unwrap();
+        let found = measured_up(&placed(15.0, 3.0, &map()), &knocked).unwrap();
         let off = found.up.angle(&Unit::new_normalize(map().rotation * Vector3::z()));
         assert!(off < 0.01, "{off} {found:?}");
     }
 
     #[test]
     fn what_is_no_gravity_is_refused() {
-        let track = track(15.0, 3.0, &map());
+        let views = placed(15.0, 3.0, &map());
         let in_g = readings(3.0, Vector3::zeros(), 1.0 / GRAVITY);
-        assert!(matches!(track.up_of(&in_g), Err(NoGravity::NotGravity(found)) if (found - 1.0).abs() < 0.1));
+        assert!(matches!(measured_up(&views, &in_g), Err(NoGravity::NotGravity(found)) if (found - 1.0).abs() < 0.1));
         let full = readings(3.0, Vector3::zeros(), 1.0);
         let short = Accelerometer { readings: full.readings[..300].to_vec(), ..full.clone() };
-        assert!(matches!(track.up_of(&short), Err(NoGravity::Short { .. })));
+        assert!(matches!(measured_up(&views, &short), Err(NoGravity::Short { .. })));
         // Axes of another frame: gravity does not stand still.
         let turned = |r: &(i64, Vector3<f64>)| (r.0, Vector3::new(r.1.y, r.1.z, r.1.x));
         let wrong = Accelerometer { readings: full.readings.iter().map(turned).collect(), ..full };
-        let found = track.up_of(&wrong);
+        let found = measured_up(&views, &wrong);
         assert!(found.is_err() || found.is_ok_and(|f| f.sigma_rad > 0.02), "{found:?}");
     }
 }

@@ -1,7 +1,9 @@
 //! A camera followed while its views come in: the steps of [`Tracker`], with a pose at once and a bounded
 //! map. What comes later changes nothing: no loop is closed, and a lost view leaves no trace.
 
-use super::{gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker};
+use super::{
+    gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker,
+};
 use crate::geometry::Pose;
 
 /// A camera that sees so differently from one view to the next is near what cannot be followed, radians.
@@ -78,13 +80,18 @@ impl LiveTracker {
         }
         let found = match self.tracker.look(view, &observation) {
             Ok(found) => found,
-            // Of a map of one view nothing is lost.
-            Err(_) if self.keyframes() == 1 => return Ok(self.begin(view, observation)),
-            Err(why) => return Err(why),
+            Err(why) => {
+                // Of a map of one view nothing is lost. This view may be the better one to begin with.
+                if self.keyframes() == 1 {
+                    self.begin(view, observation);
+                }
+                return Err(why);
+            }
         };
         let located = &found.located;
         // By the way from keyframe to keyframe that errs least: who comes back knows where that was.
-        let sees = |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
+        let sees =
+            |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
         let before = found.known.iter().filter(sees).map(|&k| self.errors_m[k]).fold(f64::INFINITY, f64::min);
         let error_m = before.hypot(located.least_known_m);
         let (pose, inliers) = (located.pose, located.agreement);
@@ -99,8 +106,9 @@ impl LiveTracker {
     /// Makes a view the first one of the map.
     fn begin(&mut self, view: usize, observation: Observation) -> LiveView {
         self.tracker = Tracker::new(self.seed);
-        self.world_from_map =
-            Placed { observations: vec![&observation], poses: &[Pose::identity()] }.upright(None).world_from_map;
+        self.world_from_map = Placed { observations: vec![&observation], poses: &[Pose::identity()] }
+            .upright(None)
+            .world_from_map;
         self.tracker.begin_piece(view, observation);
         self.errors_m = vec![0.0];
         LiveView { world_from_camera: self.world_from_map, inliers: 1.0, error_m: 0.0, is_fast: false }

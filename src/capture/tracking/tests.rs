@@ -1,4 +1,4 @@
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{lost::Lost, *};
@@ -137,7 +137,7 @@ fn along_a_plain_wall_the_camera_is_lost() {
 fn the_support_is_level_and_low() {
     let frames = views(&boxes(Vector3::zeros()), 6);
     let (found, _) = track(&frames);
-    let (world_from_map, by) = found.upright(None);
+    let Upright { world_from_map, by, .. } = found.upright();
     assert_eq!(by, UpBy::Support);
     for (frame, pose) in frames.iter().zip(&found.poses) {
         let pose = world_from_map * pose.unwrap();
@@ -282,4 +282,36 @@ fn a_camera_that_moves_fast_is_said() {
     let (_, seen) = live(&frames, 100);
     let fast: Vec<bool> = seen.iter().map(|v| v.unwrap().is_fast).collect();
     assert_eq!(fast, [false, false, true]);
+}
+
+#[test]
+fn up_is_what_is_known_better_and_a_contradiction_is_said() {
+    let frames = views(&boxes(Vector3::zeros()), 6);
+    let mut found = track(&frames).0;
+    let alone = found.upright();
+    assert!(alone.by == UpBy::Support && alone.apart_rad.is_none() && !alone.contradicted);
+    let sigma_rad = alone.sigma_rad.unwrap();
+    assert!((0.005..0.05).contains(&sigma_rad), "{sigma_rad}");
+    let up = alone.world_from_map.rotation.inverse() * Vector3::z();
+    // Gravity by an instrument, off by an angle, as well known as it says.
+    let mut with = |off_rad: f64, sigma_rad: f64| {
+        let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(up.cross(&Vector3::x())), off_rad);
+        let measured = imu::MeasuredUp {
+            up: Unit::new_normalize(turn * up),
+            sigma_rad,
+            bias: Vector3::zeros(),
+            windows: 9,
+        };
+        found.measured_up = Some(Ok(measured));
+        let upright = found.upright();
+        let tilt = (upright.world_from_map.rotation.inverse() * Vector3::z()).angle(&up);
+        assert!((upright.apart_rad.unwrap() - off_rad).abs() < 1e-3, "{upright:?}");
+        (upright.by, upright.contradicted, (1e3 * tilt).round() as i64)
+    };
+    assert_eq!(with(0.02, 0.002), (UpBy::Imu, false, 20));
+    assert_eq!(with(0.02, 0.07), (UpBy::Support, false, 0));
+    assert_eq!(with(0.3, 0.002), (UpBy::Imu, true, 300));
+    assert_eq!(with(0.3, 0.07), (UpBy::Support, true, 0));
+    found.measured_up = Some(Err(imu::NoGravity::Short { windows: 1 }));
+    assert_eq!(found.upright().by, UpBy::Support);
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     adjust::Adjustment,
     closure::{close_loops, join_pieces},
-    imu::{MeasuredUp, NoGravity},
+    imu::{Accelerometer, MeasuredUp, NoGravity, measured_up},
     keyframes::{Edge, Keyframe},
     observation::Observation,
     pose_graph::pose_graph,
@@ -100,14 +100,19 @@ impl Tracker {
             closed_m: (moved.sum::<f64>() / key_poses.len().max(1) as f64).sqrt(),
             least_known_m: median(self.least_known_m).unwrap_or(0.0),
         };
-        Track {
-            stamps_nanos: self.stamps_nanos,
-            poses,
-            measured_up: None,
-            findings,
-            observations,
-            key_poses,
-        }
+        Track { stamps_nanos: self.stamps_nanos, poses, measured_up: None, findings, observations, key_poses }
+    }
+}
+
+impl Track {
+    /// Which way is up in the map, by an accelerometer.
+    ///
+    /// # Errors
+    /// [`NoGravity`].
+    pub fn up_of(&self, accelerometer: &Accelerometer) -> Result<MeasuredUp, NoGravity> {
+        let views = self.stamps_nanos.iter().zip(&self.poses);
+        let placed: Vec<(i64, Pose)> = views.filter_map(|(t, p)| Some((*t, (*p)?))).collect();
+        measured_up(&placed, accelerometer)
     }
 }
 

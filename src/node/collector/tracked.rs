@@ -24,19 +24,6 @@ const WAIT_NANOS: i64 = 500_000_000;
 /// The frame of the twin, which the pipeline tracks anew: it is none of the map that is published.
 const TWIN_FRAMES: [&str; 2] = ["world", "twin_world"];
 
-/// What is tracked.
-#[derive(Default)]
-pub(super) struct Tracking {
-    /// Number of the map.
-    pub map: u64,
-    /// Whether views are tracked.
-    pub is_on: bool,
-    /// Whether the views kept of this state are; `None` without any.
-    pub kept: Option<bool>,
-    /// Views to be tracked.
-    pub to_track: Vec<ToTrack>,
-}
-
 impl Collector {
     /// Number of the map that views are placed in.
     #[must_use]
@@ -125,9 +112,7 @@ impl Collector {
         let optical_from_root = match root == optical {
             true => Pose::identity(),
             // The transform of a frame that moves may not be there yet: then this view is not published.
-            false => {
-                self.tf.lookup(&optical, &root, view.stamp_nanos, self.settings.max_gap_nanos).ok()?
-            }
+            false => self.tf.lookup(&optical, &root, view.stamp_nanos, self.settings.max_gap_nanos).ok()?,
         };
         if root == *map {
             self.problem = Some(format!("frame `{map}` has its own place on /tf; name another world_frame"));
