@@ -270,7 +270,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
     assert!(!log.contains("panicked"), "{log}");
     let number = |v: &serde_json::Value| v.as_f64().unwrap();
     for (state, found) in told["states"].as_array().unwrap().iter().enumerate() {
-        // Views of the first half second wait for a transform. Of 16, 12 deg apart, 12 are placed offline.
+        // Of 16 views, 12 deg apart, 12 are placed offline.
         assert!(number(&found["poses"]) >= 10.0 && number(&found["kept"]) >= 10.0, "{told}\n{log}");
         assert!(number(&found["moved_m"]) < 0.015 && number(&found["turned_rad"]) < 0.03, "{told}");
         // z up from the floor: the camera is above it, by no more than it is away.
@@ -281,10 +281,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
     }
     assert!(number(&told["views_per_second"]) >= 2.0 && number(&told["inliers"]) > 0.88, "{told}");
     assert!((0.0..0.02).contains(&number(&told["position_error"])), "{told}");
-    assert!(
-        told["quality"]["position_error_m"].is_string() && told["quality"]["dropped_busy"] == "0",
-        "{told}"
-    );
+    assert!(told["quality"]["position_error_m"].is_string(), "{told}");
     // The pipeline tracks what was recorded as it does any bag.
     assert_eq!(told["joints"].as_array().unwrap().len(), 1, "{told}");
     let motion = number(&told["motions"][0]);

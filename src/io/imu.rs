@@ -76,8 +76,8 @@ pub(super) fn accelerometer(
                 _ => 0.0,
             };
             let text = format!(
-                "which way is up comes from the accelerations on {name} ({} in {seconds:.1} s), and from what \
-                 the object stands on",
+                "which way is up comes from the accelerations on {name} ({} in {seconds:.1} s), and from \
+                 what the object stands on",
                 found.readings.len()
             );
             (Some(found), Some(Note::new(NoteCode::GravityMeasured, text)))
