@@ -75,6 +75,9 @@ pub mod io {
                 DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapFinding, GapParameter, GapReport,
             };
         }
+        pub mod imu {
+            pub use crate::io::ros2msg::imu::Imu;
+        }
         pub mod markers {
             pub use crate::io::ros2msg::markers::{Color, Marker, MarkerArray};
         }
