@@ -59,7 +59,7 @@ def tracked(args):
     replay.bags = [[m for m in bag if m[0] != "/tf"] for bag in replay.bags]
     replay.writers.pop("/tf")
     tf = peer.subscriber("/tf", TF, depth=1000)
-    status = peer.subscriber(f"{NODE}/status", STATUS, latched=True, depth=1)
+    status = peer.subscriber(f"{NODE}/status", STATUS, latched=True, depth=100)
     diagnostics = peer.subscriber("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
     start = service(peer, f"{NODE}/start_state", "artitwin_msgs", "SetState")
     finish = service(peer, f"{NODE}/finish_state", "artitwin_msgs", "SetState")
