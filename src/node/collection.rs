@@ -14,7 +14,7 @@ use super::{
     collect_error::CollectError,
     collector::{Collector, Phase, Seen},
     counts::Counts,
-    live_tracking::{Outcome, TrackQueue, Tracked},
+    live_tracking::{Outcome, ToTrack, TrackQueue, Tracked},
     motion_watch::{MotionWatch, Turn},
     preview_cloud::PreviewCloud,
     sample::Sample,
@@ -326,8 +326,13 @@ impl Core {
         if !self.shared.is_read() {
             for view in views {
                 // Never waits: a busy tracker costs views, which are counted.
-                let taken = self.tracking.queue.offer(view);
-                self.track_watch.offer(taken, Instant::now());
+                let dropped = self.tracking.queue.offer(view);
+                self.track_watch.offer(dropped.is_none(), Instant::now());
+                if let Some(ToTrack { stamp_nanos, images, .. }) = dropped
+                    && let Err(error) = self.collector.keep_unplaced(stamp_nanos, images, now)
+                {
+                    log::error!("{error}; the state is not collected any further");
+                }
             }
         }
     }

@@ -59,10 +59,13 @@ pub enum Outcome {
 pub struct TrackQueue(SyncSender<ToTrack>);
 
 impl TrackQueue {
-    /// Hands a view over; `false` where it found no room.
+    /// Hands a view over; it comes back where it found no room.
     #[must_use]
-    pub fn offer(&self, view: ToTrack) -> bool {
-        !matches!(self.0.try_send(view), Err(TrySendError::Full(_)))
+    pub fn offer(&self, view: ToTrack) -> Option<ToTrack> {
+        match self.0.try_send(view) {
+            Err(TrySendError::Full(view)) => Some(view),
+            _ => None,
+        }
     }
 }
 

@@ -49,6 +49,12 @@ impl Lost {
         }
     }
 
+    /// Whether the view itself shows nothing.
+    #[must_use]
+    pub fn is_blind(self) -> bool {
+        matches!(self, Self::Covered | Self::Dark | Self::Unread | Self::Blank)
+    }
+
     /// What to do about it, for people: the end of [`Self::reason`].
     #[must_use]
     pub fn remedy(self) -> &'static str {

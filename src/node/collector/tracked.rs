@@ -3,7 +3,7 @@
 //! They are written without a pose: the pipeline tracks them as those of any bag, with all views at hand, and
 //! brings the states together. A pose of now knows less, and would be a second way in.
 
-use super::{Collector, Seen, View};
+use super::{Collector, Held, Phase, Seen, View};
 use crate::{
     capture::TrackCamera,
     geometry::Pose,
@@ -90,6 +90,11 @@ impl Collector {
         }
         let pixels = match tracked.outcome {
             Outcome::Placed(pixels, _) => pixels,
+            // It may hang together with what comes later: the pipeline will know.
+            Outcome::Lost(why) if !why.is_blind() => {
+                self.keep_unplaced(tracked.view.stamp_nanos, tracked.view.images, now_nanos)?;
+                return Ok(None);
+            }
             Outcome::Lost(_) => return Ok(None),
             Outcome::Broken(why) => {
                 self.counts.broken += 1;
@@ -102,6 +107,30 @@ impl Collector {
         let seen = self.judge(tracked.view, now_nanos, true, Some(pixels));
         let seen = self.unless_failed(seen)?;
         Ok(seen.map(|seen| (seen, transform)))
+    }
+
+    /// Records a view whose pose is not known, where that may show something new.
+    ///
+    /// # Errors
+    /// If the disk refuses; then the state is not collected any further.
+    pub fn keep_unplaced(
+        &mut self,
+        stamp_nanos: i64,
+        images: [Option<Picture>; 3],
+        now_nanos: i64,
+    ) -> Result<(), BagWriteError> {
+        let Phase::Collecting(state) = self.phase else { return Ok(()) };
+        // With states that begin by themselves views are held back while the object may move: one without a
+        // pose cannot be watched.
+        if self.settings.hold > 0 || !self.keyframes[state].keep_unplaced(stamp_nanos, &self.settings.rule) {
+            return Ok(());
+        }
+        self.tracking.kept = Some(true);
+        self.counts.kept += 1;
+        let view = View { stamp_nanos, images, world_from_camera: Pose::identity() };
+        self.held.push_back(Held { view, around: Vec::new(), now_nanos });
+        let written = self.write_held(0);
+        self.unless_failed(written)
     }
 
     /// From the map to the top of the camera's own frames, so that none of them gets a second parent.
