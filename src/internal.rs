@@ -54,9 +54,9 @@ pub mod io {
     pub use crate::io::image_codec;
     pub use crate::io::{
         BagWriter, MAX_MODEL_BYTES, OfferedQos, OnnxError, OnnxMatcher, Place, ResultKind, RunDir, inspect,
-        open, pinhole, read_frame_run, read_gap_report, read_joint_log, read_mesh, read_model_folder,
-        read_npy, read_run_summary, read_seen_twin, read_urdf, twin_of, write_synth, write_synth_bag,
-        write_true_twin,
+        inspect_with, open, pinhole, read_frame_run, read_gap_report, read_joint_log, read_mesh,
+        read_model_folder, read_npy, read_run_summary, read_seen_twin, read_urdf, track_camera, twin_of,
+        write_synth, write_synth_bag, write_true_twin,
     };
     pub mod ros2msg {
         pub use crate::io::ros2msg::{
@@ -74,6 +74,9 @@ pub mod io {
             pub use crate::io::ros2msg::gap::{
                 DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapFinding, GapParameter, GapReport,
             };
+        }
+        pub mod imu {
+            pub use crate::io::ros2msg::imu::Imu;
         }
         pub mod markers {
             pub use crate::io::ros2msg::markers::{Color, Marker, MarkerArray};

@@ -88,6 +88,10 @@ codes! {
     MatchesRead = "matches_read", "Matches came with the recording.";
     CameraTracked = "camera_tracked", "The camera poses were tracked by what the camera sees.";
     ViewsLost = "views_lost", "The camera was lost in a stretch of views; they are not used.";
+    GravityMeasured = "gravity_measured", "Accelerations of an IMU say which way is up, or check it.";
+    ImuUnusable = "imu_unusable", "Accelerations were recorded and cannot say which way is up.";
+    UprightContradicted = "upright_contradicted", "Gravity as it was measured and the plane that the object \
+        stands on are further apart than both err by.";
     UprightByImages = "upright_by_images", "No support plane was found; up is what is up in the images.";
     BoardSeen = "board_seen", "A printed board of tags is seen; where the camera is tracked, the world \
         is its.";

@@ -258,6 +258,42 @@ fn simulated_time_may_jump_back() {
     assert!(told["jumps"].as_u64().unwrap() >= 1, "{told}");
 }
 
+#[test]
+fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-tracked");
+    let node = Node::start(66, &small_run(&folder, false));
+    let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
+    let told = scenario(&python, 66, &["tracked", &states[0], &states[1]]);
+    let log = node.end();
+    assert!(!log.contains("panicked"), "{log}");
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    for (state, found) in told["states"].as_array().unwrap().iter().enumerate() {
+        // Of 16 views, 12 deg apart, 12 are placed offline.
+        assert!(number(&found["poses"]) >= 10.0 && number(&found["kept"]) >= 10.0, "{told}\n{log}");
+        assert!(number(&found["moved_m"]) < 0.015 && number(&found["turned_rad"]) < 0.03, "{told}");
+        // z up from the floor: the camera is above it, by no more than it is away.
+        assert!(number(&found["lowest_m"]) > 0.05 && number(&found["highest_m"]) < 2.0, "{told}");
+        let recorded = artitwin::internal::io::inspect(&folder.join(&format!("node/session/state{state}")));
+        let recorded = recorded.unwrap().to_text();
+        assert!(recorded.contains("camera poses: none recorded"), "{recorded}");
+    }
+    assert!(number(&told["views_per_second"]) >= 2.0 && number(&told["inliers"]) > 0.88, "{told}");
+    assert!((0.0..0.02).contains(&number(&told["position_error"])), "{told}");
+    assert!(told["quality"]["position_error_m"].is_string(), "{told}");
+    // The pipeline tracks what was recorded as it does any bag.
+    assert_eq!(told["joints"].as_array().unwrap().len(), 1, "{told}");
+    let motion = number(&told["motions"][0]);
+    let posed = folder.join("posed");
+    let ended = end(&mut reconstruct(&[&shipped("drawer")], &posed, &["--parts", "2", "--name", "drawer"]));
+    assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
+    let by_poses = artitwin::internal::io::read_run_summary(&posed.join("drawer")).unwrap();
+    let expected = by_poses.joints[0].states[1] - by_poses.joints[0].states[0];
+    assert!((motion.abs() - expected.abs()).abs() < 0.01, "{motion} m, by poses {expected} m");
+    assert!(by_poses.object_box_m.is_some());
+}
+
 /// Starts a node on the drawer's topics, runs a scenario with its first state and ends the node.
 fn with_drawer(
     name: &str,

@@ -8,9 +8,10 @@ use std::{
 };
 
 use artitwin::internal::{
+    capture::{CaptureConfig, TrackCamera},
     evaluate::{EvaluateOptions, Truth, run},
     geometry::{Intrinsics, Pose},
-    io::{Place, inspect, write_synth},
+    io::{Place, inspect, track_camera, write_synth, write_synth_bag},
     synth::{
         DepthCamera, DepthErrors, Effect, Family, HandheldSensor, Light, Material, Object, Part, PoseSpread,
         Scene, Solid, SynthConfig, SynthState, View, generate, record,
@@ -290,6 +291,54 @@ fn a_recording_by_hand_is_repeatable_has_no_masks_and_is_read() {
         let step = frame.world_from_camera.inverse() * seen;
         assert!((step.translation.vector + frame.velocity[0] * lag_s).norm() < 2e-4, "{step}");
     }
+}
+
+#[test]
+fn an_accelerometer_shows_a_tracked_recording_which_way_is_up() {
+    let config = SynthConfig {
+        seed: 12,
+        parts: Some(2),
+        textured: Some(true),
+        rate_hz: Some(8.0),
+        width: 320,
+        height: 240,
+        sensor: Some(HandheldSensor::new(1.0)),
+        imu: true,
+        ..SynthConfig::default()
+    };
+    let out = folder("synth-imu");
+    std::fs::create_dir_all(&out).unwrap();
+    let object = generate(&config).unwrap();
+    let states = [0, 1].map(|s| record(&object, s, &config));
+    let bags = [0, 1].map(|s| out.join(format!("state{s}")));
+    for (state, (bag, recording)) in bags.iter().zip(&states).enumerate() {
+        write_synth_bag(bag, state, recording).unwrap();
+    }
+    let always = CaptureConfig { tracking: TrackCamera::Always, ..CaptureConfig::default() };
+    let (ways, [notes, warnings]) = track_camera(&bags, &always, 0).unwrap();
+    let text = |code: &str| {
+        let all = notes.iter().chain(&warnings).filter(|n| n.code.word() == code);
+        all.map(|n| n.text.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!((text("imu_unusable").len(), text("upright_contradicted").len()), (0, 0), "{warnings:?}");
+    let said = text("gravity_measured");
+    assert!(said.iter().any(|t| t.contains("up is by") && t.contains("deg apart")), "{said:?}");
+    let (way, recording) = (&ways[0], &states[0]);
+    assert!(2 * way.len() > recording.frames.len(), "{} of {}", way.len(), recording.frames.len());
+    let mut off = Vec::new();
+    for (stamp, pose) in way {
+        let frame = ((stamp - 1_760_000_000_000_000_000) / recording.period_nanos) as usize;
+        let truth = recording.frames[frame].world_from_camera.rotation.inverse() * Vector3::z();
+        off.push((pose.rotation.inverse() * Vector3::z()).angle(&truth));
+    }
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    // Its axes are square in this recording; with a bias of 70 mg up would be off by 0.07.
+    assert!(mean < 0.012, "{mean} rad");
+    // Nothing of it without tracking; and `inspect` says where up will come from.
+    let found = artitwin::internal::io::inspect(&out).unwrap().to_text();
+    assert!(found.contains("/camera/camera/accel/sample") && !found.contains("which way is up"), "{found}");
+    let found = artitwin::internal::io::inspect_with(&bags, &always).unwrap().to_text();
+    assert!(found.contains("which way is up comes from the accelerations on /camera/camera/accel/sample"));
 }
 
 #[test]

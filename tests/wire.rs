@@ -27,6 +27,7 @@ use artitwin::internal::io::{
         diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
         encode,
         gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapFinding, GapParameter, GapReport},
+        imu::Imu,
         markers::{Color, Marker, MarkerArray},
         odometry::FullOdometry,
         point_cloud::PointCloud2,
@@ -111,8 +112,22 @@ fn inputs() -> Vec<String> {
         velocity: vec![2.0],
         effort: vec![3.0],
     };
+    let mut imu = Imu {
+        header: header(),
+        angular_velocity: Vector3 { x: 4.0, y: 5.0, z: 6.0 },
+        linear_acceleration: Vector3 { x: 0.5, y: -9.75, z: 0.25 },
+        ..Imu::default()
+    };
+    imu.orientation_covariance[0] = -1.0;
+    imu.linear_acceleration_covariance[8] = 0.125;
     let compressed = CompressedImage { header: header(), format: "jpeg".into(), data: vec![9, 8, 7] };
     vec![
+        case(
+            &imu,
+            json!({"orientation.w": 1.0, "orientation_covariance.0": -1.0, "angular_velocity.y": 5.0,
+                   "linear_acceleration.x": 0.5, "linear_acceleration.y": -9.75,
+                   "linear_acceleration_covariance.8": 0.125}),
+        ),
         case(
             &image,
             json!({"header.stamp.sec": 11, "header.stamp.nanosec": 22, "header.frame_id": "cam", "height": 2,
@@ -180,6 +195,11 @@ fn outputs() -> Vec<String> {
         matched: 5,
         unmatched: 6,
         session: "s".into(),
+        tracked: true,
+        views_per_second: 7.5,
+        inliers: 0.9375,
+        position_error: 0.001953125,
+        hint: "h".into(),
     };
     let result = ReconstructResult {
         success: true,
@@ -218,7 +238,8 @@ fn outputs() -> Vec<String> {
         case(
             &collection,
             json!({"phase": 2, "state": 1, "keyframes": [3, 4], "matched": 5, "unmatched": 6,
-                   "session": "s"}),
+                   "session": "s", "tracked": true, "views_per_second": 7.5, "inliers": 0.9375,
+                   "position_error": 0.001953125, "hint": "h"}),
         ),
         line("artitwin_msgs/msg/SetState_Request", &SetStateRequest { state: 1 }, json!({"state": 1})),
         line(

@@ -48,6 +48,7 @@ pub use state::Split;
 pub use sync::{nearest, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
-    Lost, Observation, Track, TrackCamera, Tracker, TrackingFindings, Unaligned, UpBy, align_tracks,
+    Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, Tracker, TrackingFindings,
+    Unaligned, UpBy, Upright, align_tracks,
 };
 pub use undistort::{Distortion, UndistortMap};

@@ -25,6 +25,9 @@ pub struct Capture {
     pub board: Option<BoardInWorld>,
     /// What was found of the camera poses.
     pub poses: PoseFindings,
+    /// Box about the object in all states, lower and upper corner in the world, meters, once it is isolated.
+    #[serde(default)]
+    pub object_box_m: Option<[[f64; 3]; 2]>,
     /// What was degraded: damage, drops, frames not used.
     pub warnings: Vec<Note>,
     /// What was found and chosen: topics, counts, frames.

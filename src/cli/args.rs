@@ -327,6 +327,9 @@ pub struct SynthArgs {
     /// Lay a printed board of tags before the object; PAPER: a4, a3 or letter
     #[arg(long, value_name = "PAPER", value_parser = paper, num_args = 0..=1, default_missing_value = "a4")]
     pub board: Option<Paper>,
+    /// Record the accelerometer of the camera, too, which shows which way is up
+    #[arg(long)]
+    pub imu: bool,
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,

@@ -39,6 +39,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         height: args.height,
         sensor,
         board: args.board,
+        imu: args.imu,
     };
     let OutputArgs { out, name, force } = args.output.clone();
     let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;

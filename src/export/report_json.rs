@@ -233,6 +233,10 @@ pub struct RunFacts {
     /// How the number of parts was found.
     #[serde(default)]
     pub part_count: Option<PartCountReport>,
+    /// Box about the object in all states as it was isolated, lower and upper corner in the
+    /// world, meters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object_box_m: Option<[[f64; 3]; 2]>,
     /// How the camera was tracked through each state; empty where its poses were recorded.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_tracking: Vec<CameraTrackingReport>,

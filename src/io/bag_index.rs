@@ -7,10 +7,11 @@ use std::{
 
 use super::{
     bag::Bag,
+    imu::{IMU_TYPE, ImuTopic},
     mcap_file::{FileReport, RawMessage},
     ros2msg::{
         CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode,
-        encode,
+        encode, imu::Imu,
     },
     topics::{INFO_TYPE, TopicSummary},
 };
@@ -150,6 +151,8 @@ pub struct BagIndex {
     pub infos: BTreeMap<String, InfoTopic>,
     /// By topic.
     pub poses: BTreeMap<String, PoseTopic>,
+    /// By topic.
+    pub imus: BTreeMap<String, ImuTopic>,
     /// Recording times of the messages of std_msgs topics.
     pub markers: BTreeMap<String, Vec<i64>>,
     /// Of /tf and /tf_static.
@@ -287,6 +290,12 @@ impl BagIndex {
                 self.add_image(topic, stamp, log_nanos, frame, front.format, None);
             }
             INFO_TYPE => self.add_info(topic, decode(data)?)?,
+            IMU_TYPE => {
+                let m: Imu = decode(data)?;
+                let (stamp, frame) = m.header.checked().ok_or(MessageError::Header)?;
+                self.entries += 1;
+                self.imus.entry(topic.to_owned()).or_default().add(stamp, frame, &m);
+            }
             "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data)?),
             "geometry_msgs/msg/PoseStamped" => {
                 let m: PoseStamped = decode(data)?;

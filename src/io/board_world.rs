@@ -4,7 +4,7 @@ use super::tracked_state::{TrackedState, Worlds, unaligned};
 use crate::{
     capture::{
         BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
-        board_scale, stretched,
+        Upright, board_scale, stretched,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -123,7 +123,7 @@ pub(super) fn board_worlds(
 
 /// The world in which a board lies level, or the upright one where it does not.
 fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: &mut Vec<Note>) -> Pose {
-    let (upright_from_map, by) = tracked.track.upright(None);
+    let Upright { world_from_map: upright_from_map, by, .. } = tracked.track.upright();
     let normal = board_from_map.inverse() * nalgebra::Vector3::z();
     let up = upright_from_map.inverse() * nalgebra::Vector3::z();
     let tilt_rad = normal.angle(&up);
@@ -139,12 +139,12 @@ fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: 
         ));
         return stretched(&upright_from_map, scale) * board_from_map.inverse();
     }
-    if by == UpBy::Support && tilt_rad > TILTED_RAD {
+    if by != UpBy::Images && tilt_rad > TILTED_RAD {
         warnings.push(Note::new(
             NoteCode::BoardTilted,
             format!(
-                "the board is tilted by {degrees:.1} deg against the plane that the object stands on; up is \
-                 the board's: lay it level"
+                "the board is tilted by {degrees:.1} deg against what else says which way is up; up is the \
+                 board's: lay it level"
             ),
         ));
     }

@@ -55,8 +55,10 @@ mod conformance_tests;
 mod dataset;
 mod depth_noise;
 mod expansion;
+mod imu;
 mod inspect;
 mod inspect_motion;
+mod live_view;
 mod mcap_file;
 mod mcap_record;
 mod offered_qos;
@@ -77,11 +79,13 @@ mod synth_twin;
 mod topics;
 mod tracked_state;
 mod tracking;
+mod upright;
 mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
 pub use inspect::{inspect, inspect_with, printable};
+pub use live_view::LiveEye;
 pub use offered_qos::OfferedQos;
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;

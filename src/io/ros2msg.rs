@@ -7,6 +7,7 @@
 pub mod definitions;
 pub mod diagnostic;
 pub mod gap;
+pub mod imu;
 pub mod joints;
 pub mod markers;
 pub mod odometry;

@@ -39,6 +39,8 @@ pub struct RunSummary {
     pub root: String,
     /// Parents before children.
     pub joints: Vec<SummaryJoint>,
+    /// Box about the object in all states, lower and upper corner in the root's frame, meters.
+    pub object_box_m: Option<[[f64; 3]; 2]>,
 }
 
 /// A joint of a finished twin.
@@ -144,6 +146,8 @@ struct ReportFile {
     name: String,
     states: Vec<ReportState>,
     joints: Vec<ReportJoint>,
+    #[serde(default)]
+    object_box_m: Option<[[f64; 3]; 2]>,
 }
 
 #[derive(Deserialize)]
@@ -195,7 +199,8 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
         )
     })?;
     let joints = sorted(joints, &root).ok_or_else(|| fail(&path, "its links are no tree".into()))?;
-    Ok(RunSummary { folder: folder.to_owned(), name: report.name, urdf, root, joints })
+    let ReportFile { name, object_box_m, .. } = report;
+    Ok(RunSummary { folder: folder.to_owned(), name, urdf, root, joints, object_box_m })
 }
 
 fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {

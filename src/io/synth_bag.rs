@@ -12,13 +12,13 @@ use super::{
     offered_qos::OfferedQos,
     ros2msg::{
         CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped,
-        definitions::RosMessage, encode,
+        definitions::RosMessage, encode, imu::Imu,
     },
     synth_error::SynthError,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
-    synth::{SynthFrame, SynthState},
+    synth::{ImuReading, SynthFrame, SynthState, optical_from_imu},
 };
 
 const COLOR: &str = "/camera/camera/color/image_raw/compressed";
@@ -28,6 +28,8 @@ const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
 const MASK: &str = "/object_mask";
 const OPTICAL: &str = "camera_color_optical_frame";
 const LINK: &str = "camera_link";
+const ACCEL: &str = "/camera/camera/accel/sample";
+const ACCEL_FRAME: &str = "camera_accel_frame";
 const WORLD: &str = "world";
 /// Quality of the JPEG files, percent.
 const JPEG_QUALITY: u8 = 92;
@@ -54,11 +56,21 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         start - STATIC_NANOS,
         &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical),
     )?;
+    if !recording.imu.is_empty() {
+        let mount =
+            transform(start - STATIC_NANOS, LINK, ACCEL_FRAME, &(link_from_optical * optical_from_imu()));
+        put(&mut bag, "/tf_static", start - STATIC_NANOS, &mount)?;
+    }
+    let mut readings = recording.imu.iter().peekable();
     for (i, frame) in recording.frames.iter().enumerate() {
         let stamp = start + i as i64 * recording.period_nanos;
         let report = |bag: &mut BagWriter, at: i64, pose: &Pose| {
             put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
         };
+        // In the order of time, as a recorder gets them.
+        while let Some(reading) = readings.next_if(|r| start + r.after_nanos <= stamp) {
+            put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;
+        }
         // A pose on either side of the frame's stamp: a reader interpolates and never extrapolates.
         report(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
         let info = camera_info(stamp, &recording.intrinsics);
@@ -67,8 +79,24 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
         report(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.reported[1])?;
     }
+    for reading in readings {
+        put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;
+    }
     bag.finish()?;
     Ok(())
+}
+
+/// A message of an accelerometer alone: no orientation and no angular velocity, by the -1 of their
+/// covariances.
+fn accel(start: i64, reading: &ImuReading) -> Imu {
+    let nothing = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    Imu {
+        header: header(start + reading.after_nanos, ACCEL_FRAME),
+        orientation_covariance: nothing,
+        angular_velocity_covariance: nothing,
+        linear_acceleration: <[f64; 3]>::from(reading.acceleration).into(),
+        ..Imu::default()
+    }
 }
 
 fn put<M: RosMessage>(

@@ -14,7 +14,7 @@ use crate::{
     surface::{TriangleMesh, merge},
     synth::{
         Board, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate,
-        record, workspace,
+        imu_bias, record, workspace,
     },
 };
 
@@ -34,6 +34,9 @@ struct TruthFile<'a> {
     /// Positions of the parts' joints in the states behind the first two, null for the static part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
+    /// Bias of the accelerometer, m/s², in its own axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    imu_bias: Option<[f64; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     board: Option<BoardEntry>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -140,6 +143,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
             .iter()
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
             .collect(),
+        imu_bias: config.imu.then(|| imu_bias(config).into()),
         board: Board::of(&object, config).map(|board| BoardEntry {
             paper: board.layout.paper.name(),
             world_from_board: rows(&board.world_from_board),

@@ -8,12 +8,13 @@ use super::{
     depth_noise::measured_noise,
     pixels::decode_views,
     tracked_state::{TrackedState, Worlds, unaligned},
+    upright::upright_of,
     views::{View, Views},
 };
 use crate::{
     capture::{
-        CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UpBy,
-        UseBoard, align_tracks, find_board,
+        CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UseBoard,
+        align_tracks, find_board,
     },
     geometry::Pose,
     limits::{BYTES_PER_PIXEL, NAMED},
@@ -61,10 +62,11 @@ pub(super) fn track(
             reasons.push(tracker.add(observation).err());
         }
     }
-    let track = tracker.finish();
+    let mut track = tracker.finish();
     if track.findings.tracked < 2 {
         return Err(CaptureError::NotTracked { state, views: seen.len(), why: Lost::mostly(&reasons) });
     }
+    track.measured_up = views.accelerometer.as_ref().map(|a| track.up_of(a));
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
         let why = Lost::mostly(&reasons[*first..=*last]);
@@ -112,14 +114,7 @@ pub(super) fn worlds(
     if let Some(places) = places(tracked) {
         return board_worlds(tracked, &places, &aligned, [notes, warnings]);
     }
-    let (world_from_map, by) = first.track.upright(None);
-    if by == UpBy::Images {
-        warnings.push(Note::new(
-            NoteCode::UprightByImages,
-            "no plane was found that the object stands on: up is what is up in the images, by some degrees \
-             at best; let the camera see the floor or the table",
-        ));
-    }
+    let world_from_map = upright_of(&first.track, notes, warnings).world_from_map;
     let mut from_maps = vec![world_from_map];
     for (state, found) in (1..).zip(&aligned) {
         let (map0_from_map, _) = found.as_ref().map_err(|why| unaligned(state, why))?;

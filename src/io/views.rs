@@ -5,11 +5,12 @@ use super::{
     bag::Bag,
     bag_index::{BagIndex, ImageEntry, InfoTopic},
     camera::pinhole,
+    imu::accelerometer,
     poses::PoseSource,
     topics::{TopicChoice, choose},
 };
 use crate::{
-    capture::{CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
+    capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
     geometry::{Intrinsics, Pose},
     note::{Note, NoteCode},
 };
@@ -64,6 +65,8 @@ pub struct Views {
     pub views: Vec<View>,
     /// Depth readings are multiplied by it.
     pub depth_factor: f64,
+    /// What says which way is up, where the camera is to be tracked.
+    pub accelerometer: Option<Accelerometer>,
     /// What was chosen.
     pub notes: Vec<Note>,
     /// What was lost.
@@ -94,6 +97,7 @@ impl Views {
             cameras: Vec::new(),
             views: Vec::new(),
             depth_factor: 1.0,
+            accelerometer: None,
             notes: Vec::new(),
             warnings: Vec::new(),
         };
@@ -109,7 +113,13 @@ impl Views {
                 found.world_frame = poses.world.clone();
                 found.place(index, config, state, &matches, &cameras, poses)?;
             }
-            None => found.without_poses(&matches, &cameras)?,
+            None => {
+                found.without_poses(&matches, &cameras)?;
+                let optical = index.images.get(&found.topics.color).map_or("", |i| i.frame.as_str());
+                let (instrument, note) = accelerometer(&index.imus, &index.tf, optical);
+                found.accelerometer = instrument;
+                found.notes.extend(note);
+            }
         }
         found.notes.push(Note::new(
             NoteCode::TopicsChosen,

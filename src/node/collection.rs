@@ -14,11 +14,14 @@ use super::{
     collect_error::CollectError,
     collector::{Collector, Phase, Seen},
     counts::Counts,
+    live_tracking::{Outcome, ToTrack, TrackQueue, Tracked},
     motion_watch::{MotionWatch, Turn},
     preview_cloud::PreviewCloud,
     sample::Sample,
     session_lock::SessionLock,
+    track_status::{TrackStatus, TrackWatch},
 };
+use crate::io::ros2msg::TransformStamped;
 
 /// Images that wait for the core.
 pub const IMAGE_QUEUE: usize = 16;
@@ -70,6 +73,10 @@ pub struct Snapshot {
     pub session: PathBuf,
     /// Frame of the poses.
     pub world_frame: Option<String>,
+    /// Frame in which a twin stands, where it is another.
+    pub twin_frame: Option<&'static str>,
+    /// How well the camera is followed, where it is tracked.
+    pub tracking: Option<TrackStatus>,
     /// The last thing that went wrong.
     pub problem: Option<String>,
     /// Number of changes of the cloud.
@@ -156,6 +163,18 @@ pub struct Core {
     shared: Arc<Shared>,
     last_state: usize,
     flushed: Instant,
+    tracking: Tracking,
+    track_watch: TrackWatch,
+}
+
+/// Where views are tracked, and where their poses are published.
+pub struct Tracking {
+    /// Where views go.
+    pub queue: TrackQueue,
+    /// Where they come back.
+    pub tracked: mpsc::Receiver<Tracked>,
+    /// Where poses go.
+    pub poses: mpsc::Sender<TransformStamped>,
 }
 
 /// Where messages and commands come from.
@@ -178,6 +197,7 @@ impl Core {
         cloud_points: usize,
         clock: Arc<NodeClock>,
         shared: Arc<Shared>,
+        tracking: Tracking,
     ) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
         Self {
@@ -191,6 +211,8 @@ impl Core {
             shared,
             last_state: 0,
             flushed: Instant::now(),
+            tracking,
+            track_watch: TrackWatch::default(),
         }
     }
 
@@ -214,6 +236,7 @@ impl Core {
                     None => return self.close(),
                 },
                 Some(sample) = inbox.small.recv() => self.accept(sample),
+                Some(tracked) = self.tracking.tracked.recv() => self.take(tracked),
                 Some(sample) = inbox.images.recv() => self.accept(sample),
                 _ = tick.tick() => {}
             }
@@ -230,7 +253,13 @@ impl Core {
     fn obey(&mut self, command: Command) {
         match command {
             Command::Start(state, answer) => {
-                let started = self.unless_read(|core| core.start(state));
+                let started = self.unless_read(|core| {
+                    core.start(state)?;
+                    // A state that people begin is seen for itself. One that begins by itself goes on in the
+                    // map in which the object was seen to stand still.
+                    core.begin_map();
+                    Ok(())
+                });
                 answer.send(started).ok();
             }
             Command::Finish(state, answer) => {
@@ -245,6 +274,7 @@ impl Core {
             Command::TimeJump => {
                 log::warn!("time went back: what waited was dropped");
                 self.collector.jump_back(self.clock.now_nanos());
+                self.track_watch.begin();
                 self.watch = self.watch.take().map(MotionWatch::renewed);
             }
             Command::Stop(_) => {}
@@ -272,6 +302,7 @@ impl Core {
         let lock = SessionLock::take(session)?;
         self.watch = self.watch.take().map(MotionWatch::renewed);
         self.cloud = PreviewCloud::new(self.cloud_points);
+        self.track_watch.begin();
         let reset = self.collector.reset(session);
         self.lock = lock;
         Ok(reset?)
@@ -290,6 +321,46 @@ impl Core {
             Ok(seen) => seen.iter().for_each(|s| self.see(s)),
             Err(error) => log::error!("{error}; the state is not collected any further"),
         }
+        let views = self.collector.take_to_track();
+        // A run needs the processor.
+        if !self.shared.is_read() {
+            for view in views {
+                // Never waits: a busy tracker costs views, which are counted.
+                let dropped = self.tracking.queue.offer(view);
+                self.track_watch.offer(dropped.is_none(), Instant::now());
+                if let Some(ToTrack { stamp_nanos, images, .. }) = dropped
+                    && let Err(error) = self.collector.keep_unplaced(stamp_nanos, images, now)
+                {
+                    log::error!("{error}; the state is not collected any further");
+                }
+            }
+        }
+    }
+
+    /// Takes a view that was tracked.
+    fn take(&mut self, tracked: Tracked) {
+        if tracked.map != self.collector.map() {
+            return;
+        }
+        let was_lost = self.track_watch.is_lost();
+        self.track_watch.see(&tracked, Instant::now());
+        if let (Outcome::Lost(why), false) = (&tracked.outcome, was_lost) {
+            log::warn!("the camera is lost: {}", why.reason());
+        }
+        match self.collector.accept_tracked(tracked, self.clock.now_nanos()) {
+            Ok(Some((seen, transform))) => {
+                // Who publishes them may be behind: the next one says more.
+                transform.into_iter().for_each(|t| _ = self.tracking.poses.try_send(t));
+                self.see(&seen);
+            }
+            Ok(None) => {}
+            Err(error) => log::error!("{error}; the state is not collected any further"),
+        }
+    }
+
+    fn begin_map(&mut self) {
+        self.collector.begin_map();
+        self.track_watch.begin();
     }
 
     fn see(&mut self, seen: &Seen) {
@@ -314,6 +385,9 @@ impl Core {
                 // The watch confirms motion some views after it began; those may show it.
                 self.collector.drop_held();
                 self.end(state);
+                // What moved contradicts what was seen of it before.
+                self.begin_map();
+                self.watch = self.watch.take().map(MotionWatch::in_another_map);
             }
         }
     }
@@ -335,7 +409,8 @@ impl Core {
         }
     }
 
-    fn publish(&self) {
+    fn publish(&mut self) {
+        let tracking = self.track_watch.status(Instant::now());
         let c = &self.collector;
         let (matched, unmatched) = c.matches();
         let collecting = match c.phase() {
@@ -355,6 +430,8 @@ impl Core {
             transforms: (c.tf.refused, c.tf.jumps),
             session: c.session().to_owned(),
             world_frame: c.world_frame.clone(),
+            twin_frame: c.twin_frame(),
+            tracking,
             problem: c.problem.clone(),
             cloud_version: self.cloud_version,
         };

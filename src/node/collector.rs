@@ -1,15 +1,20 @@
 //! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps the views that
 //! are new and writes them to a bag as they come. It knows no middleware and no clock.
 
+mod keep;
+mod to_track;
+mod tracked;
+
 use std::{
     collections::VecDeque,
     path::{Path, PathBuf},
 };
 
+use self::to_track::Tracking;
 use super::{
     collect_error::CollectError,
     counts::Counts,
-    keyframes::{KeyframeRule, Keyframes, Verdict},
+    keyframes::{KeyframeRule, Keyframes},
     live_tf::LiveTf,
     sample::{Picture, Sample},
     state_bag::{StateBag, Topics},
@@ -17,7 +22,7 @@ use super::{
     view::{Pixels, View},
 };
 use crate::{
-    capture::stamp_secs,
+    capture::{TrackCamera, stamp_secs},
     geometry::Pose,
     io::{
         BagWriteError,
@@ -47,6 +52,12 @@ pub struct CollectorSettings {
     pub rule: KeyframeRule,
     /// Views that are held back before they are written, so that they can still be dropped.
     pub hold: usize,
+    /// Whether the camera is tracked by what it sees.
+    pub tracking: TrackCamera,
+    /// Whether poses are asked for, by a topic or a frame.
+    pub poses_asked: bool,
+    /// Frame that tracked poses are published in.
+    pub map_frame: String,
 }
 
 /// What is being done.
@@ -96,6 +107,7 @@ pub struct Collector {
     finished: [Option<PathBuf>; 2],
     /// Recording and views of the state being collected, as they were before.
     before: (Option<PathBuf>, Keyframes),
+    tracking: Tracking,
     newest_nanos: i64,
     /// Frame of the poses, once it is known.
     pub world_frame: Option<String>,
@@ -124,6 +136,7 @@ impl Collector {
             keyframes: Default::default(),
             finished: [0, 1].map(|s| finished_state(session, s)),
             before: Default::default(),
+            tracking: Tracking::default(),
             newest_nanos: i64::MIN,
             world_frame: settings.world_frame.clone(),
             counts: Counts::default(),
@@ -185,6 +198,8 @@ impl Collector {
         // What waits was taken before the state began.
         self.waiting.clear();
         self.held.clear();
+        self.tracking.to_track.clear();
+        self.tracking.kept = None;
         self.bag = Some(bag);
         self.phase = Phase::Collecting(state);
         Ok(())
@@ -265,6 +280,7 @@ impl Collector {
                 t.color, t.depth
             ),
             () if self.infos[0].is_none() => format!("no camera_info came on {}", t.color_info),
+            () if self.tracking.is_on => "the camera was not tracked; see the hint on ~/status".to_owned(),
             () => self.problem.clone().unwrap_or_else(|| "no camera pose was found".into()),
         }
     }
@@ -280,7 +296,9 @@ impl Collector {
         let tf = std::mem::take(&mut self.tf);
         // Cameras and transforms are no part of a session; some of them are published once.
         let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
-        *self = Self { tf, infos, counts: counts.after_reset(), ..Self::new(self.settings.clone(), session) };
+        let tracking = Tracking { map: self.tracking.map + 1, ..Tracking::default() };
+        let counts = counts.after_reset();
+        *self = Self { tf, infos, counts, tracking, ..Self::new(self.settings.clone(), session) };
         match bag {
             Some(bag) if kept_something => bag.finish().map(|_| ()),
             Some(bag) => bag.abandon(),
@@ -329,13 +347,18 @@ impl Collector {
             }
         }
         let seen = self.place(now_nanos, pixels);
-        if let Err(error) = &seen {
+        self.unless_failed(seen)
+    }
+
+    /// What was written, or the end of the state where the disk refused.
+    fn unless_failed<T>(&mut self, written: Result<T, BagWriteError>) -> Result<T, BagWriteError> {
+        if let Err(error) = &written {
             self.problem = Some(error.to_string());
             self.phase = Phase::Idle;
             // A closed bag after an error would look whole: without its metadata.yaml it does not.
             self.bag = None;
         }
-        seen
+        written
     }
 
     fn image(&mut self, role: usize, picture: Picture) {
@@ -371,6 +394,7 @@ impl Collector {
         self.waiting.retain(|set| set.stamp_nanos <= latest);
         self.counts.without_pose += (before - self.waiting.len()) as u64;
         self.tf.forget_after(latest);
+        self.begin_map();
         self.newest_nanos = self.newest_nanos.min(latest);
     }
 
@@ -403,6 +427,10 @@ impl Collector {
                 .and_then(|p| p.header().checked())
                 .map(|(_, frame)| frame)
                 .unwrap_or_default();
+            if self.is_to_track(&set, &optical) {
+                self.hand_over(set);
+                continue;
+            }
             // The root above a camera that moves; it may become known while images wait.
             let world = self.settings.world_frame.clone().or_else(|| self.tf.moving_root(&optical));
             let pose = world
@@ -412,7 +440,7 @@ impl Collector {
                 Some(Ok(world_from_camera)) if self.infos[0].is_some() => {
                     self.world_frame = world;
                     let view = View { stamp_nanos: set.stamp_nanos, images: set.images, world_from_camera };
-                    seen.extend(self.judge(view, &optical, now_nanos, pixels)?);
+                    seen.extend(self.judge(view, now_nanos, pixels, None)?);
                 }
                 // The transform after the stamp may still come; the queue is what bounds the waiting.
                 other => {
@@ -430,57 +458,6 @@ impl Collector {
         }
         self.waiting = still;
         Ok(seen)
-    }
-
-    /// Keeps a view that is new.
-    fn judge(
-        &mut self,
-        view: View,
-        optical: &str,
-        now_nanos: i64,
-        pixels: bool,
-    ) -> Result<Option<Seen>, BagWriteError> {
-        let Some(info) = self.infos[0].clone() else { return Ok(None) };
-        // By the pose alone, before anything is decoded: most views show nothing new.
-        let verdict = match self.phase {
-            Phase::Collecting(state) => {
-                self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule)
-            }
-            Phase::Idle => Verdict::Known,
-        };
-        let keep = verdict == Verdict::Keep;
-        let decoded = if keep || pixels {
-            let t = &self.settings.topics;
-            match view.decode(
-                &info,
-                &t.color_info,
-                [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()],
-            ) {
-                Ok(pixels) => Some(pixels),
-                Err(why) => {
-                    self.counts.broken += 1;
-                    self.problem = Some(why.to_string());
-                    return Ok(None);
-                }
-            }
-        } else {
-            None
-        };
-        self.counts.judged(verdict, self.phase != Phase::Idle);
-        let seen = Seen {
-            stamp_nanos: view.stamp_nanos,
-            world_from_camera: view.world_from_camera,
-            pixels: decoded,
-            kept: keep,
-        };
-        if let (true, Phase::Collecting(state)) = (keep, self.phase) {
-            self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
-            // Now, as LiveTf forgets after some seconds and the view may be held longer.
-            let around = self.tf.around(optical, view.stamp_nanos);
-            self.held.push_back(Held { view, around, now_nanos });
-            self.write_held(self.settings.hold)?;
-        }
-        Ok(Some(seen))
     }
 }
 

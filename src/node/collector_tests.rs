@@ -7,6 +7,7 @@ use crate::{
         self,
         ros2msg::{CompressedImage, Image, TfMessage, decode},
     },
+    node::live_tracking::{Follower, TrackSettings},
     temp::Temp,
 };
 
@@ -38,6 +39,9 @@ fn settings() -> CollectorSettings {
         max_gap_nanos: 500_000_000,
         queue: 30,
         rule,
+        tracking: TrackCamera::Never,
+        poses_asked: false,
+        map_frame: "map".into(),
         hold: 0,
     }
 }
@@ -190,4 +194,86 @@ fn broken_images_are_counted_and_not_kept() {
     assert_eq!(collector.finish(0).unwrap(), 14);
     assert_eq!((collector.counts.broken, collector.counts.bad_header), (1, 1));
     assert_eq!(collector.matches().1[0], 1, "its color image has no partner");
+}
+
+#[test]
+fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
+    let folder = Temp::new("collector-tracked");
+    let mut posed = Collector::new(settings(), &folder.0.join("posed"));
+    let truth: Vec<Seen> = samples(0)
+        .into_iter()
+        .flat_map(|(time, sample)| posed.accept(sample, time, false).unwrap())
+        .collect();
+    let settings = CollectorSettings { tracking: TrackCamera::Auto, ..settings() };
+    let track = TrackSettings {
+        config: CaptureConfig::default(),
+        topics: settings.topics.clone(),
+        seed: 0,
+        most: 50,
+    };
+    let mut follower = Follower::new(&track);
+    let mut collector = Collector::new(settings, &folder.0);
+    collector.start(0).unwrap();
+    let mut found = Vec::new();
+    for (time, sample) in samples(0).into_iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_))) {
+        assert!(collector.accept(sample, time, false).unwrap().is_empty());
+        for view in collector.take_to_track() {
+            let tracked = follower.follow(view);
+            found.extend(collector.accept_tracked(tracked, time).unwrap());
+        }
+    }
+    // As many as offline, which loses four: the views of this recording are 12 deg apart.
+    assert!(found.len() >= 11, "{}", found.len());
+    // The first one may be of a map that no other view was placed in.
+    for (seen, transform) in &found[1..] {
+        let transform = transform.as_ref().unwrap();
+        assert_eq!(
+            (transform.header.frame_id.as_str(), transform.child_frame_id.as_str()),
+            ("map", "camera_link")
+        );
+        assert_eq!(transform.header.stamp.nanos(), Some(seen.stamp_nanos));
+        let of = |stamp: i64| truth.iter().find(|t| t.stamp_nanos == stamp).unwrap().world_from_camera;
+        let first = &found[found.len() - 1].0;
+        let true_way = of(first.stamp_nanos).inverse() * of(seen.stamp_nanos);
+        let way = first.world_from_camera.inverse() * seen.world_from_camera;
+        let off = true_way.inverse() * way;
+        assert!(off.translation.vector.norm() < 0.01 && off.rotation.angle() < 0.02, "{off}");
+    }
+    assert_eq!(collector.world_frame.as_deref(), Some("map"));
+    assert_eq!(collector.twin_frame(), Some("world"));
+    // The node's own transforms come back on /tf: they change nothing.
+    let own = found.iter().filter_map(|(_, t)| t.clone()).collect();
+    collector.accept(Sample::Transforms(TfMessage { transforms: own }), 0, false).unwrap();
+    assert_eq!(collector.tf.moving_root("camera_color_optical_frame"), None);
+    // Those that were lost are recorded, too.
+    assert_eq!(collector.finish(0).unwrap(), 16);
+    let recorded = io::inspect(&folder.0.join("state0")).unwrap();
+    let recorded = &recorded.recordings[0];
+    assert!(recorded.untracked && recorded.views == 16, "{recorded:?}");
+    assert!(recorded.transforms.iter().all(|t| t.contains("static")), "{recorded:?}");
+}
+
+#[test]
+fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_tracked() {
+    let folder = Temp::new("collector-maps");
+    let mut always =
+        Collector::new(CollectorSettings { tracking: TrackCamera::Always, ..settings() }, &folder.0);
+    let mut asked = Collector::new(
+        CollectorSettings { tracking: TrackCamera::Auto, poses_asked: true, ..settings() },
+        &folder.0.join("asked"),
+    );
+    let mut views = Vec::new();
+    for (time, sample) in samples(0) {
+        assert!(always.accept(sample.clone(), time, false).unwrap().is_empty());
+        views.extend(always.take_to_track());
+        asked.accept(sample, time, false).unwrap();
+        assert!(asked.take_to_track().is_empty());
+    }
+    // Also where transforms come.
+    assert_eq!(views.len(), 16);
+    always.begin_map();
+    let view = View { stamp_nanos: 1, images: [None, None, None], world_from_camera: Pose::identity() };
+    let outcome = crate::node::live_tracking::Outcome::Lost(crate::capture::Lost::Dark);
+    let old = crate::node::live_tracking::Tracked { map: 0, view, outcome, keyframes: (1, false) };
+    assert!(always.accept_tracked(old, 0).unwrap().is_none());
 }

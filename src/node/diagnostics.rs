@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{collection::Snapshot, input_count::InputSnapshot, inputs::Input};
+use super::{collection::Snapshot, input_count::InputSnapshot, inputs::Input, track_status::TrackStatus};
 use crate::{
     field::InstructionSet,
     io::ros2msg::{
@@ -43,6 +43,7 @@ impl Diagnostics {
             *last = now;
         }
         status.push(self.collection(snapshot));
+        status.extend(snapshot.tracking.as_ref().map(|t| self.tracking(t)));
         status.push(self.machine());
         DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status }
     }
@@ -78,6 +79,22 @@ impl Diagnostics {
             (None, None) => (OK, "not collecting".into()),
         };
         status(&self.node, "collection", level, message, &values)
+    }
+
+    fn tracking(&self, t: &TrackStatus) -> DiagnosticStatus {
+        let values = [
+            ("views_hz", format!("{:.1}", t.views_hz)),
+            ("inliers", format!("{:.3}", t.inliers)),
+            ("position_error_m", format!("{:.4}", t.error_m)),
+            ("keyframes", t.keyframes.to_string()),
+            ("views_lost", t.lost.to_string()),
+            ("dropped_busy", t.dropped.to_string()),
+        ];
+        let (level, message) = match t.hint.is_empty() {
+            true => (OK, format!("{:.1} views a second, {:.1} mm", t.views_hz, 1e3 * t.error_m)),
+            false => (WARN, t.hint.clone()),
+        };
+        status(&self.node, "tracking", level, message, &values)
     }
 
     fn machine(&self) -> DiagnosticStatus {

@@ -2,6 +2,10 @@
 
 use crate::geometry::Pose;
 
+/// Time between views without a pose, nanoseconds.
+/// derived: a hand carries a camera by 7 cm in it, at 0.35 m/s
+const UNPLACED_NANOS: u64 = 200_000_000;
+
 /// When a view is new.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyframeRule {
@@ -18,6 +22,9 @@ pub struct KeyframeRule {
 pub struct Keyframes {
     poses: Vec<Pose>,
     last_stamp_nanos: Option<i64>,
+    /// Views kept without a pose, and the stamp of the last.
+    unplaced: usize,
+    last_unplaced_nanos: Option<i64>,
 }
 
 /// What becomes of a view.
@@ -37,7 +44,7 @@ impl Keyframes {
     /// Number kept.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.poses.len()
+        self.poses.len() + self.unplaced
     }
 
     /// Whether a view would be kept.
@@ -54,9 +61,22 @@ impl Keyframes {
         };
         match self.poses.iter().any(known) {
             true => Verdict::Known,
-            false if self.poses.len() >= rule.most => Verdict::Full,
+            false if self.len() >= rule.most => Verdict::Full,
             false => Verdict::Keep,
         }
+    }
+
+    /// Keeps a view whose pose is not known, if it was taken long enough from all others that it may show
+    /// something new; whether it did.
+    pub fn keep_unplaced(&mut self, stamp_nanos: i64, rule: &KeyframeRule) -> bool {
+        let is_near = |s: Option<i64>| s.is_some_and(|s| stamp_nanos.abs_diff(s) < UNPLACED_NANOS);
+        let near = is_near(self.last_stamp_nanos) || is_near(self.last_unplaced_nanos);
+        let keep = !near && self.len() < rule.most;
+        if keep {
+            self.unplaced += 1;
+            self.last_unplaced_nanos = Some(stamp_nanos);
+        }
+        keep
     }
 
     /// Forgets the views that were kept last.
@@ -76,6 +96,17 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
+
+    #[test]
+    fn views_without_poses_are_kept_by_their_time() {
+        let rule = KeyframeRule { translation_m: 0.1, rotation_rad: 0.2, most: 4 };
+        let mut kept = Keyframes::default();
+        kept.keep(1_000_000_000, Pose::identity());
+        let tenths = [10, 11, 12, 13, 14, 13, 16, 18];
+        let found = tenths.map(|t| kept.keep_unplaced(t * 100_000_000, &rule));
+        assert_eq!(found, [false, false, true, false, true, false, true, false]);
+        assert_eq!(kept.len(), 4);
+    }
 
     #[test]
     fn a_view_is_kept_once() {

@@ -31,6 +31,8 @@ pub struct LiveTf {
     pub jumps: u64,
     /// A frame whose pose comes from a topic of its own.
     pub overridden: Option<String>,
+    /// Transforms that the node itself publishes, by parent and child: they come back.
+    own: Vec<[String; 2]>,
 }
 
 impl LiveTf {
@@ -38,8 +40,10 @@ impl LiveTf {
     pub fn add(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/');
+            let parent = t.header.frame_id.trim_start_matches('/');
+            let is_own = self.own.iter().any(|o| *o == [parent, child]);
             // The pose topic stands for this frame; /tf may hold another estimate of it.
-            if self.overridden.as_deref() != Some(child) {
+            if self.overridden.as_deref() != Some(child) && !is_own {
                 self.add_one(t);
             }
         }
@@ -124,6 +128,20 @@ impl LiveTf {
     pub fn moving_root(&self, frame: &str) -> Option<String> {
         let chain = self.buffer.chain(frame);
         (chain.moves && chain.root != frame).then_some(chain.root)
+    }
+
+    /// The frame at the top of a frame's chain.
+    #[must_use]
+    pub fn root(&self, frame: &str) -> String {
+        self.buffer.chain(frame).root
+    }
+
+    /// Leaves out from now on a transform that the node itself publishes.
+    pub fn disown(&mut self, parent: &str, child: &str) {
+        let own = [parent, child].map(str::to_owned);
+        if !self.own.contains(&own) {
+            self.own.push(own);
+        }
     }
 
     /// `target_from_source` at a stamp, never extrapolated.
@@ -253,6 +271,16 @@ mod tests {
                 .abs()
                 < 1e-12
         );
+    }
+
+    #[test]
+    fn what_the_node_publishes_itself_does_not_come_back() {
+        let mut tf = LiveTf::default();
+        tf.disown("map", "link");
+        tf.add(&TfMessage { transforms: vec![sample("map", "link", S, 1.0)] });
+        assert_eq!((tf.root("link").as_str(), tf.moving_root("link")), ("link", None));
+        tf.add(&TfMessage { transforms: vec![sample("odom", "link", S, 1.0)] });
+        assert_eq!(tf.moving_root("link").as_deref(), Some("odom"));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)
+//! views without a pose -> [queue] -> live_tracking (a thread of its own) -> collection -> outputs
 //! services -> collection
 //! actions -> run::reconstruct(session), run::diagnose -> outputs
 //! ```
@@ -24,6 +25,7 @@ mod job;
 mod keyframes;
 mod last_results;
 mod live_tf;
+mod live_tracking;
 mod logger;
 mod motion_watch;
 mod outputs;
@@ -46,6 +48,7 @@ mod session_lock;
 mod settings;
 mod state_bag;
 mod synchronizer;
+mod track_status;
 mod twin;
 mod twin_messages;
 mod view;

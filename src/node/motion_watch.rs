@@ -103,6 +103,13 @@ impl MotionWatch {
         Self::new(self.rule)
     }
 
+    /// The same watch where poses are those of another map from now on: nothing that was seen can be held
+    /// against them.
+    #[must_use]
+    pub fn in_another_map(self) -> Self {
+        Self { references: VecDeque::new(), ..self }
+    }
+
     /// Whether the object is being moved between the states.
     #[must_use]
     pub fn is_moving(&self) -> bool {

@@ -7,7 +7,7 @@ use std::{
 };
 
 use ros2_client::Publisher;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 
 use super::{
     clock::NodeClock,
@@ -20,8 +20,8 @@ use super::{
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
 use crate::io::ros2msg::{
-    Header, JointState, TfMessage, diagnostic::DiagnosticArray, gap::GapReport, markers::MarkerArray,
-    point_cloud::PointCloud2, status::CollectionStatus, text::Text,
+    Header, JointState, TfMessage, TransformStamped, diagnostic::DiagnosticArray, gap::GapReport,
+    markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus, text::Text,
 };
 
 /// Values of `CollectionStatus.phase`.
@@ -40,6 +40,8 @@ pub struct News {
     pub twin: watch::Receiver<Option<Arc<Twin>>>,
     /// The last diagnosis.
     pub report: watch::Receiver<Option<Arc<GapReport>>>,
+    /// Poses of the camera where it is tracked.
+    pub poses: mpsc::Receiver<TransformStamped>,
 }
 
 /// All publishers.
@@ -97,7 +99,7 @@ impl Outputs {
     /// Publishes until the node ends.
     pub async fn run(
         self,
-        News { twin: mut twins, mut report }: News,
+        News { twin: mut twins, mut report, mut poses }: News,
         shared: Arc<Shared>,
         mut diagnostics: Diagnostics,
     ) {
@@ -127,6 +129,12 @@ impl Outputs {
                         // Stamped now: a report that is published again after a restart is not of that time.
                         let report = GapReport { header, ..GapReport::clone(&found) };
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
+                    }
+                }
+                Some(pose) = poses.recv() => {
+                    if self.settings.publish_tf {
+                        let message = TfMessage { transforms: vec![pose] };
+                        log_failure(self.tf.async_publish(message).await, "/tf");
                     }
                 }
                 // Repeated though nothing moves: tf2 forgets transforms after ten seconds.
@@ -206,6 +214,7 @@ impl Outputs {
             () if s.recordings.iter().all(Option::is_some) => phase::READY,
             () => phase::IDLE,
         };
+        let tracking = s.tracking.clone().unwrap_or_default();
         CollectionStatus {
             header: Header { stamp: self.clock.stamp(), frame_id: s.world_frame.clone().unwrap_or_default() },
             phase,
@@ -214,6 +223,11 @@ impl Outputs {
             matched: s.matched,
             unmatched: s.unmatched.iter().sum(),
             session: s.session.display().to_string(),
+            tracked: s.tracking.is_some(),
+            views_per_second: tracking.views_hz as f32,
+            inliers: tracking.inliers as f32,
+            position_error: tracking.error_m as f32,
+            hint: tracking.hint,
         }
     }
 }

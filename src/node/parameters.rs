@@ -39,6 +39,9 @@ pub struct Parameters {
     pub pose_frame: String,
     /// Frame in which the twin stands; empty: the root of the camera's transform chain.
     pub world_frame: String,
+    /// Whether the camera is tracked by what it sees: `auto` (where no transform comes for it), `always` or
+    /// `never`; empty: as the settings say.
+    pub tracking: String,
     /// QoS of the image subscriptions: `sensor_data` (best effort) or `default` (reliable).
     pub image_qos: String,
     /// QoS of the camera_info subscriptions.
@@ -108,6 +111,7 @@ impl Default for Parameters {
             pose_type: "pose".into(),
             pose_frame: String::new(),
             world_frame: String::new(),
+            tracking: String::new(),
             image_qos: "sensor_data".into(),
             info_qos: "sensor_data".into(),
             queue_depth: 10,
@@ -222,11 +226,12 @@ impl Parameters {
     fn check(&self) -> Result<(), ParameterError> {
         let refuse =
             |name: &str, reason: String| Err(ParameterError::Value { name: name.to_owned(), reason });
-        let choices: [(&str, &String, &[&str]); 8] = [
+        let choices: [(&str, &String, &[&str]); 9] = [
             ("color_transport", &self.color_transport, &["raw", "compressed"]),
             ("depth_transport", &self.depth_transport, &["raw", "compressedDepth"]),
             ("mask_transport", &self.mask_transport, &["raw", "compressed"]),
             ("pose_type", &self.pose_type, &["pose", "odometry"]),
+            ("tracking", &self.tracking, &["", "auto", "always", "never"]),
             ("image_qos", &self.image_qos, &["sensor_data", "default"]),
             ("info_qos", &self.info_qos, &["sensor_data", "default"]),
             ("mesh_uri", &self.mesh_uri, &["file", "package"]),

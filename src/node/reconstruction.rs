@@ -128,7 +128,10 @@ impl Reconstructor {
             joints: summary.joints.iter().map(|j| j.name.clone()).collect(),
             motions: summary.joints.iter().map(motion).collect(),
         };
-        let world_frame = self.shared.snapshot().world_frame.unwrap_or_else(|| "world".into());
+        let snapshot = self.shared.snapshot();
+        // What was tracked stands in a world of its own, which the pipeline found.
+        let own = snapshot.twin_frame.map(str::to_owned);
+        let world_frame = own.or(snapshot.world_frame).unwrap_or_else(|| "world".into());
         let twin = Twin { summary, state: 1, world_frame };
         // Noted before it is published: a node that is killed now publishes it again.
         note_twin(session, &twin);

@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use super::{
     action,
     clock::NodeClock,
-    collection::{Command, Core, IMAGE_QUEUE, Inbox, SMALL_QUEUE, Shared},
+    collection::{Command, Core, IMAGE_QUEUE, Inbox, SMALL_QUEUE, Shared, Tracking},
     collector::Collector,
     diagnosis::Diagnoser,
     diagnostics::Diagnostics,
@@ -19,7 +19,7 @@ use super::{
     error::NodeError,
     inputs::{self, Outbox},
     last_results::{last_report, last_twin},
-    logger,
+    live_tracking, logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
     parameters::{Loaded, Parameters},
@@ -36,6 +36,8 @@ use super::{
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";
+/// Camera poses that wait to be published.
+const POSE_QUEUE: usize = 16;
 /// How long the end may take before it is given up.
 const END_WAIT: Duration = Duration::from_secs(10);
 
@@ -149,12 +151,17 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     // The core: the one owner of the collector, on a thread of its own, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
+    let (queue, tracked) =
+        live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
+            .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),
         watch,
         usize::try_from(p.cloud_points).unwrap_or(0),
         Arc::clone(&clock),
         Arc::clone(&shared),
+        Tracking { queue, tracked, poses: sender },
     );
     let (outbox, inbox) = queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
@@ -189,7 +196,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     if let Some(report) = last_report(&first) {
         diagnoser.reports.send_replace(Some(Arc::new(report)));
     }
-    tokio::spawn(outputs.run(News { twin, report }, shared, diagnostics));
+    tokio::spawn(outputs.run(News { twin, report, poses }, shared, diagnostics));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;

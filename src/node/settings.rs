@@ -3,13 +3,16 @@
 use serde_norway::Value;
 
 use super::{
-    collector::CollectorSettings, keyframes::KeyframeRule, motion_watch::WatchRule, parameters::Parameters,
-    state_bag::Topics,
+    collector::CollectorSettings, keyframes::KeyframeRule, live_tracking::TrackSettings,
+    motion_watch::WatchRule, parameters::Parameters, state_bag::Topics,
 };
 use crate::config::{Config, ConfigError, Layers, Resolved};
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.
 const HELD_VIEWS: usize = 4;
+/// Frame that tracked poses are published in: what REP 105 calls the frame of a camera that is placed by what
+/// it saw before, and where RViz looks by default.
+const MAP_FRAME: &str = "map";
 
 /// Merges preset, file and single settings, then what the parameters say of topics and frames.
 ///
@@ -33,6 +36,7 @@ pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>,
         ("mask_topic", "capture.topics.mask", topics.mask.as_ref().and_then(text)),
         ("pose_topic", "capture.topics.pose", topics.pose.as_ref().and_then(|(name, _)| text(name))),
         ("world_frame", "capture.world_frame", text(&p.world_frame)),
+        ("tracking", "capture.tracking", text(&p.tracking)),
         ("pose_frame", "capture.pose_frame", text(&p.pose_frame)),
         ("parts", "run.parts", (p.parts > 0).then(|| Value::from(p.parts))),
     ];
@@ -49,7 +53,11 @@ pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>,
 pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
     let given = |s: &String| (!s.is_empty()).then(|| s.clone());
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
+    let capture = &config.capture;
     CollectorSettings {
+        poses_asked: capture.world_frame.is_some() || capture.pose_frame.is_some() || topics.pose.is_some(),
+        tracking: capture.tracking,
+        map_frame: capture.world_frame.clone().unwrap_or_else(|| MAP_FRAME.to_owned()),
         topics,
         world_frame: config.capture.world_frame.clone(),
         pose_frame: given(&p.pose_frame),
@@ -63,6 +71,17 @@ pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> Co
         },
         // Where people end a state themselves, none of its views shows motion.
         hold: if p.automatic_states { HELD_VIEWS } else { 0 },
+    }
+}
+
+/// Settings of the tracking; those that the pipeline tracks a recording by.
+#[must_use]
+pub fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackSettings {
+    TrackSettings {
+        config: config.capture.clone(),
+        topics,
+        seed: config.run.seed,
+        most: usize::try_from(p.max_keyframes).unwrap_or(1),
     }
 }
 

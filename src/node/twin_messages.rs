@@ -16,6 +16,8 @@ use crate::{
 
 /// Group of the markers.
 const NAMESPACE: &str = "joint_axes";
+/// Group of the marker of the object.
+const OBJECT: &str = "object";
 /// Markers a joint: axis, range, cone of uncertainty, text.
 const MARKERS_PER_JOINT: i32 = 4;
 /// Length of an axis, meters.
@@ -64,8 +66,8 @@ pub fn root_transform(
     })
 }
 
-/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state. Old
-/// markers go.
+/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state, and the
+/// box about what was taken for the object. Old markers go.
 #[must_use]
 pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
@@ -95,7 +97,25 @@ pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: 
             ..m
         }));
     }
+    markers.extend(twin.object_box_m.map(|corners| Marker {
+        header,
+        ns: OBJECT.into(),
+        ..box_edges(corners)
+    }));
     MarkerArray { markers }
+}
+
+/// The edges of a box.
+fn box_edges(corners: [[f64; 3]; 2]) -> Marker {
+    let corner = |k: usize| [0, 1, 2].map(|axis| corners[k >> axis & 1][axis]).into();
+    let edges = (0..8usize).flat_map(|k| (0..3).map(move |axis| (k, k | 1 << axis))).filter(|(a, b)| a != b);
+    Marker {
+        kind: kind::LINE_LIST,
+        scale: [0.002, 0.0, 0.0].into(),
+        color: Color { r: 1.0, g: 0.9, b: 0.1, a: 0.9 },
+        points: edges.flat_map(|(a, b)| [corner(a), corner(b)]).collect(),
+        ..Marker::default()
+    }
 }
 
 /// A joint to be drawn.
@@ -245,6 +265,7 @@ mod tests {
                 joint("hinge", "base", "lid", JointKind::Revolute, 1.0, Vector3::z()),
                 joint("slide", "lid", "tray", JointKind::Prismatic, 0.5, Vector3::x()),
             ],
+            object_box_m: None,
         }
     }
 
@@ -288,6 +309,20 @@ mod tests {
         // Three standard deviations of 0.01 rad at 0.1 m.
         let tip = array.markers[3].points[0];
         assert!(((tip.x - 1.0).hypot(tip.y) - 0.003).abs() < 1e-9, "{tip:?}");
+    }
+
+    #[test]
+    fn the_object_is_shown_as_a_box() {
+        let twin = RunSummary { object_box_m: Some([[0.0, 0.1, 0.2], [1.0, 1.2, 1.4]]), ..twin() };
+        let array = joint_markers(&twin, 0, "map", Time::default());
+        let marker = array.markers.last().unwrap();
+        assert_eq!((array.markers.len(), marker.ns.as_str(), marker.points.len()), (10, "object", 24));
+        assert_eq!((marker.header.frame_id.as_str(), marker.kind), ("map", kind::LINE_LIST));
+        let length = |p: &[crate::io::ros2msg::Vector3]| {
+            (p[0].x - p[1].x).abs() + (p[0].y - p[1].y).abs() + (p[0].z - p[1].z).abs()
+        };
+        let sum: f64 = marker.points.chunks(2).map(length).sum();
+        assert!((sum - 4.0 * (1.0 + 1.1 + 1.2)).abs() < 1e-9, "{sum}");
     }
 
     #[test]

@@ -53,6 +53,7 @@ pub(super) fn facts(
         initialization,
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
+        object_box_m: capture.object_box_m,
         camera_tracking: CameraTrackingReport::of(&capture.tracking),
         camera_poses: CameraPosesReport::of(&capture.poses.states),
         world_frame: twin.model.links.first().and_then(|root| {

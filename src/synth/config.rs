@@ -126,6 +126,8 @@ pub struct SynthConfig {
     pub sensor: Option<HandheldSensor>,
     /// A printed board of tags on the floor before the object, and the paper that it is printed on.
     pub board: Option<Paper>,
+    /// Whether the camera's accelerometer is recorded.
+    pub imu: bool,
 }
 
 impl Default for SynthConfig {
@@ -147,6 +149,7 @@ impl Default for SynthConfig {
             height: 480,
             sensor: None,
             board: None,
+            imu: false,
         }
     }
 }

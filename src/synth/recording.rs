@@ -4,7 +4,10 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::{
     Board, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample,
-    Solid, SynthConfig, TakePoses, View, seen_points, workspace::whole_way,
+    Solid, SynthConfig, TakePoses, View,
+    imu::{ImuReading, readings},
+    seen_points,
+    workspace::whole_way,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -68,6 +71,8 @@ pub struct SynthState {
     pub recorded_from_world: Pose,
     /// True surface points that the views saw, in the true world.
     pub seen: Vec<SeenSample>,
+    /// What the camera's accelerometer read; nothing where none was asked for.
+    pub imu: Vec<ImuReading>,
     /// Errors of the sensor's poses; those of the first view of state 0 are none.
     pub poses: TakePoses,
 }
@@ -142,7 +147,8 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     // Scenes with their hands: what a hand hides was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
-    SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, poses }
+    let imu = if config.imu { readings(&path, take, (views, period_nanos), config) } else { Vec::new() };
+    SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
 }
 
 /// The camera of a configuration: one without effects where no sensor is asked for.

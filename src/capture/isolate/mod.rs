@@ -26,7 +26,7 @@ use self::{
     change::{at_rest, changed},
     outliers::outlier_cells,
     plane::background_planes,
-    select::{Object, Search, choose_object},
+    select::{Object, Search, bounds, choose_object},
     support::find_support,
     voxels::{Cell, cell, center, dilated, frames_needed, supported},
 };
@@ -67,7 +67,8 @@ pub fn isolate(
     } else {
         find_object(capture, config, size_m, rng)?;
     }
-    check(capture, size_m)
+    capture.object_box_m = Some(check(capture, size_m)?);
+    Ok(())
 }
 
 /// Cell size: two standard deviations of the depth noise, or two pixels, at the median depth.
@@ -273,8 +274,9 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     covered
 }
 
-/// Refuses states without depth on the object and states without a common place.
-fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
+/// Refuses states without depth on the object and states without a common place. The box about the object in
+/// all states, lower and upper corner, meters.
+fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> {
     let mut cells = Vec::new();
     for (state, frames) in capture.states.iter().enumerate() {
         let pixels = frames
@@ -290,7 +292,9 @@ fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
         }
         cells.push(supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), frames_needed(frames.len())));
     }
-    let Some((first, others)) = cells.split_first() else { return Ok(()) };
+    let (lower, upper) = bounds(cells.iter().flatten());
+    let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));
+    let Some((first, others)) = cells.split_first() else { return Ok(corners) };
     // Noise may put the same surface into the next cell.
     let near = dilated(first, 1);
     for (k, other) in others.iter().enumerate() {
@@ -302,5 +306,5 @@ fn check(capture: &Capture, size_m: f64) -> Result<(), CaptureError> {
             return Err(CaptureError::NoOverlap { state: k + 1, share_percent: 100.0 * share });
         }
     }
-    Ok(())
+    Ok(corners)
 }

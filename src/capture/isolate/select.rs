@@ -214,7 +214,8 @@ fn apart(a: &[Cell], b: &[Cell]) -> f64 {
     all.fold(f64::INFINITY, f64::min).sqrt()
 }
 
-fn bounds<'a>(cells: impl Iterator<Item = &'a Cell>) -> (Cell, Cell) {
+/// Least and greatest coordinates of cells.
+pub fn bounds<'a>(cells: impl Iterator<Item = &'a Cell>) -> (Cell, Cell) {
     cells.fold(([i32::MAX; 3], [i32::MIN; 3]), |(l, u), c| {
         (std::array::from_fn(|k| l[k].min(c[k])), std::array::from_fn(|k| u[k].max(c[k])))
     })

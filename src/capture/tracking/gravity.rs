@@ -1,8 +1,9 @@
-//! Which way is up, where no pose says so: by the plane that the object stands on, or by the images.
+//! Which way is up, where no pose says so: by accelerations, by the plane that the object stands on, or by
+//! the images.
 
-use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
-use super::track::Track;
+use super::{imu::MeasuredUp, locate::mean_depth_m, observation::Observation, track::Track};
 use crate::{capture::select::common_focus, geometry::Pose, statistics::median};
 
 /// Surfels looked at.
@@ -28,6 +29,12 @@ const LEAST_SHARE: f64 = 0.05;
 /// Share of the surface that may lie below a support.
 /// tuned: as for background planes
 const BELOW_SHARE: f64 = 0.05;
+/// What things stand on is level within this, one standard deviation, radians.
+/// derived: the feet of a table of 1 m differ by 1 cm; floors are better (DIN 18202: 4 mm on 1 m)
+const LEVEL_RAD: f64 = 0.01;
+/// Directions further apart than so many of their deviations contradict each other.
+/// derived: 0.3 % of a normal distribution
+const APART: f64 = 3.0;
 
 /// What says which way is up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +45,35 @@ pub enum UpBy {
     Images,
     /// A measured acceleration.
     Imu,
+}
+
+/// The world in which a tracked thing stands.
+#[derive(Clone, Copy, Debug)]
+pub struct Upright {
+    /// From the map.
+    pub world_from_map: Pose,
+    /// What says which way is up.
+    pub by: UpBy,
+    /// Standard deviation of that, radians; `None` where only the images say so.
+    pub sigma_rad: Option<f64>,
+    /// Angle between measured gravity and what the support stands square to, radians, where there are both.
+    pub apart_rad: Option<f64>,
+    /// Whether that is more than both allow.
+    pub contradicted: bool,
+}
+
+/// Views whose places are known.
+pub(super) struct Placed<'a> {
+    pub observations: Vec<&'a Observation>,
+    pub poses: &'a [Pose],
+}
+
+/// The plane below everything.
+struct Support {
+    normal: Unit<Vector3<f64>>,
+    offset_m: f64,
+    /// Standard deviation of up by it, radians.
+    sigma_rad: f64,
 }
 
 /// A piece of surface.
@@ -52,27 +88,62 @@ struct Patch {
 
 impl Track {
     /// The world in which the twin stands: z up, x to where the cameras look, the origin on the support below
-    /// what they look at. `up`: the direction upwards in the map, where it was measured.
+    /// what they look at. Up is what accelerations or the support say, whichever is known better.
     #[must_use]
-    pub fn upright(&self, up: Option<Unit<Vector3<f64>>>) -> (Pose, UpBy) {
+    pub fn upright(&self) -> Upright {
+        let measured = self.measured_up.as_ref().and_then(|m| m.as_ref().ok());
+        Placed { observations: self.observations.iter().collect(), poses: &self.key_poses }.upright(measured)
+    }
+}
+
+impl Placed<'_> {
+    pub fn upright(&self, measured: Option<&MeasuredUp>) -> Upright {
         let patches = self.patches();
         let upright = self.images_upright();
-        let support = support(&patches, up.as_ref().unwrap_or(&upright));
-        let (normal, by) = match (up, &support) {
-            (Some(up), _) => (up, UpBy::Imu),
-            (None, Some((normal, _))) => (*normal, UpBy::Support),
-            (None, None) => (upright, UpBy::Images),
+        let by_images = support(&patches, &upright);
+        // A camera held on its side sees walls below; axes mixed up make a wall of the floor. What agrees
+        // with gravity is the support, if anything does.
+        let support = match measured {
+            None => by_images,
+            Some(m) => {
+                let found = [by_images, support(&patches, &m.up)].into_iter().flatten();
+                found.min_by(|a, b| a.normal.angle(&m.up).total_cmp(&b.normal.angle(&m.up)))
+            }
         };
-        let ahead = self.key_poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
-        let focus = common_focus(&self.key_poses).unwrap_or_else(|| {
-            let depths = self.patches_depth_m();
-            self.key_poses[0] * Point3::new(0.0, 0.0, depths)
+        let apart = measured.zip(support.as_ref()).map(|(m, s)| {
+            let apart_rad = m.up.angle(&s.normal);
+            (apart_rad, apart_rad > APART * m.sigma_rad.hypot(s.sigma_rad))
         });
+        let (normal, by, sigma_rad) = match (measured, &support) {
+            (Some(m), Some(s)) if s.sigma_rad < m.sigma_rad => (s.normal, UpBy::Support, Some(s.sigma_rad)),
+            (Some(m), _) => (m.up, UpBy::Imu, Some(m.sigma_rad)),
+            (None, Some(s)) => (s.normal, UpBy::Support, Some(s.sigma_rad)),
+            (None, None) => (upright, UpBy::Images, None),
+        };
+        Upright {
+            world_from_map: self.world_from_map(&patches, &normal, support.as_ref()),
+            by,
+            sigma_rad,
+            apart_rad: apart.map(|a| a.0),
+            contradicted: apart.is_some_and(|a| a.1),
+        }
+    }
+
+    fn world_from_map(
+        &self,
+        patches: &[Patch],
+        normal: &Unit<Vector3<f64>>,
+        support: Option<&Support>,
+    ) -> Pose {
+        let ahead = self.poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
+        let focus =
+            common_focus(self.poses).unwrap_or_else(|| self.poses[0] * Point3::new(0.0, 0.0, self.depth_m()));
         // Below the focus: on the support, or on the lowest tenth of what is seen.
         let height_m = |p: &Point3<f64>| normal.dot(&p.coords);
-        let floor_m = match &support {
-            Some((plane, offset_m)) if plane.dot(&normal) > SAME_COSINE => {
-                (offset_m - plane.dot(&focus.coords)) / plane.dot(&normal) + height_m(&focus)
+        let floor_m = match support {
+            Some(plane) if plane.normal.dot(normal) > SAME_COSINE => {
+                (plane.offset_m - plane.normal.dot(&focus.coords)) / plane.normal.dot(normal)
+                    + height_m(&focus)
             }
             _ => low(patches.iter().map(|p| height_m(&p.point)).collect()),
         };
@@ -83,31 +154,27 @@ impl Track {
             let aside = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
             normal.cross(&aside).normalize()
         });
-        let rotation = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[
-            x,
-            normal.cross(&x),
-            normal.into_inner(),
-        ]));
+        let axes = Matrix3::from_columns(&[x, normal.cross(&x), normal.into_inner()]);
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
         let map_from_world =
             Pose::from_parts(origin.coords.into(), UnitQuaternion::from_rotation_matrix(&rotation));
-        (map_from_world.inverse(), by)
+        map_from_world.inverse()
     }
 
     /// Mean of what is up in the images.
     fn images_upright(&self) -> Unit<Vector3<f64>> {
-        let up = self.key_poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
+        let up = self.poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
         Unit::try_new(up, 1e-9).unwrap_or_else(|| Unit::new_unchecked(-Vector3::y()))
     }
 
-    fn patches_depth_m(&self) -> f64 {
-        median(self.observations.iter().map(|o| super::locate::mean_depth_m(&o.surfels)).collect())
-            .unwrap_or(1.0)
+    fn depth_m(&self) -> f64 {
+        median(self.observations.iter().map(|o| mean_depth_m(&o.surfels)).collect()).unwrap_or(1.0)
     }
 
     fn patches(&self) -> Vec<Patch> {
         let count: usize = self.observations.iter().map(|o| o.surfels.sum().1 as usize).sum();
         let every = count.div_ceil(LOOKED_AT).max(1);
-        let of_keyframe = |(observation, pose): (&super::Observation, &Pose)| -> Vec<Patch> {
+        let of_keyframe = |(observation, pose): (&&Observation, &Pose)| -> Vec<Patch> {
             let patch = |(point, normal): (Point3<f64>, Vector3<f64>)| Patch {
                 // A surfel covers more where it is further away, and where it is seen from aside.
                 weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
@@ -117,12 +184,12 @@ impl Track {
             };
             observation.surfels.points(every).map(patch).collect()
         };
-        self.observations.iter().zip(&self.key_poses).flat_map(of_keyframe).collect()
+        self.observations.iter().zip(self.poses).flat_map(of_keyframe).collect()
     }
 }
 
 /// Normal and offset of the largest plane below everything that faces up by about `upright`.
-fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<(Unit<Vector3<f64>>, f64)> {
+fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<Support> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
     for proposing in patches.iter().step_by(PROPOSING) {
@@ -139,11 +206,12 @@ fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<(Unit<Vect
             best = Some((held, normal, offset_m));
         }
     }
-    let (_, mut normal, mut offset_m) = best?;
+    let (_, normal, offset_m) = best?;
+    let mut found = Support { normal, offset_m, sigma_rad: LEVEL_RAD };
     for _ in 0..5 {
-        (normal, offset_m) = refit(patches, &normal, offset_m)?;
+        found = refit(patches, &found)?;
     }
-    Some((normal, offset_m))
+    Some(found)
 }
 
 fn is_on(patch: &Patch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
@@ -152,19 +220,30 @@ fn is_on(patch: &Patch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
 }
 
 /// Least squares over the patches on a plane.
-fn refit(patches: &[Patch], normal: &Unit<Vector3<f64>>, offset_m: f64) -> Option<(Unit<Vector3<f64>>, f64)> {
-    let on: Vec<&Patch> = patches.iter().filter(|p| is_on(p, normal, offset_m)).collect();
+fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
+    let on: Vec<&Patch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
     let weight = |p: &Patch| p.weight / p.gate_m.powi(2);
     let total: f64 = on.iter().map(|p| weight(p)).sum();
     let mean = on.iter().map(|p| p.point.coords * weight(p)).sum::<Vector3<f64>>() / total;
     let spread = on
         .iter()
         .map(|p| (p.point.coords - mean) * (p.point.coords - mean).transpose() * weight(p))
-        .sum::<nalgebra::Matrix3<f64>>();
+        .sum::<Matrix3<f64>>()
+        / total;
     let eigen = spread.symmetric_eigen();
-    let found = Unit::try_new(eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned(), 1e-9)?;
-    let found = if found.dot(normal) < 0.0 { -found } else { found };
-    Some((found, found.dot(&mean)))
+    let least = eigen.eigenvalues.imin();
+    let found = Unit::try_new(eigen.eigenvectors.column(least).into_owned(), 1e-9)?;
+    let normal = if found.dot(&plane.normal) < 0.0 { -found } else { found };
+    // The warp of a sensor is the same in all that it reads: more patches do not average it away, only the
+    // reach of the plane counts, in the direction in which it is shortest.
+    let reach_m =
+        (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
+    let error_m = on.iter().map(|p| p.gate_m * weight(p)).sum::<f64>() / (GATE * total);
+    Some(Support {
+        normal,
+        offset_m: normal.dot(&mean),
+        sigma_rad: LEVEL_RAD.hypot(error_m / reach_m.max(1e-9)),
+    })
 }
 
 /// The value that a tenth lie below; 0 of none.

@@ -54,6 +54,8 @@ pub(super) struct Located {
     pub matches: Vec<Vec<[u32; 2]>>,
     /// Standard deviation in the least known direction at the frame's mean depth, meters.
     pub least_known_m: f64,
+    /// Of the surfels that frames can judge, the share seen where they are.
+    pub agreement: f64,
 }
 
 /// A guess of the new frame's pose, and how far it may be off.
@@ -130,7 +132,8 @@ fn settled(
     if overlaps.iter().map(Overlap::share).fold(0.0, f64::max) < LEAST_SHARE {
         return Err(Lost::LittleShared);
     }
-    if both.agreement() < LEAST_AGREEMENT {
+    let agreement = both.agreement();
+    if agreement < LEAST_AGREEMENT {
         return Err(Lost::Contradicted);
     }
     let depth_m = mean_depth_m(&new.surfels);
@@ -140,7 +143,7 @@ fn settled(
         return Err(Lost::Undetermined);
     }
     let by_known = (0..last).map(|k| adjusted.information_with(last, k)).collect();
-    Ok(Located { pose, by_known, overlaps, matches: matched.to_vec(), least_known_m })
+    Ok(Located { pose, by_known, overlaps, matches: matched.to_vec(), least_known_m, agreement })
 }
 
 /// Information about the new frame without that of directions that the surfaces show by the noise of their

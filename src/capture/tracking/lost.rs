@@ -58,4 +58,16 @@ impl Lost {
             Self::Blank => "they show nothing that can be found again; keep corners and texture in view",
         }
     }
+
+    /// Whether the view itself shows nothing.
+    #[must_use]
+    pub fn is_blind(self) -> bool {
+        matches!(self, Self::Covered | Self::Dark | Self::Unread | Self::Blank)
+    }
+
+    /// What to do about it, for people: the end of [`Self::reason`].
+    #[must_use]
+    pub fn remedy(self) -> &'static str {
+        self.reason().split_once("; ").map_or(self.reason(), |(_, remedy)| remedy)
+    }
 }

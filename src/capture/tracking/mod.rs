@@ -10,8 +10,10 @@ mod adjust;
 mod between;
 mod closure;
 mod gravity;
+mod imu;
 mod keyframes;
 mod landmark_motion;
+mod live;
 mod locate;
 mod lost;
 mod observation;
@@ -23,7 +25,9 @@ use serde::{Deserialize, Serialize};
 
 pub use self::{
     between::{Unaligned, align_tracks},
-    gravity::UpBy,
+    gravity::{UpBy, Upright},
+    imu::Accelerometer,
+    live::{LiveTracker, LiveView},
     lost::Lost,
     observation::Observation,
     track::{Track, TrackingFindings},

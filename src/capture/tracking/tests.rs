@@ -1,4 +1,4 @@
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{lost::Lost, *};
@@ -137,7 +137,7 @@ fn along_a_plain_wall_the_camera_is_lost() {
 fn the_support_is_level_and_low() {
     let frames = views(&boxes(Vector3::zeros()), 6);
     let (found, _) = track(&frames);
-    let (world_from_map, by) = found.upright(None);
+    let Upright { world_from_map, by, .. } = found.upright();
     assert_eq!(by, UpBy::Support);
     for (frame, pose) in frames.iter().zip(&found.poses) {
         let pose = world_from_map * pose.unwrap();
@@ -217,4 +217,101 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
     let mut tracker = Tracker::new(0);
     let found: Vec<_> = wall.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE)).err()).collect();
     assert_eq!(found[1..], [Some(Lost::Blank); 2]);
+}
+
+/// What a live tracker says of frames, which know their poses but do not give them away.
+fn live(frames: &[RgbdFrame], most: usize) -> (LiveTracker, Vec<Result<LiveView, Lost>>) {
+    let mut tracker = LiveTracker::new(3, most);
+    let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
+    let seen = frames.iter().map(|f| tracker.see(Observation::of(hidden(f), &NOISE))).collect();
+    (tracker, seen)
+}
+
+#[test]
+fn views_are_placed_as_they_come_upright_and_with_what_they_err() {
+    let frames = views(&boxes(Vector3::zeros()), 10);
+    let (_, seen) = live(&frames, 100);
+    let found: Vec<LiveView> = seen.into_iter().map(Result::unwrap).collect();
+    for (view, frame) in found.iter().zip(&frames) {
+        // Up is that of the floor; the first view stands where the others say.
+        let up = frame.world_from_camera.rotation.inverse() * Vector3::z();
+        let found_up = view.world_from_camera.rotation.inverse() * Vector3::z();
+        assert!(up.angle(&found_up) < 0.02, "{up} {found_up}");
+        let way = frames[0].world_from_camera.inverse() * frame.world_from_camera;
+        let found_way = found[0].world_from_camera.inverse() * view.world_from_camera;
+        let off = (way.inverse() * found_way).translation.vector.norm();
+        assert!(off < 0.001 + 4.0 * view.error_m && view.error_m < 0.003, "{off} {view:?}");
+        assert!(view.inliers > 0.9 && !view.is_fast, "{view:?}");
+        // The floor is the world's.
+        let height = frame.world_from_camera.translation.z - FLOOR_M;
+        assert!((view.world_from_camera.translation.z - height).abs() < 0.02, "{view:?}");
+    }
+    assert!(found.windows(2).all(|w| w[1].error_m > 0.0 && w[0].error_m <= w[1].error_m + 0.001));
+}
+
+#[test]
+fn a_view_that_is_lost_leaves_no_trace_and_looking_back_finds_the_camera() {
+    let mut frames = views(&boxes(Vector3::zeros()), 8);
+    frames[3].rgb.fill([0; 3]);
+    frames[3].depth_m.fill(0.0);
+    // Somewhere else: a plain wall.
+    frames[4] = view(&|p: &Point3<f64>| 2.0 - p.x.abs().max(p.y.abs()), Point3::new(0.2, 0.1, 0.3), false, 4);
+    let (tracker, seen) = live(&frames, 100);
+    assert_eq!(seen[3], Err(Lost::Covered));
+    assert!(seen[4].is_err(), "{seen:?}");
+    assert!(Lost::Covered.remedy().starts_with("keep the lens free"));
+    let found = seen[6].unwrap();
+    let way = frames[0].world_from_camera.inverse() * frames[6].world_from_camera;
+    let off = way.inverse() * (seen[0].unwrap().world_from_camera.inverse() * found.world_from_camera);
+    assert!(off.translation.vector.norm() < 0.004, "{off}");
+    assert!((2..=6).contains(&tracker.keyframes()), "{}", tracker.keyframes());
+}
+
+#[test]
+fn a_full_map_takes_no_more_views_and_still_places_them() {
+    let frames = views(&boxes(Vector3::zeros()), 6);
+    let (tracker, seen) = live(&frames, 2);
+    assert!(tracker.is_full() && tracker.keyframes() == 2);
+    assert!(seen.iter().all(Result::is_ok), "{seen:?}");
+}
+
+#[test]
+fn a_camera_that_moves_fast_is_said() {
+    let frames: Vec<RgbdFrame> =
+        [0, 1, 5].map(|i| view(&boxes(Vector3::zeros()), eye(i), true, i)).into_iter().collect();
+    let (_, seen) = live(&frames, 100);
+    let fast: Vec<bool> = seen.iter().map(|v| v.unwrap().is_fast).collect();
+    assert_eq!(fast, [false, false, true]);
+}
+
+#[test]
+fn up_is_what_is_known_better_and_a_contradiction_is_said() {
+    let frames = views(&boxes(Vector3::zeros()), 6);
+    let mut found = track(&frames).0;
+    let alone = found.upright();
+    assert!(alone.by == UpBy::Support && alone.apart_rad.is_none() && !alone.contradicted);
+    let sigma_rad = alone.sigma_rad.unwrap();
+    assert!((0.005..0.05).contains(&sigma_rad), "{sigma_rad}");
+    let up = alone.world_from_map.rotation.inverse() * Vector3::z();
+    // Gravity by an instrument, off by an angle, as well known as it says.
+    let mut with = |off_rad: f64, sigma_rad: f64| {
+        let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(up.cross(&Vector3::x())), off_rad);
+        let measured = imu::MeasuredUp {
+            up: Unit::new_normalize(turn * up),
+            sigma_rad,
+            bias: Vector3::zeros(),
+            windows: 9,
+        };
+        found.measured_up = Some(Ok(measured));
+        let upright = found.upright();
+        let tilt = (upright.world_from_map.rotation.inverse() * Vector3::z()).angle(&up);
+        assert!((upright.apart_rad.unwrap() - off_rad).abs() < 1e-3, "{upright:?}");
+        (upright.by, upright.contradicted, (1e3 * tilt).round() as i64)
+    };
+    assert_eq!(with(0.02, 0.002), (UpBy::Imu, false, 20));
+    assert_eq!(with(0.02, 0.07), (UpBy::Support, false, 0));
+    assert_eq!(with(0.3, 0.002), (UpBy::Imu, true, 300));
+    assert_eq!(with(0.3, 0.07), (UpBy::Support, true, 0));
+    found.measured_up = Some(Err(imu::NoGravity::Short { windows: 1 }));
+    assert_eq!(found.upright().by, UpBy::Support);
 }

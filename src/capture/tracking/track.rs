@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     adjust::Adjustment,
     closure::{close_loops, join_pieces},
+    imu::{Accelerometer, MeasuredUp, NoGravity, measured_up},
     keyframes::{Edge, Keyframe},
     observation::Observation,
     pose_graph::pose_graph,
@@ -40,8 +41,12 @@ pub struct TrackingFindings {
 
 /// The camera's way through a state.
 pub struct Track {
+    /// Of every view, nanoseconds.
+    pub stamps_nanos: Vec<i64>,
     /// Of every view; `None` where it was lost.
     pub poses: Vec<Option<Pose>>,
+    /// Which way is up in the map, where accelerations were recorded.
+    pub measured_up: Option<Result<MeasuredUp, NoGravity>>,
     /// What was found.
     pub findings: TrackingFindings,
     /// What the keyframes show.
@@ -95,7 +100,19 @@ impl Tracker {
             closed_m: (moved.sum::<f64>() / key_poses.len().max(1) as f64).sqrt(),
             least_known_m: median(self.least_known_m).unwrap_or(0.0),
         };
-        Track { poses, findings, observations, key_poses }
+        Track { stamps_nanos: self.stamps_nanos, poses, measured_up: None, findings, observations, key_poses }
+    }
+}
+
+impl Track {
+    /// Which way is up in the map, by an accelerometer.
+    ///
+    /// # Errors
+    /// [`NoGravity`].
+    pub fn up_of(&self, accelerometer: &Accelerometer) -> Result<MeasuredUp, NoGravity> {
+        let views = self.stamps_nanos.iter().zip(&self.poses);
+        let placed: Vec<(i64, Pose)> = views.filter_map(|(t, p)| Some((*t, (*p)?))).collect();
+        measured_up(&placed, accelerometer)
     }
 }
 

@@ -39,25 +39,34 @@ pub(super) struct Place {
     pub keyframe_from_camera: Pose,
 }
 
+/// A view that was placed by keyframes.
+pub(super) struct Found {
+    pub piece: usize,
+    /// The keyframes.
+    pub known: Vec<usize>,
+    pub located: Located,
+}
+
 /// Follows the camera of one state.
 pub struct Tracker {
     seed: u64,
     pub(super) keyframes: Keyframes,
     /// Of every view, in the order of time.
     pub(super) views: Vec<Option<Place>>,
+    pub(super) stamps_nanos: Vec<i64>,
     pieces: usize,
     /// Of the last view that was placed: its number, stamp and piece.
-    last: Option<Last>,
+    pub(super) last: Option<Last>,
     /// Standard deviations of the places of keyframes against those before, meters.
     pub(super) least_known_m: Vec<f64>,
 }
 
 #[derive(Clone, Copy)]
-struct Last {
+pub(super) struct Last {
     stamp_nanos: i64,
     piece: usize,
-    keyframe: usize,
-    pose: Pose,
+    pub keyframe: usize,
+    pub pose: Pose,
     /// Motion to it from the one before, in its own frame, a second.
     velocity: Option<nalgebra::Vector6<f64>>,
 }
@@ -70,6 +79,7 @@ impl Tracker {
             seed,
             keyframes: Keyframes::default(),
             views: Vec::new(),
+            stamps_nanos: Vec::new(),
             pieces: 0,
             last: None,
             least_known_m: Vec::new(),
@@ -93,25 +103,31 @@ impl Tracker {
     /// Takes the next frame, in the order of time; says whether it could be placed against an earlier one.
     pub fn add(&mut self, observation: Observation) -> Result<(), Lost> {
         let view = self.views.len();
-        let placed = self.follow(view, &observation);
-        let placed = placed.or_else(|why| self.find_again(view, &observation).ok_or(why));
-        match placed {
-            Ok((piece, known, located)) => {
-                self.place(view, observation, piece, &known, &located);
+        self.stamps_nanos.push(observation.stamp_nanos);
+        match self.look(view, &observation) {
+            Ok(found) => {
+                let place = self.place(view, observation, &found, true);
+                self.views.push(Some(place));
                 Ok(())
             }
             Err(why) => {
-                let why = observation.blind().unwrap_or(why);
                 // It may be the first of frames that hang together; what comes later may join them.
                 let first = self.views.is_empty();
-                self.begin_piece(view, observation);
+                let place = self.begin_piece(view, observation);
+                self.views.push(Some(place));
                 if first { Ok(()) } else { Err(why) }
             }
         }
     }
 
+    /// Where a frame was taken, by the keyframes that there are; `view` numbers its draws.
+    pub(super) fn look(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
+        let placed = self.follow(view, new).or_else(|why| self.find_again(view, new).ok_or(why));
+        placed.map_err(|why| new.blind().unwrap_or(why))
+    }
+
     /// By the keyframes about where the camera should be.
-    fn follow(&self, view: usize, new: &Observation) -> Result<(usize, Vec<usize>, Located), Lost> {
+    fn follow(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
         let last = self.last.ok_or(Lost::NoGuess)?;
         let guess = last.ahead(new.stamp_nanos);
         let mut near = vec![last.keyframe];
@@ -119,11 +135,11 @@ impl Tracker {
         near.extend(nearest.into_iter().filter(|k| *k != last.keyframe).take(NEIGHBORS - 1));
         let located =
             locate(&self.known(&near), new, Some(guess), &mut stage_rng(self.seed, "track", view as u64))?;
-        Ok((last.piece, near, located))
+        Ok(Found { piece: last.piece, known: near, located })
     }
 
     /// By looks, wherever the camera is.
-    fn find_again(&self, view: usize, new: &Observation) -> Option<(usize, Vec<usize>, Located)> {
+    fn find_again(&self, view: usize, new: &Observation) -> Option<Found> {
         let count = self.keyframes.all.len();
         // The latest ones, and some of all before.
         let latest = LOOKED_AT / 2;
@@ -140,8 +156,10 @@ impl Tracker {
             self.keyframes.nearest(piece, &located.pose).into_iter().take(NEIGHBORS).collect();
         let guess = Guess { pose: located.pose, noise: PoseNoise::EXPECTED };
         match locate(&self.known(&near), new, Some(guess), &mut rng) {
-            Ok(better) if better.least_known_m < located.least_known_m => Some((piece, near, better)),
-            _ => Some((piece, numbers, located)),
+            Ok(better) if better.least_known_m < located.least_known_m => {
+                Some(Found { piece, known: near, located: better })
+            }
+            _ => Some(Found { piece, known: numbers, located }),
         }
     }
 
@@ -149,46 +167,43 @@ impl Tracker {
         keyframes.iter().map(|&k| self.keyframes.all[k].known()).collect()
     }
 
-    fn place(&mut self, view: usize, new: Observation, piece: usize, known: &[usize], located: &Located) {
+    /// Takes a view where it was found. One that shows what the keyframes do not becomes one, if it `may`.
+    pub(super) fn place(&mut self, view: usize, new: Observation, found: &Found, may: bool) -> Place {
+        let &Found { piece, ref located, .. } = found;
         let pose = located.pose;
         let stamp_nanos = new.stamp_nanos;
         let nearest = self.keyframes.nearest(piece, &pose)[0];
         let keyframe = &self.keyframes.all[nearest];
         let apart = view_distance_rad(&keyframe.pose, &pose, keyframe.depth_m);
         let share = located.overlaps.iter().map(|o| o.share()).fold(0.0, f64::max);
-        let is_key = apart > KEY_DISTANCE_RAD || share < KEY_SHARE;
-        let keyframe = if is_key { self.add_keyframe(view, new, piece, known, located) } else { nearest };
+        let is_key = may && (apart > KEY_DISTANCE_RAD || share < KEY_SHARE);
+        let keyframe = if is_key { self.add_keyframe(view, new, found) } else { nearest };
         let keyframe_from_camera = self.keyframes.all[keyframe].pose.inverse() * pose;
-        self.views.push(Some(Place { keyframe, keyframe_from_camera }));
         let before = self.last.filter(|l| l.piece == piece);
         let velocity = before.and_then(|l| l.velocity_to(stamp_nanos, &pose));
         self.last = Some(Last { stamp_nanos, piece, keyframe, pose, velocity });
+        Place { keyframe, keyframe_from_camera }
     }
 
-    fn add_keyframe(
-        &mut self,
-        view: usize,
-        new: Observation,
-        piece: usize,
-        known: &[usize],
-        located: &Located,
-    ) -> usize {
+    fn add_keyframe(&mut self, view: usize, new: Observation, found: &Found) -> usize {
+        let Found { piece, known, located } = found;
         let number = self.keyframes.all.len();
-        self.keyframes.all.push(Keyframe::new(view, new, piece, located.pose));
+        self.keyframes.all.push(Keyframe::new(view, new, *piece, located.pose));
         self.least_known_m.push(located.least_known_m);
         self.keyframes.add_edges(known, number, located, false);
         number
     }
 
-    fn begin_piece(&mut self, view: usize, new: Observation) {
+    /// Takes a view that hangs together with none before.
+    pub(super) fn begin_piece(&mut self, view: usize, new: Observation) -> Place {
         let piece = self.pieces;
         self.pieces += 1;
         let stamp_nanos = new.stamp_nanos;
         let keyframe = self.keyframes.all.len();
         // The first camera of a piece is its frame.
         self.keyframes.all.push(Keyframe::new(view, new, piece, Pose::identity()));
-        self.views.push(Some(Place { keyframe, keyframe_from_camera: Pose::identity() }));
         self.last = Some(Last { stamp_nanos, piece, keyframe, pose: Pose::identity(), velocity: None });
+        Place { keyframe, keyframe_from_camera: Pose::identity() }
     }
 }
 

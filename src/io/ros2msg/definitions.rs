@@ -4,6 +4,7 @@ use super::{CameraInfo, CompressedImage, Image, JointState, PoseStamped, TfMessa
 use super::{
     diagnostic::DiagnosticArray,
     gap::GapReport,
+    imu::Imu,
     markers::MarkerArray,
     odometry::FullOdometry,
     point_cloud::PointCloud2,
@@ -44,6 +45,7 @@ definitions! {
     Image, "sensor_msgs", "Image";
     CompressedImage, "sensor_msgs", "CompressedImage";
     CameraInfo, "sensor_msgs", "CameraInfo";
+    Imu, "sensor_msgs", "Imu";
     JointState, "sensor_msgs", "JointState";
     PointCloud2, "sensor_msgs", "PointCloud2";
     TfMessage, "tf2_msgs", "TFMessage";

@@ -42,6 +42,8 @@ pub mod kind {
     pub const ARROW: i32 = 0;
     /// A line through points.
     pub const LINE_STRIP: i32 = 4;
+    /// Lines between pairs of points.
+    pub const LINE_LIST: i32 = 5;
     /// Text that faces the viewer.
     pub const TEXT: i32 = 9;
 }

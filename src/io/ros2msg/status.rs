@@ -21,6 +21,16 @@ pub struct CollectionStatus {
     pub unmatched: u64,
     /// Folder of the recordings.
     pub session: String,
+    /// Whether the camera is tracked by what it sees.
+    pub tracked: bool,
+    /// Placed by tracking.
+    pub views_per_second: f32,
+    /// Share of the surface that the last view and the map see alike; 0: lost.
+    pub inliers: f32,
+    /// Standard deviation of the last view's place, meters; infinite: lost.
+    pub position_error: f32,
+    /// What to do; empty: go on.
+    pub hint: String,
 }
 
 /// Request of `artitwin_msgs/srv/SetState`.

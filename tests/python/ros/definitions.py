@@ -13,7 +13,7 @@ DISTROS = [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, list(Stores)[-1]]
 TYPES = [
     "artitwin_msgs/msg/CollectionStatus", "artitwin_msgs/msg/GapReport", "diagnostic_msgs/msg/DiagnosticArray", "geometry_msgs/msg/PoseStamped",
     "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/Image", "sensor_msgs/msg/JointState", "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String",
+    "sensor_msgs/msg/Image", "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String",
     "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray",
 ]
 

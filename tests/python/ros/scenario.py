@@ -9,6 +9,7 @@ from peer import ActionClient, Peer, matched, service
 from datagrams import claims, large
 from faults import NODE, diagnose, jumps, resets, restart
 from replay import Replay, as_poses, expect, report, settled, values
+from tracking import tracked
 
 
 def published(joints, motions):
@@ -20,7 +21,8 @@ def published(joints, motions):
     markers = late.receive(
         late.subscriber(f"{NODE}/joint_markers", "visualization_msgs/msg/MarkerArray", latched=True, depth=1),
         "visualization_msgs/msg/MarkerArray", 15)
-    expect(markers.markers[0].action == 3 and len(markers.markers) == 1 + 4 * len(joints), len(markers.markers))
+    expect(markers.markers[0].action == 3 and len(markers.markers) == 2 + 4 * len(joints), len(markers.markers))
+    expect(markers.markers[-1].ns == "object" and len(markers.markers[-1].points) == 24, markers.markers[-1])
     states = late.receive(late.subscriber("/joint_states", "sensor_msgs/msg/JointState"), "sensor_msgs/msg/JointState", 15)
     expect(list(states.name) == list(joints) and numpy.allclose(states.position, motions), states)
     links = late.receive(
@@ -294,10 +296,10 @@ def main():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers(required=True)
     for function in (session, rate, hostile, clock, discovery, automatic, play, restart, jumps, resets, diagnose, claims, large,
-                     taken_up, reported):
+                     taken_up, reported, tracked):
         command = commands.add_parser(function.__name__)
         command.set_defaults(function=function)
-        if function in (session, hostile, automatic, play, restart, jumps, resets):
+        if function in (session, hostile, automatic, play, restart, jumps, resets, tracked):
             command.add_argument("bags", nargs="+")
         if function is session:
             command.add_argument("--raw", action="store_true")

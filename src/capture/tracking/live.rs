@@ -1,0 +1,116 @@
+//! A camera followed while its views come in: the steps of [`Tracker`], with a pose at once and a bounded
+//! map. What comes later changes nothing: no loop is closed, and a lost view leaves no trace.
+
+use super::{
+    gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker,
+};
+use crate::geometry::Pose;
+
+/// A camera that sees so differently from one view to the next is near what cannot be followed, radians.
+/// derived: half of the 0.5 rad over which features of images match (Mikolajczyk and Schmid 2005)
+const FAST_RAD: f64 = 0.25;
+
+/// Follows a camera.
+pub struct LiveTracker {
+    seed: u64,
+    /// Keyframes kept at most.
+    most: usize,
+    tracker: Tracker,
+    /// Views looked at.
+    views: usize,
+    world_from_map: Pose,
+    /// Of each keyframe: standard deviation of its place in the world, meters.
+    errors_m: Vec<f64>,
+}
+
+/// Where a view was taken, and how well that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveView {
+    /// Pose of the optical frame: z up, x to where the first view looks, the origin on the support below
+    /// what it looks at.
+    pub world_from_camera: Pose,
+    /// Share of the surface that it and the keyframes should see alike which they do; 1 of the first view.
+    pub inliers: f64,
+    /// Standard deviation of its place against the first view's, meters, in the direction that is known
+    /// least.
+    pub error_m: f64,
+    /// Whether the camera moves nearly too fast.
+    pub is_fast: bool,
+}
+
+impl LiveTracker {
+    /// Before the first view; `most` keyframes are kept, each about a megabyte. Draws come from a stream of
+    /// the seed.
+    #[must_use]
+    pub fn new(seed: u64, most: usize) -> Self {
+        Self {
+            seed,
+            most: most.max(1),
+            tracker: Tracker::new(seed),
+            views: 0,
+            world_from_map: Pose::identity(),
+            errors_m: Vec::new(),
+        }
+    }
+
+    /// Keyframes that there are.
+    #[must_use]
+    pub fn keyframes(&self) -> usize {
+        self.tracker.keyframes.all.len()
+    }
+
+    /// Whether no more keyframes are kept: what is new can then be seen from near the old ones alone.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.keyframes() >= self.most
+    }
+
+    /// Takes the next view.
+    ///
+    /// # Errors
+    /// Why it has no place. It is as if it had not been.
+    pub fn see(&mut self, observation: Observation) -> Result<LiveView, Lost> {
+        let view = self.views;
+        self.views += 1;
+        if let Some(why) = observation.blind() {
+            return Err(why);
+        }
+        if self.keyframes() == 0 {
+            return Ok(self.begin(view, observation));
+        }
+        let found = match self.tracker.look(view, &observation) {
+            Ok(found) => found,
+            Err(why) => {
+                // Of a map of one view nothing is lost. This view may be the better one to begin with.
+                if self.keyframes() == 1 {
+                    self.begin(view, observation);
+                }
+                return Err(why);
+            }
+        };
+        let located = &found.located;
+        // By the way from keyframe to keyframe that errs least: who comes back knows where that was.
+        let sees =
+            |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
+        let before = found.known.iter().filter(sees).map(|&k| self.errors_m[k]).fold(f64::INFINITY, f64::min);
+        let error_m = before.hypot(located.least_known_m);
+        let (pose, inliers) = (located.pose, located.agreement);
+        let last = self.tracker.last.map(|l| (l.pose, self.tracker.keyframes.all[l.keyframe].depth_m));
+        let is_fast = last.is_some_and(|(last, depth_m)| view_distance_rad(&last, &pose, depth_m) > FAST_RAD);
+        let may = !self.is_full();
+        self.tracker.place(view, observation, &found, may);
+        self.errors_m.resize(self.keyframes(), error_m);
+        Ok(LiveView { world_from_camera: self.world_from_map * pose, inliers, error_m, is_fast })
+    }
+
+    /// Makes a view the first one of the map.
+    fn begin(&mut self, view: usize, observation: Observation) -> LiveView {
+        self.tracker = Tracker::new(self.seed);
+        self.world_from_map = Placed { observations: vec![&observation], poses: &[Pose::identity()] }
+            .upright(None)
+            .world_from_map;
+        self.tracker.begin_piece(view, observation);
+        self.errors_m = vec![0.0];
+        LiveView { world_from_camera: self.world_from_map, inliers: 1.0, error_m: 0.0, is_fast: false }
+    }
+}

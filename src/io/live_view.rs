@@ -1,0 +1,81 @@
+//! Views that come one by one, made to what the tracker takes as those of a recording are.
+
+use super::{
+    camera::pinhole, depth_noise::measured_noise, image_codec::Raster, pixels::limit_depth,
+    ros2msg::CameraInfo,
+};
+use crate::{
+    capture::{CaptureConfig, CaptureError, Distortion, NoiseConfig, Observation, RgbdFrame, UndistortMap},
+    geometry::{Intrinsics, Pose},
+};
+
+/// A camera as its camera_info says.
+#[derive(Clone, Copy, PartialEq)]
+struct Lens {
+    intrinsics: Intrinsics,
+    color: Distortion,
+    depth: Distortion,
+}
+
+/// Makes observations of views.
+pub struct LiveEye {
+    config: CaptureConfig,
+    /// The camera of the last view, with its maps.
+    lens: Option<(Lens, [Option<UndistortMap>; 2])>,
+    noise: Option<NoiseConfig>,
+}
+
+impl LiveEye {
+    /// By the settings of a run.
+    #[must_use]
+    pub fn new(config: CaptureConfig) -> Self {
+        Self { config, lens: None, noise: None }
+    }
+
+    /// What a view shows. Its images have the size that `infos`, of color and of depth, say; without one of
+    /// depth it has color's lens. `topics` are those of color: of its info and of its images.
+    ///
+    /// # Errors
+    /// A camera that cannot be used.
+    pub fn see(
+        &mut self,
+        stamp_nanos: i64,
+        infos: [Option<&CameraInfo>; 2],
+        topics: [&str; 2],
+        (color, depth): (&Raster<[u8; 3]>, &Raster<f32>),
+    ) -> Result<Observation, CaptureError> {
+        let [Some(info), depth_info] = infos else {
+            return Err(CaptureError::CameraInfo { topic: topics[0].into(), reason: "there is none".into() });
+        };
+        let (intrinsics, own) = pinhole(info, topics[0], topics[1])?;
+        let of_depth = depth_info.map(|d| pinhole(d, "camera_info of depth", topics[1])).transpose()?;
+        let lens = Lens { intrinsics, color: own, depth: of_depth.map_or(own, |d| d.1) };
+        if self.lens.as_ref().is_none_or(|(known, _)| *known != lens) {
+            let maps = [&lens.color, &lens.depth].map(|d| UndistortMap::new(&intrinsics, d));
+            self.lens = Some((lens, maps));
+        }
+        let maps = self.lens.as_ref().map(|(_, maps)| maps);
+        let [of_color, of_depth] = [0, 1].map(|k| maps.and_then(|m| m[k].as_ref()));
+        let rgb = of_color.map_or_else(|| color.pixels.clone(), |map| map.color(&color.pixels));
+        let mut depth_m =
+            of_depth.map_or_else(|| depth.pixels.clone(), |map| map.nearest(&depth.pixels, 0.0));
+        limit_depth(&mut depth_m, &self.config);
+        let frame = RgbdFrame {
+            id: String::new(),
+            stamp_nanos,
+            intrinsics,
+            world_from_camera: Pose::identity(),
+            rgb,
+            depth_m,
+            mask: None,
+            readings: Vec::new(),
+        };
+        let config = &self.config;
+        let measured = || measured_noise(std::iter::once(&frame), config);
+        // Of the first view, as of a recording's first ones: a model that changed would move the gates.
+        let noise = *self
+            .noise
+            .get_or_insert_with(|| measured().map_or(config.noise, |factor| config.noise.scaled(factor)));
+        Ok(Observation::of(frame, &noise))
+    }
+}

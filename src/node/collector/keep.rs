@@ -1,0 +1,65 @@
+//! Which views are kept.
+
+use super::{Collector, Held, Phase, Seen, View};
+use crate::{
+    io::BagWriteError,
+    node::{keyframes::Verdict, view::Pixels},
+};
+
+impl Collector {
+    /// Keeps a view that is new. One that was tracked is decoded, and written without transforms.
+    pub(super) fn judge(
+        &mut self,
+        view: View,
+        now_nanos: i64,
+        pixels: bool,
+        tracked: Option<Pixels>,
+    ) -> Result<Option<Seen>, BagWriteError> {
+        let Some(info) = self.infos[0].clone() else { return Ok(None) };
+        // By the pose alone, before anything is decoded: most views show nothing new.
+        let verdict = match self.phase {
+            Phase::Collecting(state) => {
+                self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule)
+            }
+            Phase::Idle => Verdict::Known,
+        };
+        let keep = verdict == Verdict::Keep;
+        let is_tracked = tracked.is_some();
+        let decoded = if is_tracked {
+            tracked
+        } else if keep || pixels {
+            let t = &self.settings.topics;
+            match view.decode(
+                &info,
+                &t.color_info,
+                [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()],
+            ) {
+                Ok(pixels) => Some(pixels),
+                Err(why) => {
+                    self.counts.broken += 1;
+                    self.problem = Some(why.to_string());
+                    return Ok(None);
+                }
+            }
+        } else {
+            None
+        };
+        self.counts.judged(verdict, self.phase != Phase::Idle);
+        let seen = Seen {
+            stamp_nanos: view.stamp_nanos,
+            world_from_camera: view.world_from_camera,
+            pixels: decoded,
+            kept: keep,
+        };
+        if let (true, Phase::Collecting(state)) = (keep, self.phase) {
+            self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
+            self.tracking.kept = Some(is_tracked);
+            // Now, as LiveTf forgets after some seconds and the view may be held longer.
+            let frame = view.images[0].as_ref().and_then(|p| p.header().checked()).filter(|_| !is_tracked);
+            let around = frame.map_or_else(Vec::new, |(stamp, frame)| self.tf.around(&frame, stamp));
+            self.held.push_back(Held { view, around, now_nanos });
+            self.write_held(self.settings.hold)?;
+        }
+        Ok(Some(seen))
+    }
+}
