@@ -212,7 +212,7 @@ fn two_things_that_changed_are_asked_about() {
         let views = truth["sensor"]["states"][state]["views"].as_array().unwrap();
         let cameras: Vec<Pose> = views.iter().map(|v| pose(&v["world_from_camera"])).collect();
         let at = Point3::new(b[3] + 0.2, b[1] + 0.5 * state as f64, b[2] + radius_m);
-        let bag = folder.join(format!("state{state}"));
+        let bag = folder.join(&format!("state{state}"));
         Ball { at, radius_m }.paint(&intrinsics, &cameras, &door().join(format!("state{state}")), &bag);
         bag
     });
