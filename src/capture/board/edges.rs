@@ -10,12 +10,13 @@ use crate::statistics::median;
 const CORNER_SHARE: f64 = 1.0 / CELLS as f64;
 /// Step across an edge, pixels.
 const STEP_PX: f64 = 0.25;
-/// Reach to either side of an edge, in cells: what is black and what is white there is a cell wide.
-/// derived: a cell less what blurs its far side
-const REACH_CELLS: f64 = 0.75;
-/// ... and in pixels: less than the blur of an edge leaves some of it out, more only adds noise. Where a cell is
-/// narrower, its far side is read too, and the edge is known no better than by what the reach goes too far.
-const REACH_PX: [f64; 2] = [1.25, 3.0];
+/// Half the width over which an edge is blurred, pixels.
+/// derived: half a pixel that gathers light, and linear interpolation over one to either side, less its tail
+const BLUR_PX: f64 = 1.25;
+/// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise. What
+/// is black and what is white there is a cell wide, and its far side is blurred, too: where a cell is narrower
+/// than twice the blur, the edge is known no better than by what the reach goes too far.
+const REACH_PX: [f64; 2] = [BLUR_PX, 3.0];
 /// Least difference of brightness between the sides of an edge.
 /// derived: five times the noise of a camera, of 255
 const LEAST_STEP: f64 = 10.0 / 255.0;
@@ -49,7 +50,7 @@ pub(super) fn edge_points(gray: &Gray, seen: &SeenTag) -> Vec<EdgePoint> {
     for edge in 0..4 {
         let [from, to] = [seen.corners[edge], seen.corners[(edge + 1) % 4]];
         let across_px = area_px(&seen.corners) / (to - from).norm().max(1.0);
-        let free_px = REACH_CELLS * across_px / CELLS as f64;
+        let free_px = across_px / CELLS as f64 - BLUR_PX;
         let reach_px = free_px.clamp(REACH_PX[0], REACH_PX[1]);
         if let Some((places, sigma_px)) = line(gray, from, to, reach_px) {
             let sigma_px = sigma_px.hypot((reach_px - free_px).max(0.0));

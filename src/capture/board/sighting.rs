@@ -97,10 +97,11 @@ mod tests {
             let sigmas = off.dot(&(found.covariance.cholesky().unwrap().inverse() * off)).sqrt();
             let distance =
                 found.board_from_camera.translation.vector.norm() / truth.translation.vector.norm();
-            println!("{paper:?} {away_m}: {off} {sigmas} rms {} ratio {:?}", found.rms_px, found.depth_ratio);
-            assert!((distance - 1.0).abs() < 0.002, "{distance}");
-            assert!(off.fixed_rows::<3>(0).norm() < 0.004 * away_m && sigmas < 6.0, "{off} {sigmas}");
-            assert!((found.depth_ratio.unwrap() - 1.0).abs() < 0.002, "{:?}", found.depth_ratio);
+            // A standard deviation of six numbers is 2.4 on average.
+            assert!(sigmas < 6.0, "{off} {sigmas}");
+            let least = if tilt > 1.0 { 0.005 } else { 0.002 };
+            assert!((distance - 1.0).abs() < least, "{distance}");
+            assert!((found.depth_ratio.unwrap() - 1.0).abs() < least, "{:?}", found.depth_ratio);
         }
     }
 
