@@ -1,12 +1,18 @@
-//! Convex solids for collision: a surface becomes slabs and patches that a simulator can hold things with.
+//! Convex solids for collision: a surface becomes solids that a simulator can hold things with.
 
+mod cover;
+mod fit;
+mod flats;
+mod hidden;
 mod hull;
-
+mod pieces;
+mod quality;
 mod raster;
 mod rectangles;
 mod shell;
 mod solid;
 
 pub use hull::convex_hull;
-pub use shell::{ConvexConfig, Hidden, convex_shell};
+pub use quality::SolidFit;
+pub use shell::{ConvexConfig, Hidden, Walls};
 pub use solid::{ConvexSolid, Plane};
