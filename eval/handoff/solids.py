@@ -119,7 +119,8 @@ def fronts(twin, poses):
         cast = o3d.core.Tensor(rays(points.min(0), points.max(0), direction))
         first = seen.cast_rays(cast)
         t, normal = first["t_hit"].numpy(), first["primitive_normals"].numpy()
-        cosine = np.abs(normal @ direction)
+        # The back of a surface is seen where nothing was seen of what hides it.
+        cosine = -normal @ direction
         keep = np.isfinite(t) & (cosine > COS)
         off = (t[keep] - stand.cast_rays(cast)["t_hit"].numpy()[keep]) * cosine[keep]
         all_off.append(off)

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     geometry::{Grid3, Pose},
-    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls},
+    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge},
 };
 
 /// Assumptions that no camera measures, and what is made of them.
@@ -118,16 +118,18 @@ pub fn build(
         .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
         .collect();
     let mut model = tree(name, base, parts, config);
-    for (i, (link, field)) in model.links.iter_mut().zip(&fields).enumerate() {
-        let hidden = field.as_ref().map(|(field, origin)| {
-            move |p: &nalgebra::Point3<f64>| {
-                field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
-            }
-        });
-        let hidden = hidden.as_ref().map(|h| h as Hidden<'_>);
-        let walls = Walls::of(&link.visual, config.wall_thickness_m, hidden, &config.collision);
-        link.collision = walls.solids();
-        link.inertial = inertial(link, &walls, i, config);
+    let hidden = |k: usize| {
+        let (field, origin) = fields[k].as_ref()?;
+        Some(move |p: &nalgebra::Point3<f64>| {
+            field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+        })
+    };
+    let hidden: Vec<_> = (0..model.links.len()).map(hidden).collect();
+    let hidden: Vec<_> = hidden.iter().map(|h| h.as_ref().map(|h| h as Hidden<'_>)).collect();
+    let walls = walls(&model, &hidden, config);
+    for (i, walls) in walls.into_iter().enumerate() {
+        model.links[i].collision = walls.solids();
+        model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
     // Before the sweep, which whatever touches at rest would end at once.
     clear_paths(&mut model, &config.collision);
@@ -141,6 +143,27 @@ pub fn build(
         model.joints[j].dynamics = assumed_dynamics(&model, j);
     }
     model
+}
+
+/// The walls of every link, with what no view saw of them.
+pub(crate) fn walls(
+    model: &ArticulatedModel,
+    hidden: &[Option<Hidden<'_>>],
+    config: &ModelConfig,
+) -> Vec<Walls> {
+    let few: Vec<TriangleMesh> =
+        model.links.iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
+    let of = |i: usize| {
+        let others = model.states.iter().flat_map(|state| {
+            let link_from_world = model.world_from_link(i, state).inverse();
+            let others = (0..few.len()).filter(|&k| k != i).collect::<Vec<_>>();
+            others.into_iter().map(move |k| (k, link_from_world * model.world_from_link(k, state)))
+        });
+        let others: Vec<TriangleMesh> = others.map(|(k, pose)| few[k].transformed(&pose)).collect();
+        let others = merge(&others.iter().collect::<Vec<_>>());
+        Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
+    };
+    (0..few.len()).map(of).collect()
 }
 
 /// Links and joints, without solids and masses.

@@ -35,7 +35,7 @@ pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
 pub use components::keep_components;
 pub use config::{SurfaceConfig, SurfaceSource};
-pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull};
+pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull, few_triangles};
 pub use distance::{DistanceOptions, signed_distance};
 pub use inertia::ShellInertia;
 pub use marching_cubes::marching_cubes;

@@ -16,6 +16,8 @@ use super::{
 const CUT_FACES: usize = 12;
 /// Shares of a cell's surface at which it is cut across its axes.
 const CUT_SHARES: [f64; 3] = [0.25, 0.5, 0.75];
+/// Share of a cell's error that a cut is hoped to open the way to, where it takes less by itself.
+const HOPE: f64 = 0.1;
 /// What lies along a cut and within so many tolerances of it is not cut: noise.
 const SLACK: f64 = 1.5;
 /// Share of the surface that a solid must take the error of.
@@ -57,7 +59,7 @@ pub(super) fn cover(seen: &Seen, wanted: &Wanted) -> Vec<ConvexSolid> {
     let mut cells = cover.joined(cover.cut_up(whole));
     let area = |c: &Cell| c.samples.iter().map(|&i| seen.samples[i as usize].area_m2).sum::<f64>();
     cells.sort_by(|a, b| area(b).total_cmp(&area(a)));
-    cells.iter().filter_map(|c| c.fit.solid(0.25 * wanted.tolerance_m)).collect()
+    cells.iter().filter_map(|c| c.fit.solid(0.25 * wanted.tolerance_m, wanted.thin_m)).collect()
 }
 
 struct Cover<'a> {
@@ -106,7 +108,7 @@ impl Cover<'_> {
         let mut fresh = vec![whole];
         while done.len() + open.len() + fresh.len() < SPARE * self.wanted.solids || !fresh.is_empty() {
             for cell in fresh.drain(..) {
-                match self.best_cut(&cell).filter(|c| c.gain > least) {
+                match self.best_cut(&cell).filter(|cut| cut.gain.max(HOPE * cell.loss) > least) {
                     Some(cut) => open.push((cell, cut)),
                     None => done.push(cell),
                 }
@@ -114,8 +116,10 @@ impl Cover<'_> {
             if done.len() + open.len() >= SPARE * self.wanted.solids {
                 break;
             }
-            let most = (0..open.len())
-                .max_by(|&a, &b| open[a].1.gain.total_cmp(&open[b].1.gain).then(b.cmp(&a)));
+            // Much error may take more than one cut to go.
+            let hope = |(cell, cut): &(Cell, Cut)| cut.gain.max(HOPE * cell.loss);
+            let most =
+                (0..open.len()).max_by(|&a, &b| hope(&open[a]).total_cmp(&hope(&open[b])).then(b.cmp(&a)));
             let Some(i) = most else { break };
             fresh.extend(open.remove(i).1.halves);
         }

@@ -82,8 +82,21 @@ impl Fit {
         if outside > 0.0 { outside } else { nearest }
     }
 
-    /// The solid, without faces that would cut off less than `least_m`; `None` where it has no volume.
-    pub fn solid(&self, least_m: f64) -> Option<ConvexSolid> {
+    /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
+    /// it has no volume.
+    pub fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
+        // Faces that do not meet squarely may leave a sliver or nothing: it grows until it is a solid.
+        let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
+        grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)
+    }
+
+    fn grown(&self, by_m: f64) -> Self {
+        let moved = |p: &Plane| Plane { offset_m: p.offset_m + by_m, ..*p };
+        Self { planes: self.planes.iter().map(moved).collect() }
+    }
+
+    /// What lies behind all planes.
+    fn bounded(&self, least_m: f64) -> Option<ConvexSolid> {
         // A box around it, along its own first directions, that all faces cut.
         let axes = axes(&self.planes);
         let size = self.planes.iter().map(|p| p.offset_m.abs()).fold(0.0, f64::max);
@@ -114,13 +127,17 @@ fn axes(planes: &[Plane]) -> [Vector3<f64>; 3] {
     [x, z.cross(&x), z]
 }
 
-/// Moves the faces behind the first `own` ones back until the solid is `thin_m` thick there.
+/// Moves faces back until the solid is `thin_m` thick behind each of the first `own` ones: those that were
+/// not seen, or two that were by half.
 fn thicken(planes: &mut [Plane], own: usize, thin_m: f64) {
     for k in 0..own {
-        let Plane { normal, offset_m } = planes[k];
-        let opposite = (own..planes.len()).filter(|&i| planes[i].normal.dot(&normal) < -SAME_ASSUMED);
-        for i in opposite.collect::<Vec<_>>() {
-            planes[i].offset_m = planes[i].offset_m.max(thin_m - offset_m);
+        for i in 0..planes.len() {
+            let lack_m = thin_m - planes[k].offset_m - planes[i].offset_m;
+            if lack_m > 0.0 && planes[i].normal.dot(&planes[k].normal) < -SAME_ASSUMED {
+                let share = if i < own { 0.5 } else { 1.0 };
+                planes[i].offset_m += share * lack_m;
+                planes[k].offset_m += (1.0 - share) * lack_m;
+            }
         }
     }
 }

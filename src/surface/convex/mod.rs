@@ -8,11 +8,12 @@ mod hull;
 mod pieces;
 mod quality;
 mod raster;
+mod rays;
 mod rectangles;
 mod shell;
 mod solid;
 
 pub use hull::convex_hull;
 pub use quality::SolidFit;
-pub use shell::{ConvexConfig, Hidden, Walls};
+pub use shell::{ConvexConfig, Hidden, Walls, few_triangles};
 pub use solid::{ConvexSolid, Plane};

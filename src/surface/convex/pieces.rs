@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{Plane, flats::flats};
+use super::{Plane, flats::flats, rays::Facets};
 use crate::surface::{TriangleMesh, patches::Patch};
 
 /// Samples over a part's surface.
@@ -123,11 +123,12 @@ pub(super) struct Seen {
 
 /// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its mean plane. Walls are
 /// as thick as the way to their other side where that was seen, at most [`MAX_WALLS`] times `wall_m`, else
-/// `wall_m`; a piece reaches `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side,
+/// `wall_m`, and end `clear_m` before `others`; a piece reaches `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side,
 /// but not where `goes_on`.
 pub(super) fn seen(
     mesh: &TriangleMesh,
-    [flat_m, wall_m, thin_m]: [f64; 3],
+    others: &TriangleMesh,
+    [flat_m, wall_m, thin_m, clear_m]: [f64; 4],
     goes_on: &dyn Fn(&Point3<f64>) -> bool,
 ) -> (Seen, Vec<Patch>) {
     let found = flats(mesh, flat_m);
@@ -135,13 +136,17 @@ pub(super) fn seen(
     for (k, patch) in found.iter().enumerate() {
         patch.triangles.iter().for_each(|&t| patch_of[t as usize] = k as u32);
     }
-    let facets = facets(mesh);
+    let reach_m = MAX_WALLS * wall_m;
+    let [own, others] = [mesh, others].map(|m| Facets::of(m, reach_m));
     let depths: Vec<f64> = (0..mesh.triangles.len())
         .into_par_iter()
         .map(|t| {
             let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
             let middle = mesh.corners(t).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
-            exit(&facets, &middle, &-patch.normal, MAX_WALLS * wall_m)
+            let inwards = -patch.normal;
+            // A wall ends where another part was seen to begin.
+            let other = others.way_m(&middle, &inwards, false) - clear_m;
+            own.way_m(&middle, &inwards, true).min(if other < wall_m { other.max(0.0) } else { f64::INFINITY })
         })
         .collect();
     let area_m2: f64 = found.iter().map(|p| p.area_m2).sum();
@@ -259,43 +264,4 @@ fn close_narrow(samples: &mut Vec<Sample>, first: usize, gap_m: f64) {
         way.norm_squared() < gap_m * gap_m && ahead > 0.0 && a.normal.dot(&b.normal) < -0.5
     };
     samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| faces(a, b))));
-}
-
-/// A triangle: corners and unit normal.
-struct Facet {
-    corners: [Vector3<f64>; 3],
-    normal: Vector3<f64>,
-}
-
-fn facets(mesh: &TriangleMesh) -> Vec<Facet> {
-    let facet = |t: usize| {
-        let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0)?;
-        Some(Facet { corners: mesh.corners(t).map(|c| c.coords.cast::<f64>()), normal })
-    };
-    (0..mesh.triangles.len()).filter_map(facet).collect()
-}
-
-/// Distance along a ray to the first surface that it leaves the object through, meters; infinite beyond
-/// `reach`.
-fn exit(facets: &[Facet], origin: &Vector3<f64>, direction: &Vector3<f64>, reach: f64) -> f64 {
-    let mut nearest = f64::INFINITY;
-    for Facet { corners, normal } in facets {
-        let speed = normal.dot(direction);
-        // The ray enters here, or runs nearly along the face.
-        if speed <= 0.2 {
-            continue;
-        }
-        let s = normal.dot(&(corners[0] - origin)) / speed;
-        // Not the triangle that the ray starts on, nor anything behind the nearest one.
-        if s <= 1e-5 || s >= nearest.min(reach) {
-            continue;
-        }
-        let p = origin + direction * s;
-        let inside =
-            |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
-        if (0..3).all(inside) {
-            nearest = s;
-        }
-    }
-    nearest
 }

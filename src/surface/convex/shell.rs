@@ -19,6 +19,9 @@ const TRIANGLES: usize = 3000;
 /// Components with a smaller share of the largest one's triangles are loose fragments.
 const MIN_COMPONENT: f64 = 0.003;
 
+/// Root mean square distance of a flat patch from its plane, in tolerances.
+const FLAT: f64 = 0.6;
+
 /// Settings of the collision solids.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -44,6 +47,12 @@ impl Default for ConvexConfig {
 /// Whether no view saw what a place (in the mesh's frame, meters) holds.
 pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
 
+/// A surface without loose fragments, with as few triangles as solids need.
+#[must_use]
+pub fn few_triangles(mesh: &TriangleMesh, config: &ConvexConfig) -> TriangleMesh {
+    simplify(&keep_components(mesh, MIN_COMPONENT), TRIANGLES, 0.5 * config.tolerance_m)
+}
+
 /// A seen surface with the walls behind it: what collides and what weighs.
 pub struct Walls {
     seen: Seen,
@@ -53,19 +62,26 @@ pub struct Walls {
 }
 
 impl Walls {
-    /// The walls behind a surface, `wall_m` thick where their other side was not seen. A flat wall goes on
+    /// The walls behind a surface, `wall_m` thick where their other side was not seen. They end before
+    /// `others`: surfaces of other parts where these were seen, in the same frame. A flat wall goes on
     /// through `hidden` places, where these are known, up to where it or another wall was seen again, as the
-    /// floor of a drawer does behind its front. See docs/method.md 10.1.
+    /// floor of a drawer does behind its front. Both meshes should be [`few_triangles`]. See docs/method.md
+    /// 10.1.
     #[must_use]
-    pub fn of(mesh: &TriangleMesh, wall_m: f64, hidden: Option<Hidden<'_>>, config: &ConvexConfig) -> Self {
-        let whole = keep_components(mesh, MIN_COMPONENT);
-        // Of noise, two standard deviations are within the tolerance where one is half of it.
-        let small = simplify(&whole, TRIANGLES, 0.5 * config.tolerance_m);
+    pub fn of(
+        mesh: &TriangleMesh,
+        others: &TriangleMesh,
+        wall_m: f64,
+        hidden: Option<Hidden<'_>>,
+        config: &ConvexConfig,
+    ) -> Self {
         let goes_on = |p: &Point3<f64>| hidden.is_some_and(|hidden| hidden(p));
-        let sizes = [0.6 * config.tolerance_m, wall_m, config.min_thickness_m];
-        let (mut seen, patches) = seen(&small, sizes, &goes_on);
+        // Of noise, two standard deviations are within the tolerance where one is half of it.
+        let flat_m = FLAT * config.tolerance_m;
+        let sizes = [flat_m, wall_m, config.min_thickness_m, config.shrink_m + config.gap_m];
+        let (mut seen, patches) = seen(mesh, others, sizes, &goes_on);
         if let Some(hidden) = hidden {
-            seen.pieces.extend(hidden_pieces(&small, &patches, wall_m, hidden, config));
+            seen.pieces.extend(hidden_pieces(mesh, &patches, wall_m, hidden, config));
         }
         let bounds = mesh.bounds().filter(|_| !mesh.is_empty()).map(|(lo, hi)| (lo.cast(), hi.cast()));
         Self { seen, bounds, wall_m, config: config.clone() }
@@ -78,7 +94,6 @@ impl Walls {
         let ConvexConfig { max_solids, tolerance_m, min_thickness_m, .. } = self.config;
         let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: min_thickness_m, wall_m: self.wall_m };
         let mut solids = cover(&self.seen, &wanted);
-        solids.retain(|s| s.thickness_m() >= 0.5 * min_thickness_m);
         if let Some((lower, upper)) = self.bounds.filter(|_| solids.is_empty()) {
             // Too small for pieces: its box.
             let pads = (upper - lower).map(|side| (min_thickness_m - side).max(0.0) * 0.5);
