@@ -53,6 +53,9 @@ struct Cell {
 
 /// Convex solids around the pieces of a surface, those with most of it first.
 pub(super) fn cover(seen: &Seen, wanted: &Wanted) -> Vec<ConvexSolid> {
+    if seen.samples.is_empty() {
+        return Vec::new();
+    }
     let cover = Cover { seen, wanted: *wanted, frame: frame(seen) };
     let pieces = seen.pieces.iter().map(|p| Arc::new(p.clone())).collect();
     let whole = cover.cell(pieces, (0..seen.samples.len() as u32).collect(), 1);
@@ -90,7 +93,7 @@ impl Cover<'_> {
     /// The error of a solid that stands before samples which are not its own (sorted), by a part of all.
     fn covered(&self, fit: &Fit, own: &[u32]) -> f64 {
         let count = self.seen.samples.len();
-        let step = count.div_ceil(FOREIGN);
+        let step = count.div_ceil(FOREIGN).max(1);
         let foreign = (0..count).step_by(step).filter_map(|i| {
             let sample = &self.seen.samples[i];
             let inside = fit.planes.iter().all(|p| p.normal.dot(&sample.place) < p.offset_m);

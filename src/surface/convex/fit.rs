@@ -188,7 +188,8 @@ fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f6
         let heights: Vec<f64> = samples.iter().map(|s| normal.dot(&s.place)).collect();
         let speeds: Vec<f64> = samples.iter().map(|s| normal.dot(&s.normal)).collect();
         let along = (0..samples.len()).filter(|&i| speeds[i] > ALONG);
-        let tried = tried_offsets(along.map(|i| (heights[i], samples[i].area_m2)).collect(), offset_m, tolerance_m);
+        let tried =
+            tried_offsets(along.map(|i| (heights[i], samples[i].area_m2)).collect(), offset_m, tolerance_m);
         let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
         // Others feel none of the offsets.
         let felt: Vec<usize> =
@@ -197,7 +198,8 @@ fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f6
             let of = |&i: &usize| {
                 let (depth, state) = (offset_m - heights[i], &states[i]);
                 let outside = state.outside_m.max(-depth);
-                let before = state.without(k).min(if speeds[i] > GRAZING { depth / speeds[i] } else { f64::INFINITY });
+                let before =
+                    state.without(k).min(if speeds[i] > GRAZING { depth / speeds[i] } else { f64::INFINITY });
                 samples[i].area_m2 * error(if outside > 0.0 { outside } else { before }, tolerance_m)
             };
             felt.iter().map(of).sum::<f64>()

@@ -146,12 +146,21 @@ pub(super) fn seen(
             let inwards = -patch.normal;
             // A wall ends where another part was seen to begin.
             let other = others.way_m(&middle, &inwards, false) - clear_m;
-            own.way_m(&middle, &inwards, true).min(if other < wall_m { other.max(0.0) } else { f64::INFINITY })
+            own.way_m(&middle, &inwards, true).min(if other < wall_m {
+                other.max(0.0)
+            } else {
+                f64::INFINITY
+            })
         })
         .collect();
     let area_m2: f64 = found.iter().map(|p| p.area_m2).sum();
-    let mut seen =
-        Seen { pieces: Vec::new(), samples: Vec::new(), faces: found.iter().map(|p| p.normal).collect(), patches: found.len(), area_m2 };
+    let mut seen = Seen {
+        pieces: Vec::new(),
+        samples: Vec::new(),
+        faces: found.iter().map(|p| p.normal).collect(),
+        patches: found.len(),
+        area_m2,
+    };
     let each = area_m2 / SAMPLES;
     for (k, patch) in found.iter().enumerate() {
         for &t in &patch.triangles {

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{ConvexSolid, Plane};
+use super::{ConvexSolid, Plane, rays::Facets};
 use crate::{
     random::stage_rng,
     surface::{TriangleMesh, sample_surface, triangle::closest_on_triangle},
@@ -41,14 +41,22 @@ impl SolidFit {
         if samples.points.is_empty() || planes.is_empty() {
             return None;
         }
+        let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
+        let facets = Facets::of(mesh, extent_m.max(f64::MIN_POSITIVE));
         let found: Vec<(f64, f64)> = samples
             .points
             .par_iter()
             .zip(&samples.normals)
             .map(|(p, n)| {
                 let p = p.cast::<f64>();
-                let distance = solids.iter().zip(&planes).map(|(s, q)| distance_m(s, q, &p));
-                (stand_off_m(&planes, &p, &n.cast()), distance.fold(f64::INFINITY, f64::min))
+                let nearest = solids
+                    .iter()
+                    .zip(&planes)
+                    .fold(f64::INFINITY, |nearest, (s, q)| distance_m(s, q, &p, nearest));
+                let (n, off) = (n.cast(), stand_off_m(&planes, &p, &n.cast()));
+                // Of a mesh that overlaps itself nobody sees what lies inside.
+                let hidden = off > Self::STAND_OFF_M && is_inside(&facets, &p.coords, &n);
+                (if hidden { 0.0 } else { off }, nearest)
             })
             .collect();
         let off = found.iter().filter(|f| f.0 > Self::STAND_OFF_M).count();
@@ -104,11 +112,16 @@ fn span(planes: &[Plane], p: &Point3<f64>, direction: &Vector3<f64>) -> Option<[
     (from < to && to > 0.0).then_some([from, to])
 }
 
-/// Distance of a point to a solid, meters; 0 inside.
-fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>) -> f64 {
+/// Whether a ray leaves a surface before it enters one.
+fn is_inside(facets: &Facets, p: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
+    facets.way_m(p, direction, true) < facets.way_m(p, direction, false)
+}
+
+/// Distance of a point to a solid, meters, or `nearest_m` where that is less; 0 inside.
+fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>, nearest_m: f64) -> f64 {
     let outside = planes.iter().map(|q| q.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
-    if outside <= 0.0 {
-        return 0.0;
+    if outside <= 0.0 || outside >= nearest_m {
+        return if outside <= 0.0 { 0.0 } else { nearest_m };
     }
     // The nearest point lies on a face that the point is outside of.
     let to_face = |face: &Vec<u32>| {
@@ -117,9 +130,32 @@ fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>) -> f64 {
             .map(|k| closest(p, [corner(0), corner(k), corner(k + 1)]))
             .fold(f64::INFINITY, f64::min)
     };
-    solid.faces.iter().map(to_face).fold(f64::INFINITY, f64::min)
+    solid.faces.iter().map(to_face).fold(nearest_m, f64::min)
 }
 
 fn closest(p: &Point3<f64>, triangle: [Point3<f64>; 3]) -> f64 {
     f64::from(closest_on_triangle(&Vector3::zeros(), &triangle.map(|q| (q - p).cast())).0.norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::shapes::box_mesh;
+
+    fn cuboid(half: [f64; 3]) -> ConvexSolid {
+        ConvexSolid::cuboid(&Point3::from(half.map(|h| -h)), &Point3::from(half))
+    }
+
+    #[test]
+    fn a_box_fits_itself_and_a_larger_one_stands_off() {
+        let mesh = box_mesh(Vector3::new(0.2, 0.1, 0.05));
+        let own = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.05])]).unwrap();
+        assert!(own.is_sound() && own.standing_off < 1e-9 && own.distance_m < 1e-6, "{own}");
+        // Taller by 3 mm at the top and at the bottom, which are 8 of 14 parts of the surface.
+        let tall = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.053])]).unwrap();
+        assert!(!tall.is_sound() && (tall.standing_off - 8.0 / 14.0).abs() < 0.02, "{tall}");
+        let small = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.04])]).unwrap();
+        assert!(!small.is_sound() && (small.distance_m - 0.01).abs() < 1e-6, "{small}");
+        assert!(SolidFit::of(&mesh, &[]).is_none());
+    }
 }

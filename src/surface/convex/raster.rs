@@ -47,8 +47,16 @@ impl Raster {
         let cell_m = (side.max() / CELLS).max(min_cell_m);
         let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
         let (columns, rows) = (size(side.x), size(side.y));
-        let mut raster =
-            Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows], closed: Vec::new() };
+        let mut raster = Self {
+            direction,
+            lower,
+            side,
+            cell_m,
+            columns,
+            rows,
+            filled: vec![false; columns * rows],
+            closed: Vec::new(),
+        };
         for triangle in triangles {
             raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
         }

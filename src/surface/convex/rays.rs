@@ -69,7 +69,11 @@ impl Facet {
 }
 
 /// The cells that a box meets.
-fn cells_of(lower: &Vector3<f64>, upper: &Vector3<f64>, side_m: f64) -> impl Iterator<Item = [i64; 3]> + use<> {
+fn cells_of(
+    lower: &Vector3<f64>,
+    upper: &Vector3<f64>,
+    side_m: f64,
+) -> impl Iterator<Item = [i64; 3]> + use<> {
     let at = |v: &Vector3<f64>| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64);
     let (lo, hi) = (at(lower), at(upper));
     (lo[0]..=hi[0])
