@@ -146,11 +146,7 @@ pub fn build(
 }
 
 /// The walls of every link, with what no view saw of them.
-pub(crate) fn walls(
-    model: &ArticulatedModel,
-    hidden: &[Option<Hidden<'_>>],
-    config: &ModelConfig,
-) -> Vec<Walls> {
+fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
     let few: Vec<TriangleMesh> =
         model.links.iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
     let of = |i: usize| {

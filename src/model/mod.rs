@@ -18,8 +18,6 @@ pub use articulated::{
     ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
     LimitSource, Link, ParentScore,
 };
-#[allow(unused_imports)]
-pub(crate) use build::walls;
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
 pub use dynamics::assumed_dynamics;

@@ -78,13 +78,16 @@ struct Cut {
 }
 
 impl Cover<'_> {
-    /// The cell of some pieces and samples, its error by every `step`-th sample.
+    /// The cell of some pieces and samples; its solid and error by all of them, or by a part of either that
+    /// `step` being more than one asks for.
     fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> Cell {
         let of: Vec<&Sample> =
             samples.iter().step_by(step).map(|&i| &self.seen.samples[i as usize]).collect();
         let tolerance_m = self.wanted.tolerance_m;
         let sizes = [tolerance_m, self.wanted.thin_m];
-        let fit = Fit::new(self.seen, pieces.iter().map(AsRef::as_ref), &of, &self.frame, sizes);
+        let some = if step > 1 { (pieces.len() / RANKED).max(1) } else { 1 };
+        let around = pieces.iter().step_by(some).map(AsRef::as_ref);
+        let fit = Fit::new(self.seen, around, &of, &self.frame, sizes);
         let own: f64 = of.iter().map(|s| s.area_m2 * error(fit.distance_m(s), tolerance_m)).sum();
         let loss = own * step as f64 + self.covered(&fit, &samples);
         Cell { pieces, samples, fit, loss }

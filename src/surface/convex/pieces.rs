@@ -115,16 +115,14 @@ pub(super) struct Seen {
     pub samples: Vec<Sample>,
     /// Normal of every face.
     pub faces: Vec<Vector3<f64>>,
-    /// How many of them are patches of the surface; the others are sides of walls.
-    pub patches: usize,
     /// Area of the surface, without the sides of walls, square meters.
     pub area_m2: f64,
 }
 
-/// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its mean plane. Walls are
-/// as thick as the way to their other side where that was seen, at most [`MAX_WALLS`] times `wall_m`, else
-/// `wall_m`, and end `clear_m` before `others`; a piece reaches `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side,
-/// but not where `goes_on`.
+/// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its
+/// mean plane. Walls are as thick as the way to their other side where that was seen, at most [`MAX_WALLS`]
+/// times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches `thin_m` to `wall_m`
+/// into its own. Where the surface ends its wall has a side, but not where `goes_on`.
 pub(super) fn seen(
     mesh: &TriangleMesh,
     others: &TriangleMesh,
@@ -158,7 +156,6 @@ pub(super) fn seen(
         pieces: Vec::new(),
         samples: Vec::new(),
         faces: found.iter().map(|p| p.normal).collect(),
-        patches: found.len(),
         area_m2,
     };
     let each = area_m2 / SAMPLES;
