@@ -32,15 +32,13 @@ pub struct ConvexConfig {
     pub tolerance_m: f64,
     /// No solid is thinner, meters (a simulator refuses flat hulls).
     pub min_thickness_m: f64,
-    /// Solids of moving parts are this much smaller on every side, meters.
-    pub shrink_m: f64,
     /// Gap that is kept free around the path of a moving part, meters.
     pub gap_m: f64,
 }
 
 impl Default for ConvexConfig {
     fn default() -> Self {
-        Self { max_solids: 64, tolerance_m: 0.002, min_thickness_m: 0.002, shrink_m: 0.001, gap_m: 0.002 }
+        Self { max_solids: 64, tolerance_m: 0.002, min_thickness_m: 0.002, gap_m: 0.003 }
     }
 }
 
@@ -78,7 +76,7 @@ impl Walls {
         let goes_on = |p: &Point3<f64>| hidden.is_some_and(|hidden| hidden(p));
         // Of noise, two standard deviations are within the tolerance where one is half of it.
         let flat_m = FLAT * config.tolerance_m;
-        let sizes = [flat_m, wall_m, config.min_thickness_m, config.shrink_m + config.gap_m];
+        let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
         let (mut seen, patches) = seen(mesh, others, sizes, &goes_on);
         if let Some(hidden) = hidden {
             seen.pieces.extend(hidden_pieces(mesh, &patches, wall_m, hidden, config));
