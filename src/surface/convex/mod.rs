@@ -10,10 +10,12 @@ mod quality;
 mod raster;
 mod rays;
 mod rectangles;
+mod settings;
 mod shell;
 mod solid;
 
 pub use hull::convex_hull;
 pub use quality::SolidFit;
-pub use shell::{ConvexConfig, Hidden, Walls, few_triangles};
+pub use settings::{ConvexConfig, Hidden};
+pub use shell::{Walls, few_triangles};
 pub use solid::{ConvexSolid, Plane};
