@@ -8,6 +8,8 @@ use crate::surface::TriangleMesh;
 
 /// Least cosine between a ray and the normal of what it meets: others it runs nearly along.
 const MET: f64 = 0.2;
+/// Most cells along a mesh.
+const MOST_CELLS: f64 = 32.0;
 /// Nearer is the triangle that the ray starts on, meters.
 const START_M: f64 = 1e-5;
 
@@ -17,10 +19,11 @@ struct Facet {
     normal: Vector3<f64>,
 }
 
-/// Triangles in cells as wide as the rays are long.
+/// Triangles in cells.
 pub(super) struct Facets {
     facets: Vec<Facet>,
     cells: BTreeMap<[i64; 3], Vec<u32>>,
+    side_m: f64,
     reach_m: f64,
 }
 
@@ -32,21 +35,24 @@ impl Facets {
             Some(Facet { corners: mesh.corners(t).map(|c| c.coords.cast::<f64>()), normal })
         };
         let facets: Vec<Facet> = (0..mesh.triangles.len()).filter_map(facet).collect();
+        // As wide as the rays are long, but not so many that a large triangle lies in too many.
+        let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
+        let side_m = reach_m.max(extent_m / MOST_CELLS).max(f64::from(f32::MIN_POSITIVE));
         let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
         for (i, f) in facets.iter().enumerate() {
             let [a, b, c] = f.corners;
-            for cell in cells_of(&a.inf(&b).inf(&c), &a.sup(&b).sup(&c), reach_m) {
+            for cell in cells_of(&a.inf(&b).inf(&c), &a.sup(&b).sup(&c), side_m) {
                 cells.entry(cell).or_default().push(i as u32);
             }
         }
-        Self { facets, cells, reach_m }
+        Self { facets, cells, side_m, reach_m }
     }
 
     /// Distance along a ray to the first surface that it leaves the object through, or enters one through,
     /// meters; infinite beyond the reach.
     pub fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> f64 {
         let end = origin + direction * self.reach_m;
-        let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.reach_m);
+        let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);
         let found = near.filter_map(|cell| self.cells.get(&cell)).flatten();
         let ways = found.filter_map(|&i| self.facets[i as usize].way_m(origin, direction, leaves));
         ways.filter(|s| *s < self.reach_m).fold(f64::INFINITY, f64::min)
