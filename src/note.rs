@@ -140,6 +140,7 @@ codes! {
         be seen.";
     ParentNotDecided = "parent_not_decided", "Another link could carry the part as well.";
     PartUntouched = "part_untouched", "No other part touches this one in all states.";
+    SolidsOff = "solids_off", "Collision solids of a part do not stand where its surface was seen.";
     // Runs.
     EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";
     StageKept = "stage_kept", "A stage was taken from the run that was stopped.";

@@ -5,11 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-    Material, assumed_dynamics, clear_paths, solids_inertial, swept_interval,
+    Material, assumed_dynamics, clear_paths, swept_interval,
 };
 use crate::{
     geometry::{Grid3, Pose},
-    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, convex_shell, shell_inertia},
+    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge},
 };
 
 /// Assumptions that no camera measures, and what is made of them.
@@ -104,7 +104,7 @@ pub struct MovingPart {
 }
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
-/// follow the surfaces and leave the observed paths free; masses come from the solids; the limits are the
+/// follow the surfaces and leave the observed paths free; masses come from the surfaces; the limits are the
 /// interval that holds all observed positions or the one that the solids allow.
 #[must_use]
 pub fn build(
@@ -118,18 +118,18 @@ pub fn build(
         .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
         .collect();
     let mut model = tree(name, base, parts, config);
-    for (link, field) in model.links.iter_mut().zip(&fields) {
-        let hidden = field.as_ref().map(|(field, origin)| {
-            move |p: &nalgebra::Point3<f64>| {
-                field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
-            }
-        });
-        let hidden = hidden.as_ref().map(|h| h as Hidden<'_>);
-        link.collision = convex_shell(&link.visual, config.wall_thickness_m, hidden, &config.collision);
-    }
-    // Before they are shrunk and cut: that is for the simulator, the walls are whole.
-    for (i, link) in model.links.iter_mut().enumerate() {
-        link.inertial = inertial(link, i, config);
+    let hidden = |k: usize| {
+        let (field, origin) = fields[k].as_ref()?;
+        Some(move |p: &nalgebra::Point3<f64>| {
+            field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+        })
+    };
+    let hidden: Vec<_> = (0..model.links.len()).map(hidden).collect();
+    let hidden: Vec<_> = hidden.iter().map(|h| h.as_ref().map(|h| h as Hidden<'_>)).collect();
+    let walls = walls(&model, &hidden, config);
+    for (i, walls) in walls.into_iter().enumerate() {
+        model.links[i].collision = walls.solids();
+        model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
     // Before the sweep, which whatever touches at rest would end at once.
     clear_paths(&mut model, &config.collision);
@@ -143,6 +143,23 @@ pub fn build(
         model.joints[j].dynamics = assumed_dynamics(&model, j);
     }
     model
+}
+
+/// The walls of every link, with what no view saw of them.
+fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
+    let few: Vec<TriangleMesh> =
+        model.links.iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
+    let of = |i: usize| {
+        let others = model.states.iter().flat_map(|state| {
+            let link_from_world = model.world_from_link(i, state).inverse();
+            let others = (0..few.len()).filter(|&k| k != i).collect::<Vec<_>>();
+            others.into_iter().map(move |k| (k, link_from_world * model.world_from_link(k, state)))
+        });
+        let others: Vec<TriangleMesh> = others.map(|(k, pose)| few[k].transformed(&pose)).collect();
+        let others = merge(&others.iter().collect::<Vec<_>>());
+        Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
+    };
+    (0..few.len()).map(of).collect()
 }
 
 /// Links and joints, without solids and masses.
@@ -197,25 +214,18 @@ fn link(name: String, visual: TriangleMesh) -> Link {
     Link { name, visual, collision: Vec::new(), inertial }
 }
 
-/// Mass properties of a link's solids; of its surface as a shell where it has none. Without either the mass
-/// stays 0, which validation refuses.
-fn inertial(link: &Link, part: usize, config: &ModelConfig) -> Inertial {
+/// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.
+fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
     let ([usual, lowest, highest], density) = config.density(part);
+    let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.inertia(usual) else {
+        return link.inertial.clone();
+    };
     let wall_mm = 1e3 * config.wall_thickness_m;
-    let solid = format!(
-        "collision solids (walls {wall_mm} mm where the other side was not seen; flat walls of moving \
+    let assumption = format!(
+        "walls of the seen surface ({wall_mm} mm where the other side was not seen; flat walls of moving \
          parts go on where no view looked), {density}"
     );
-    let shell = || {
-        let ShellInertia { mass_kg, center_of_mass, inertia } =
-            shell_inertia(&link.visual, config.wall_thickness_m, usual)?;
-        let assumption = format!("shell of the seen surface, {wall_mm} mm thick, {density}");
-        Some(Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg: [mass_kg; 2] })
-    };
-    let found = solids_inertial(&link.collision, usual, &solid)
-        .or_else(shell)
-        .unwrap_or_else(|| link.inertial.clone());
     // Half to twice the assumed wall, lightest to heaviest kind of the material.
-    let mass_range_kg = [0.5 * found.mass_kg * lowest / usual, 2.0 * found.mass_kg * highest / usual];
-    Inertial { mass_range_kg, ..found }
+    let mass_range_kg = [0.5 * mass_kg * lowest / usual, 2.0 * mass_kg * highest / usual];
+    Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg }
 }

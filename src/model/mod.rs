@@ -8,7 +8,6 @@ mod dynamics;
 #[cfg(test)]
 pub(crate) mod example;
 mod joint_family;
-mod mass;
 mod material;
 mod names;
 mod sweep;
@@ -23,7 +22,6 @@ pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
 pub use dynamics::assumed_dynamics;
 pub use joint_family::{JointFamily, TypeScores};
-pub use mass::solids_inertial;
 pub use material::Material;
 #[cfg(test)]
 pub use names::is_xml_text;

@@ -2,38 +2,40 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::TriangleMesh;
-
 /// Mass, center of mass and inertia.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShellInertia {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Center of mass in the mesh's frame, meters.
+    /// Center of mass, meters.
     pub center_of_mass: Point3<f64>,
-    /// Inertia about the center of mass, axes of the mesh's frame, kg m^2.
+    /// Inertia about the center of mass, kg m^2.
     pub inertia: Matrix3<f64>,
 }
 
-/// Mass properties of a surface made of plates of one thickness and density (docs/method.md 10.2: a
-/// reconstructed surface need not be closed, so its volume says nothing). `None` if the area, thickness or
-/// density is not positive and finite.
+/// Mass properties of triangles of one density, each with its thickness in meters (docs/method.md 10.2: a
+/// reconstructed surface need not be closed, so its volume says nothing). `None` if the area, a thickness or
+/// the density is not positive and finite.
 ///
 /// With `m` and `n` the mass and normal of a triangle with corners `v_i`, the second moment is the sum of `m
 /// / 12 * (s s^T + sum_i v_i v_i^T)`, `s = sum_i v_i` (exact on the triangle), and `m thickness^2 / 12 * n
 /// n^T` across it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it
-/// is positive definite and fulfils the triangle inequality whatever the mesh.
+/// is positive definite and fulfils the triangle inequality whatever the triangles.
 #[must_use]
-pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) -> Option<ShellInertia> {
-    let surface_density = thickness_m * density_kg_m3;
-    if !(thickness_m > 0.0 && surface_density > 0.0 && surface_density.is_finite()) {
-        return None;
-    }
-    // About a point of the mesh, so that a mesh far from the origin loses no digits.
-    let origin = mesh.vertices.get(mesh.triangles.first()?[0] as usize)?.coords.cast::<f64>();
+pub fn plates_inertia(
+    plates: impl Iterator<Item = ([Vector3<f64>; 3], f64)>,
+    density_kg_m3: f64,
+) -> Option<ShellInertia> {
+    let mut plates = plates.peekable();
+    // About a point of the first, so that what is far from the origin loses no digits.
+    let origin = plates.peek()?.0[0];
     let (mut mass, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    for t in 0..mesh.triangles.len() {
-        let [a, b, c] = mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin);
+    for (corners, thickness_m) in plates {
+        let surface_density = thickness_m * density_kg_m3;
+        if !(thickness_m > 0.0 && surface_density > 0.0 && surface_density.is_finite()) {
+            return None;
+        }
+        let [a, b, c] = corners.map(|p| p - origin);
         let area_normal = (b - a).cross(&(c - a));
         let Some(normal) = area_normal.try_normalize(0.0) else { continue };
         let m = 0.5 * area_normal.norm() * surface_density;
@@ -50,7 +52,7 @@ pub fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) 
         return None;
     }
     let center: Vector3<f64> = first / mass;
-    // From the mesh's own point to the center of mass (parallel axes).
+    // From that point to the center of mass (parallel axes).
     let central = second - center * center.transpose() * mass;
     let inertia = Matrix3::identity() * central.trace() - central;
     Some(ShellInertia {
@@ -67,12 +69,18 @@ mod tests {
     use crate::{
         geometry::Pose,
         surface::{
-            merge,
+            TriangleMesh, merge,
             shapes::{box_mesh, sphere_mesh},
         },
     };
     use proptest::prelude::*;
     use std::f64::consts::PI;
+
+    /// All of a mesh with one thickness.
+    fn shell_inertia(mesh: &TriangleMesh, thickness_m: f64, density_kg_m3: f64) -> Option<ShellInertia> {
+        let corners = |t: usize| mesh.corners(t).map(|p| p.coords.cast::<f64>());
+        plates_inertia((0..mesh.triangles.len()).map(|t| (corners(t), thickness_m)), density_kg_m3)
+    }
 
     fn quad(half_x: f32, half_y: f32) -> TriangleMesh {
         let vertices =

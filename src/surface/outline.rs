@@ -31,17 +31,6 @@ pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
         * 0.5
 }
 
-/// A convex polygon with at most `corners` corners: the corner whose triangle is smallest goes first.
-pub(crate) fn with_fewer_corners(mut polygon: Vec<Point2<f64>>, corners: usize) -> Vec<Point2<f64>> {
-    while polygon.len() > corners.max(3) {
-        let n = polygon.len();
-        let size = |k: usize| area(&[polygon[(k + n - 1) % n], polygon[k], polygon[(k + 1) % n]]);
-        let Some(least) = (0..n).min_by(|a, b| size(*a).total_cmp(&size(*b))) else { break };
-        polygon.remove(least);
-    }
-    polygon
-}
-
 /// How far a polygon reaches along a direction.
 fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
     let all = polygon.iter().map(|p| p.coords.dot(direction));
@@ -71,7 +60,6 @@ mod tests {
         assert!((area(&hull) - 0.5).abs() < 1e-9);
         let d = rectangle_direction(&hull);
         assert!((d.perp(&Vector2::new(c, s)).abs()).min(d.dot(&Vector2::new(c, s)).abs()) < 1e-9);
-        assert!((area(&with_fewer_corners(hull, 4)) - 0.5).abs() < 1e-9);
     }
 
     #[test]

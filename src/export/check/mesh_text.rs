@@ -7,6 +7,8 @@ use nalgebra::Point3;
 pub(super) struct MeshText {
     pub points: Vec<Point3<f64>>,
     pub faces: usize,
+    /// The faces as triangles, of those whose corners are counted from the first one.
+    pub triangles: Vec<[u32; 3]>,
     pub normals: usize,
     /// Lowest and highest texture coordinate.
     pub uv_range: Option<[f64; 2]>,
@@ -48,11 +50,19 @@ impl MeshText {
                 }
                 Some("f") => {
                     mesh.faces += 1;
+                    let mut fan: [Option<u32>; 2] = [None; 2];
                     for word in words {
                         let index: i64 = word.split('/').next().and_then(|i| i.parse().ok()).unwrap_or(0);
                         // Negative indices count back from the last vertex; 0 names none.
                         mesh.bad_index |= index == 0;
                         highest = highest.max(index);
+                        let Some(corner) = u32::try_from(index).ok().and_then(|i| i.checked_sub(1)) else {
+                            continue;
+                        };
+                        if let [Some(a), Some(b)] = fan {
+                            mesh.triangles.push([a, b, corner]);
+                        }
+                        fan = [fan[0].or(Some(corner)), fan[0].map(|_| corner)];
                     }
                 }
                 Some("mtllib") => mesh.material_file = words.next().map(str::to_owned),
@@ -76,6 +86,7 @@ impl MeshText {
                 mesh.points.extend([12, 24, 36].map(|k| Point3::new(value(k), value(k + 4), value(k + 8))));
             }
             (mesh.faces, mesh.normals) = (count, count);
+            mesh.triangles = in_order(count);
             return Some(mesh);
         }
         let text = std::str::from_utf8(bytes).ok().filter(|t| t.trim_start().starts_with("solid"))?;
@@ -87,8 +98,14 @@ impl MeshText {
             }
         }
         mesh.faces = mesh.points.len() / 3;
+        mesh.triangles = in_order(mesh.faces);
         Some(mesh)
     }
+}
+
+/// Triangles of corners that stand in their order.
+fn in_order(count: usize) -> Vec<[u32; 3]> {
+    (0..count as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()
 }
 
 /// What a material file says: its textures, and whether a color blackens them.

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     limits::{NAMED_MESHES, SHAPES},
-    surface::{ConvexSolid, convex_hull},
+    surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge},
 };
 
 /// Most faces of an STL that MuJoCo reads.
@@ -38,10 +38,15 @@ pub(super) fn check(
         return vec![Vec::new(); description.links.len()];
     }
     for link in &description.links {
+        let mut visual = Some(TriangleMesh::default());
         for shape in &link.visuals {
-            if let Some((path, mesh)) = mesh_of(shape, folder, urdf, true, &mut basenames, found) {
-                looks(&path, &mesh, shape, folder, found);
+            let mesh = mesh_of(shape, folder, urdf, true, &mut basenames, found);
+            if let Some((path, mesh)) = &mesh {
+                looks(path, mesh, shape, folder, found);
             }
+            // A surface that is known in part says nothing of the solids.
+            let placed = mesh.and_then(|(_, mesh)| placed(&mesh, shape));
+            visual = visual.zip(placed).map(|(all, mesh)| merge(&[&all, &mesh]));
         }
         let mut own = Vec::new();
         for shape in &link.collisions {
@@ -77,9 +82,25 @@ pub(super) fn check(
             };
             own.extend(hull(&points).map(|h| h.transformed(&shape.link_from_shape)));
         }
+        if let Some(fit) = visual.and_then(|v| SolidFit::of(&v, &own)).filter(|fit| !fit.is_sound()) {
+            found.warn(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
+        }
         solids.push(own);
     }
     solids
+}
+
+/// A visual mesh in the frame of its link; `None` for one that is broken.
+fn placed(mesh: &MeshText, shape: &ShapeText) -> Option<TriangleMesh> {
+    let Geometry::Mesh { scale, .. } = &shape.geometry else { return None };
+    let place = |p: &Point3<f64>| shape.link_from_shape * Point3::from(p.coords.component_mul(scale));
+    let vertices: Vec<Point3<f32>> = mesh.points.iter().map(|p| place(p).cast()).collect();
+    let sound = vertices.iter().all(|p| p.iter().all(|x| x.is_finite()))
+        && mesh.triangles.iter().flatten().all(|i| (*i as usize) < vertices.len());
+    let turned = scale.product() < 0.0;
+    let outward = |t: &[u32; 3]| if turned { [t[0], t[2], t[1]] } else { *t };
+    let triangles = mesh.triangles.iter().map(outward).collect();
+    sound.then_some(TriangleMesh { vertices, triangles, colors: Vec::new() })
 }
 
 /// Whether the shapes are few enough, and their meshes together small enough, to be looked at.

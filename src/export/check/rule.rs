@@ -28,6 +28,7 @@ macro_rules! rules {
 rules! {
     Color = "color", "Colors are four numbers that are not negative.";
     File = "file", "There is a URDF, and its findings can be listed.";
+    Fit = "fit", "Collision shapes stand where the visible surface does.";
     Format = "format", "Meshes and textures are of formats that all importers read.";
     Geometry = "geometry", "Sizes and scales are numbers that a shape can have.";
     Inertia = "inertia", "Masses and inertias are those of a body, and none is missing or too small.";

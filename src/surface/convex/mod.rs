@@ -1,12 +1,21 @@
-//! Convex solids for collision: a surface becomes slabs and patches that a simulator can hold things with.
+//! Convex solids for collision: a surface becomes solids that a simulator can hold things with.
 
+mod cover;
+mod fit;
+mod flats;
+mod hidden;
 mod hull;
-
+mod pieces;
+mod quality;
 mod raster;
+mod rays;
 mod rectangles;
+mod settings;
 mod shell;
 mod solid;
 
 pub use hull::convex_hull;
-pub use shell::{ConvexConfig, Hidden, convex_shell};
+pub use quality::SolidFit;
+pub use settings::{ConvexConfig, Hidden};
+pub use shell::{Walls, few_triangles};
 pub use solid::{ConvexSolid, Plane};

@@ -26,6 +26,8 @@ pub(super) struct Raster {
     columns: usize,
     rows: usize,
     filled: Vec<bool>,
+    /// Cells that close gaps.
+    closed: Vec<bool>,
 }
 
 impl Raster {
@@ -45,35 +47,20 @@ impl Raster {
         let cell_m = (side.max() / CELLS).max(min_cell_m);
         let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
         let (columns, rows) = (size(side.x), size(side.y));
-        let mut raster =
-            Self { direction, lower, side, cell_m, columns, rows, filled: vec![false; columns * rows] };
+        let mut raster = Self {
+            direction,
+            lower,
+            side,
+            cell_m,
+            columns,
+            rows,
+            filled: vec![false; columns * rows],
+            closed: Vec::new(),
+        };
         for triangle in triangles {
             raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
         }
         raster
-    }
-
-    /// Fills holes and notches that are narrower than `width_m`.
-    pub fn close_holes(&mut self, width_m: f64) {
-        let reach = ((0.5 * width_m / self.cell_m).ceil() as usize).max(1);
-        // Morphological closing: spread, then spread the rest back.
-        let wide = self.spread(&self.filled, reach);
-        let bare: Vec<bool> = wide.iter().map(|c| !c).collect();
-        let bare = self.spread(&bare, reach);
-        self.filled.iter_mut().zip(&bare).for_each(|(f, b)| *f |= !b);
-    }
-
-    /// Cells within `reach` rows and columns of a marked one.
-    fn spread(&self, cells: &[bool], reach: usize) -> Vec<bool> {
-        // A square is separable: along rows, then along columns.
-        let near = |x: usize, n: usize| x.saturating_sub(reach)..(x + reach + 1).min(n);
-        let at = |x: usize, y: usize| y * self.columns + x;
-        let along: Vec<bool> = (0..cells.len())
-            .map(|i| near(i % self.columns, self.columns).any(|x| cells[at(x, i / self.columns)]))
-            .collect();
-        (0..cells.len())
-            .map(|i| near(i / self.columns, self.rows).any(|y| along[at(i % self.columns, y)]))
-            .collect()
     }
 
     /// Marks the cells whose middle lies in a triangle (corners in cells).
@@ -130,18 +117,19 @@ impl Raster {
         }
         let count = |cells: &[bool]| cells.iter().filter(|c| **c).count() as f64;
         let any = count(&closed) > MIN_CLOSED * count(&self.filled);
-        self.filled.iter_mut().zip(&closed).for_each(|(f, c)| *f |= c);
+        closed.iter_mut().zip(&self.filled).for_each(|(c, f)| *c &= !f);
+        self.closed = closed;
         any
     }
 
-    /// At most `most` rectangles that cover the filled cells.
-    pub fn rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
+    /// At most `most` rectangles that cover the cells which closed gaps.
+    pub fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
         let corners = |r: &Rectangle| {
             let (x, y) = (r.x as f64, r.y as f64);
             let (width, height) = (r.width as f64, r.height as f64);
             [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
         };
-        cover(&self.filled, self.columns, MIN_SIDE, BARE, most).iter().map(corners).collect()
+        cover(&self.closed, self.columns, MIN_SIDE, BARE, most).iter().map(corners).collect()
     }
 
     fn middle(&self, cell: usize) -> Point2<f64> {

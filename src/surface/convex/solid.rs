@@ -129,14 +129,6 @@ impl ConvexSolid {
         planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped(plane))
     }
 
-    /// Every face moved inwards; the solid as it is where nothing of `min_thickness_m` would stay.
-    #[must_use]
-    pub fn shrunk(&self, by_m: f64, min_thickness_m: f64) -> Self {
-        let inner: Vec<Plane> =
-            self.planes().into_iter().map(|p| Plane { offset_m: p.offset_m - by_m, ..p }).collect();
-        self.clipped_by(&inner).filter(|s| s.thickness_m() >= min_thickness_m).unwrap_or_else(|| self.clone())
-    }
-
     /// Without corners that no face uses.
     fn compact(self) -> Self {
         let mut index = vec![u32::MAX; self.vertices.len()];
@@ -303,12 +295,5 @@ mod tests {
         assert_eq!(a.penetration_m(&moved(1.0, 0.0)), None);
         assert_eq!(a.penetration_m(&moved(1.3, 0.7)), None);
         assert!(a.penetration_m(&moved(1.1, 0.7)).is_some());
-    }
-
-    #[test]
-    fn shrinking_stops_before_nothing_is_left() {
-        let plate = ConvexSolid::cuboid(&Point3::origin(), &Point3::new(0.4, 0.2, 0.006));
-        assert!((plate.shrunk(0.001, 0.002).thickness_m() - 0.004).abs() < 1e-12);
-        assert_eq!(plate.shrunk(0.0025, 0.002), plate);
     }
 }

@@ -1,0 +1,324 @@
+//! A surface covered by few convex solids: cells are cut in two where that takes most of the error away, then
+//! the two that add least are joined until they are few enough.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    ConvexSolid, Plane,
+    fit::{Fit, error},
+    pieces::{Piece, Sample, Seen},
+};
+
+/// Faces with the most error that a cell is cut along.
+const CUT_FACES: usize = 12;
+/// Shares of a cell's surface at which it is cut across its axes.
+const CUT_SHARES: [f64; 3] = [0.25, 0.5, 0.75];
+/// Share of a cell's error that a cut is hoped to open the way to, where it takes less by itself.
+const HOPE: f64 = 0.1;
+/// What lies along a cut and within so many tolerances of it is not cut: noise.
+const SLACK: f64 = 1.5;
+/// Share of the surface that a solid must take the error of.
+const WORTH: f64 = 1e-3;
+/// Samples by which the planes that a cell may be cut at are ranked, and about as many of all by which a
+/// solid is known to stand before others' surface.
+const RANKED: usize = 400;
+const FOREIGN: usize = 1000;
+/// Cells that are made for each that is kept: what is joined again was cut for the sake of others.
+const SPARE: usize = 2;
+
+/// What is asked of a cover.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wanted {
+    /// Most solids.
+    pub solids: usize,
+    /// Stand-off that is tolerated, meters.
+    pub tolerance_m: f64,
+    /// Least thickness of a solid, meters.
+    pub thin_m: f64,
+    /// Thickness of a wall, meters: the error where a surface has none.
+    pub wall_m: f64,
+}
+
+/// Some pieces of the surface, the solid around them and its error.
+struct Cell {
+    pieces: Vec<Arc<Piece>>,
+    samples: Vec<u32>,
+    fit: Fit,
+    /// Error over area, square meters.
+    loss: f64,
+}
+
+/// Convex solids around the pieces of a surface, those with most of it first.
+pub(super) fn cover(seen: &Seen, wanted: &Wanted) -> Vec<ConvexSolid> {
+    if seen.samples.is_empty() {
+        return Vec::new();
+    }
+    let cover = Cover { seen, wanted: *wanted, frame: frame(seen) };
+    let pieces = seen.pieces.iter().map(|p| Arc::new(p.clone())).collect();
+    let whole = cover.cell(pieces, (0..seen.samples.len() as u32).collect(), 1);
+    let mut cells = cover.joined(cover.cut_up(whole));
+    let area = |c: &Cell| c.samples.iter().map(|&i| seen.samples[i as usize].area_m2).sum::<f64>();
+    cells.sort_by(|a, b| area(b).total_cmp(&area(a)));
+    cells.iter().filter_map(|c| c.fit.solid(0.25 * wanted.tolerance_m, wanted.thin_m)).collect()
+}
+
+struct Cover<'a> {
+    seen: &'a Seen,
+    wanted: Wanted,
+    frame: Vec<Vector3<f64>>,
+}
+
+/// Two halves of a cell and what the cut takes off the error.
+struct Cut {
+    gain: f64,
+    halves: [Cell; 2],
+}
+
+impl Cover<'_> {
+    /// The cell of some pieces and samples; its solid and error by all of them, or by a part of either that
+    /// `step` being more than one asks for.
+    fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> Cell {
+        let of: Vec<&Sample> =
+            samples.iter().step_by(step).map(|&i| &self.seen.samples[i as usize]).collect();
+        let tolerance_m = self.wanted.tolerance_m;
+        let sizes = [tolerance_m, self.wanted.thin_m];
+        let some = if step > 1 { (pieces.len() / RANKED).max(1) } else { 1 };
+        let around = pieces.iter().step_by(some).map(AsRef::as_ref);
+        let fit = Fit::new(self.seen, around, &of, &self.frame, sizes);
+        let own: f64 = of.iter().map(|s| s.area_m2 * error(fit.distance_m(s), tolerance_m)).sum();
+        let loss = own * step as f64 + self.covered(&fit, &samples);
+        Cell { pieces, samples, fit, loss }
+    }
+
+    /// The error of a solid that stands before samples which are not its own (sorted), by a part of all.
+    fn covered(&self, fit: &Fit, own: &[u32]) -> f64 {
+        let count = self.seen.samples.len();
+        let step = count.div_ceil(FOREIGN).max(1);
+        let foreign = (0..count).step_by(step).filter_map(|i| {
+            let sample = &self.seen.samples[i];
+            let inside = fit.planes.iter().all(|p| p.normal.dot(&sample.place) < p.offset_m);
+            let counts = inside && own.binary_search(&(i as u32)).is_err();
+            counts.then(|| sample.area_m2 * error(fit.distance_m(sample), self.wanted.tolerance_m))
+        });
+        foreign.sum::<f64>() * step as f64
+    }
+
+    /// Cells cut where it helps most, until no cut is worth a solid or there are enough to join.
+    fn cut_up(&self, whole: Cell) -> Vec<Cell> {
+        let least = WORTH * self.seen.area_m2;
+        let mut done = Vec::new();
+        let mut open: Vec<(Cell, Cut)> = Vec::new();
+        let mut fresh = vec![whole];
+        while done.len() + open.len() + fresh.len() < SPARE * self.wanted.solids || !fresh.is_empty() {
+            for cell in fresh.drain(..) {
+                match self.best_cut(&cell).filter(|cut| cut.gain.max(HOPE * cell.loss) > least) {
+                    Some(cut) => open.push((cell, cut)),
+                    None => done.push(cell),
+                }
+            }
+            if done.len() + open.len() >= SPARE * self.wanted.solids {
+                break;
+            }
+            // Much error may take more than one cut to go.
+            let hope = |(cell, cut): &(Cell, Cut)| cut.gain.max(HOPE * cell.loss);
+            let most =
+                (0..open.len()).max_by(|&a, &b| hope(&open[a]).total_cmp(&hope(&open[b])).then(b.cmp(&a)));
+            let Some(i) = most else { break };
+            fresh.extend(open.remove(i).1.halves);
+        }
+        done.extend(open.into_iter().map(|(cell, _)| cell));
+        done
+    }
+
+    /// The cut of a cell that takes most of the error away.
+    fn best_cut(&self, cell: &Cell) -> Option<Cut> {
+        if cell.loss <= WORTH * self.seen.area_m2 {
+            return None;
+        }
+        // All planes by a part of the samples, the best by all.
+        let step = (cell.samples.len() / RANKED).max(1);
+        let halves: Vec<Option<[Cell; 2]>> =
+            self.planes(cell).par_iter().map(|plane| self.cut(cell, plane, step)).collect();
+        let loss = |h: &[Cell; 2]| h[0].loss + h[1].loss;
+        let best = halves.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
+        let halves = best.map(|h| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h });
+        Some(Cut { gain: cell.loss - loss(&halves), halves })
+    }
+
+    /// Planes that a cell may be cut at: along its faces that it stands farthest from, and across its axes.
+    fn planes(&self, cell: &Cell) -> Vec<Plane> {
+        let mut by_face: Vec<(u32, f64, f64, u32)> = Vec::new();
+        for &i in &cell.samples {
+            let sample = &self.seen.samples[i as usize];
+            let off = error(cell.fit.distance_m(sample), self.wanted.tolerance_m);
+            match by_face.iter_mut().find(|f| f.0 == sample.face) {
+                Some(f) => {
+                    f.1 += sample.area_m2 * off;
+                    if off > f.2 {
+                        (f.2, f.3) = (off, i);
+                    }
+                }
+                None => by_face.push((sample.face, sample.area_m2 * off, off, i)),
+            }
+        }
+        by_face.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let along = by_face.iter().take(CUT_FACES).map(|f| {
+            let normal = self.seen.faces[f.0 as usize];
+            Plane { normal, offset_m: normal.dot(&self.seen.samples[f.3 as usize].place) }
+        });
+        let mut planes: Vec<Plane> = along.collect();
+        let axes = self.frame.iter().step_by(2).copied().chain(self.principal_axes(cell));
+        for axis in axes {
+            let mut heights: Vec<(f64, f64)> = cell
+                .samples
+                .iter()
+                .map(|&i| &self.seen.samples[i as usize])
+                .map(|s| (axis.dot(&s.place), s.area_m2))
+                .collect();
+            heights.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let total: f64 = heights.iter().map(|h| h.1).sum();
+            for share in CUT_SHARES {
+                let mut below = 0.0;
+                let at = heights.iter().find(|h| {
+                    below += h.1;
+                    below >= share * total
+                });
+                planes.extend(at.map(|h| Plane { normal: axis, offset_m: h.0 }));
+            }
+        }
+        planes
+    }
+
+    fn principal_axes(&self, cell: &Cell) -> [Vector3<f64>; 3] {
+        let of = || cell.samples.iter().map(|&i| &self.seen.samples[i as usize]);
+        let area: f64 = of().map(|s| s.area_m2).sum();
+        let middle = of().map(|s| s.place * s.area_m2).sum::<Vector3<f64>>() / area.max(f64::MIN_POSITIVE);
+        let spread = of()
+            .map(|s| (s.place - middle) * (s.place - middle).transpose() * s.area_m2)
+            .sum::<Matrix3<f64>>();
+        let vectors = SymmetricEigen::new(spread).eigenvectors;
+        [0, 1, 2].map(|k| vectors.column(k).into_owned())
+    }
+
+    /// The two halves of a cell; `None` where one would be empty.
+    fn cut(&self, cell: &Cell, plane: &Plane, step: usize) -> Option<[Cell; 2]> {
+        let slack_m = SLACK * self.wanted.tolerance_m;
+        let mut pieces = [Vec::new(), Vec::new()];
+        for piece in &cell.pieces {
+            match piece.cut(plane, slack_m) {
+                [Some(_), None] => pieces[0].push(Arc::clone(piece)),
+                [None, Some(_)] => pieces[1].push(Arc::clone(piece)),
+                halves => {
+                    for (side, half) in pieces.iter_mut().zip(halves) {
+                        side.extend(half.map(Arc::new));
+                    }
+                }
+            }
+        }
+        let (back, front): (Vec<u32>, Vec<u32>) =
+            cell.samples.iter().partition(|&&i| self.seen.samples[i as usize].is_behind(plane, slack_m));
+        let [behind, before] = pieces;
+        if behind.is_empty() || before.is_empty() || back.is_empty() || front.is_empty() {
+            return None;
+        }
+        Some([self.cell(behind, back, step), self.cell(before, front, step)])
+    }
+
+    /// Cells joined, the pair first that adds least, while there are too many or the pair adds next to
+    /// nothing. A cell may be left out instead, where that costs least.
+    fn joined(&self, cells: Vec<Cell>) -> Vec<Cell> {
+        let free = 0.5 * WORTH * self.seen.area_m2;
+        let mut cells: Vec<Option<Cell>> = cells.into_iter().map(Some).collect();
+        let mut count = cells.len();
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        let near: Vec<(usize, usize)> =
+            (0..cells.len()).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+        pairs.extend(self.added(&cells, near));
+        loop {
+            pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)).then(b.2.cmp(&a.2)));
+            let pair = pairs.last().copied();
+            let (drop_cost, dropped) = self.cheapest(&cells);
+            if count > self.wanted.solids && pair.is_none_or(|p| drop_cost < p.0) {
+                cells[dropped] = None;
+                count -= 1;
+                pairs.retain(|p| p.1 != dropped && p.2 != dropped);
+                continue;
+            }
+            let Some((_, a, b)) = pair.filter(|p| p.0 <= free || count > self.wanted.solids) else {
+                break;
+            };
+            let (Some(left), Some(right)) = (cells[a].take(), cells[b].take()) else { break };
+            pairs.retain(|p| ![p.1, p.2].iter().any(|i| [a, b].contains(i)));
+            cells.push(Some(self.union(&left, &right)));
+            count -= 1;
+            let new = cells.len() - 1;
+            pairs.extend(self.added(&cells, (0..new).map(|i| (i, new)).collect()));
+        }
+        cells.into_iter().flatten().collect()
+    }
+
+    fn union(&self, a: &Cell, b: &Cell) -> Cell {
+        let pieces = a.pieces.iter().chain(&b.pieces).cloned().collect();
+        let mut samples: Vec<u32> = a.samples.iter().chain(&b.samples).copied().collect();
+        samples.sort_unstable();
+        self.cell(pieces, samples, 1)
+    }
+
+    /// What joining pairs of cells would add to the error; of those that come near each other.
+    fn added(&self, cells: &[Option<Cell>], pairs: Vec<(usize, usize)>) -> Vec<(f64, usize, usize)> {
+        let cost = |(a, b): (usize, usize)| {
+            let (left, right) = (cells[a].as_ref()?, cells[b].as_ref()?);
+            near(left, right, self.wanted.wall_m).then_some(())?;
+            Some((self.union(left, right).loss - left.loss - right.loss, a, b))
+        };
+        pairs.into_par_iter().filter_map(cost).collect()
+    }
+
+    /// The cell that costs least to leave out, with that cost.
+    fn cheapest(&self, cells: &[Option<Cell>]) -> (f64, usize) {
+        let nothing = error(2.0 * self.wanted.wall_m, self.wanted.tolerance_m);
+        let cost = |c: &Cell| {
+            c.samples.iter().map(|&i| self.seen.samples[i as usize].area_m2).sum::<f64>() * nothing - c.loss
+        };
+        let all = cells.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| (cost(c), i)));
+        all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).unwrap_or((f64::INFINITY, 0))
+    }
+}
+
+/// Whether some face of either keeps the other more than a gap away.
+fn near(a: &Cell, b: &Cell, gap_m: f64) -> bool {
+    let apart = |fit: &Fit, other: &Cell| {
+        fit.planes.iter().any(|plane| {
+            let lowest = |p: &Arc<Piece>| {
+                p.front.iter().map(|v| plane.normal.dot(v)).fold(f64::INFINITY, f64::min)
+                    + plane.normal.dot(&p.back).min(0.0)
+            };
+            other.pieces.iter().all(|p| lowest(p) > plane.offset_m + gap_m)
+        })
+    };
+    !apart(&a.fit, b) && !apart(&b.fit, a)
+}
+
+/// Directions both ways along three square axes: the normal of most area, and of what is left across it.
+fn frame(seen: &Seen) -> Vec<Vector3<f64>> {
+    let mut areas = vec![0.0; seen.faces.len()];
+    seen.samples.iter().for_each(|s| areas[s.face as usize] += s.area_m2);
+    let mut axes: Vec<Vector3<f64>> = Vec::new();
+    for _ in 0..2 {
+        let across = |n: &Vector3<f64>| axes.iter().fold(*n, |n, a| n - a * a.dot(&n));
+        let best = (0..areas.len()).max_by(|&i, &j| {
+            let weight = |k: usize| areas[k] * across(&seen.faces[k]).norm_squared();
+            weight(i).total_cmp(&weight(j)).then(j.cmp(&i))
+        });
+        let direction = best.and_then(|k| across(&seen.faces[k]).try_normalize(1e-6));
+        let any = || [Vector3::x(), Vector3::y()].iter().find_map(|d| across(d).try_normalize(0.5));
+        axes.extend(direction.or_else(any));
+    }
+    if let [x, y] = axes[..] {
+        axes.push(x.cross(&y));
+    }
+    axes.iter().flat_map(|a| [*a, -a]).collect()
+}

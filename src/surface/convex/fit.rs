@@ -1,0 +1,273 @@
+//! One solid around pieces of a surface, and how far it stands before what was seen.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    ConvexSolid, Plane,
+    pieces::{Piece, Sample, Seen},
+};
+
+/// Most faces of the surface that a solid takes its own from.
+const OWN_FACES: usize = 20;
+/// Cosines of the angles within which a direction is one that is there already: of two seen faces, and of one
+/// that was not seen.
+const SAME_SEEN: f64 = 0.999_96;
+const SAME_ASSUMED: f64 = 0.99;
+/// Least cosine between a face of a solid and what it stands for.
+const ALONG: f64 = 0.9;
+/// Shares of what lies along a face that may lie behind it.
+const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
+/// Offsets nearer to each other than this share of the tolerance are one.
+const NEXT_SHARE: f64 = 0.1;
+/// Rays along a face leave a solid elsewhere.
+const GRAZING: f64 = 1e-3;
+
+/// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
+/// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
+/// and one that is far off still feels what brings it nearer.
+pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
+    let x = 1.0 + (distance_m / tolerance_m).powi(2);
+    // Linear between powers of two: a hundred times as often asked for as anything else here.
+    let bits = x.to_bits();
+    let exponent = (bits >> 52) as f64 - 1023.0;
+    exponent + (bits & ((1 << 52) - 1)) as f64 / (1u64 << 52) as f64
+}
+
+/// The half spaces of a solid.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Fit {
+    pub planes: Vec<Plane>,
+}
+
+impl Fit {
+    /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A face that was
+    /// seen lies where it leaves least error between what stands out of the solid and what the solid stands
+    /// before; others lie behind all pieces.
+    pub fn new<'a>(
+        seen: &Seen,
+        pieces: impl Iterator<Item = &'a Piece> + Clone,
+        samples: &[&Sample],
+        frame: &[Vector3<f64>],
+        [tolerance_m, thin_m]: [f64; 2],
+    ) -> Self {
+        let (own, closing) = directions(seen, samples, frame);
+        let mut planes: Vec<Plane> = own
+            .iter()
+            .chain(&closing)
+            .map(|normal| Plane { normal: *normal, offset_m: f64::NEG_INFINITY })
+            .collect();
+        for piece in pieces {
+            for plane in &mut planes {
+                let front = piece.front.iter().map(|p| plane.normal.dot(p)).fold(f64::NEG_INFINITY, f64::max);
+                plane.offset_m = plane.offset_m.max(front + plane.normal.dot(&piece.back).max(0.0));
+            }
+        }
+        settle(&mut planes, own.len(), samples, tolerance_m);
+        thicken(&mut planes, own.len(), thin_m);
+        Self { planes }
+    }
+
+    /// Distance between the solid and a sample, meters: how far the sample stands out of it, or the solid
+    /// before the sample along its normal.
+    pub fn distance_m(&self, sample: &Sample) -> f64 {
+        let (mut nearest, mut outside) = (f64::INFINITY, 0.0f64);
+        for plane in &self.planes {
+            let depth = plane.offset_m - plane.normal.dot(&sample.place);
+            outside = outside.max(-depth);
+            let speed = plane.normal.dot(&sample.normal);
+            if speed > GRAZING {
+                nearest = nearest.min(depth / speed);
+            }
+        }
+        if outside > 0.0 { outside } else { nearest }
+    }
+
+    /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
+    /// it has no volume.
+    pub fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
+        // Faces that do not meet squarely may leave a sliver or nothing: it grows until it is a solid.
+        let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
+        grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)
+    }
+
+    fn grown(&self, by_m: f64) -> Self {
+        let moved = |p: &Plane| Plane { offset_m: p.offset_m + by_m, ..*p };
+        Self { planes: self.planes.iter().map(moved).collect() }
+    }
+
+    /// What lies behind all planes.
+    fn bounded(&self, least_m: f64) -> Option<ConvexSolid> {
+        // A box around it, along its own first directions, that all faces cut.
+        let axes = axes(&self.planes);
+        let size = self.planes.iter().map(|p| p.offset_m.abs()).fold(0.0, f64::max);
+        let span = 4.0 * size + 1.0;
+        let at = |x: f64, y: f64| Point3::from(axes[0] * x + axes[1] * y);
+        let square = [at(-span, -span), at(span, -span), at(span, span), at(-span, span)];
+        let mut solid = ConvexSolid::prism(&square, &axes[2], -span, span);
+        // The faces that cut most come first; what would cut little by then is left out.
+        let mut left = self.planes.clone();
+        loop {
+            let cuts = |p: &Plane| solid.vertices.iter().map(|v| p.distance_m(v)).fold(0.0, f64::max);
+            let most = left
+                .iter()
+                .enumerate()
+                .map(|(i, p)| (cuts(p), i))
+                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            let Some((_, i)) = most.filter(|(cut, _)| *cut > least_m) else { break };
+            solid = solid.clipped(&left.remove(i))?;
+        }
+        (solid.volume_m3() > 0.0).then_some(solid)
+    }
+}
+
+/// Right-handed axes along the first direction.
+fn axes(planes: &[Plane]) -> [Vector3<f64>; 3] {
+    let z = planes.first().map_or_else(Vector3::z, |p| p.normal);
+    let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
+    [x, z.cross(&x), z]
+}
+
+/// Moves faces back until the solid is `thin_m` thick behind each of the first `own` ones: those that were
+/// not seen, or two that were by half.
+fn thicken(planes: &mut [Plane], own: usize, thin_m: f64) {
+    for k in 0..own {
+        for i in 0..planes.len() {
+            let lack_m = thin_m - planes[k].offset_m - planes[i].offset_m;
+            if lack_m > 0.0 && planes[i].normal.dot(&planes[k].normal) < -SAME_ASSUMED {
+                let share = if i < own { 0.5 } else { 1.0 };
+                planes[i].offset_m += share * lack_m;
+                planes[k].offset_m += (1.0 - share) * lack_m;
+            }
+        }
+    }
+}
+
+/// What the planes so far make of a sample.
+struct State {
+    /// The two planes before which the solid ends first along its normal: distance, meters, and number.
+    nearest: [(f64, usize); 2],
+    /// How far it stands out of the solid, meters.
+    outside_m: f64,
+}
+
+impl State {
+    fn of(planes: &[Plane], sample: &Sample) -> Self {
+        let mut state = Self { nearest: [(f64::INFINITY, usize::MAX); 2], outside_m: 0.0 };
+        for (k, plane) in planes.iter().enumerate() {
+            let speed = plane.normal.dot(&sample.normal);
+            if speed > GRAZING {
+                state.meet((plane.offset_m - plane.normal.dot(&sample.place)).max(0.0) / speed, k);
+            }
+        }
+        state
+    }
+
+    /// A plane, which may have been farther away before, is met at a distance.
+    fn meet(&mut self, distance_m: f64, plane: usize) {
+        if self.nearest[0].1 == plane {
+            self.nearest[0].0 = self.nearest[0].0.min(distance_m);
+        } else if distance_m < self.nearest[0].0 {
+            self.nearest = [(distance_m, plane), self.nearest[0]];
+        } else if distance_m < self.nearest[1].0 {
+            self.nearest[1] = (distance_m, plane);
+        }
+    }
+
+    /// Distance to the nearest of all planes but one, meters.
+    fn without(&self, plane: usize) -> f64 {
+        self.nearest[usize::from(self.nearest[0].1 == plane)].0
+    }
+}
+
+/// Moves the first `own` planes, one after the other, from behind all pieces to where they leave least error
+/// with those before.
+fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f64) {
+    let mut states: Vec<State> = samples.iter().map(|s| State::of(planes, s)).collect();
+    for k in 0..own {
+        let Plane { normal, offset_m } = planes[k];
+        let heights: Vec<f64> = samples.iter().map(|s| normal.dot(&s.place)).collect();
+        let speeds: Vec<f64> = samples.iter().map(|s| normal.dot(&s.normal)).collect();
+        let along = (0..samples.len()).filter(|&i| speeds[i] > ALONG);
+        let tried =
+            tried_offsets(along.map(|i| (heights[i], samples[i].area_m2)).collect(), offset_m, tolerance_m);
+        let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
+        // Others feel none of the offsets.
+        let felt: Vec<usize> =
+            (0..samples.len()).filter(|&i| speeds[i] > GRAZING || heights[i] > lowest).collect();
+        let cost = |offset_m: f64| {
+            let of = |&i: &usize| {
+                let (depth, state) = (offset_m - heights[i], &states[i]);
+                let outside = state.outside_m.max(-depth);
+                let before =
+                    state.without(k).min(if speeds[i] > GRAZING { depth / speeds[i] } else { f64::INFINITY });
+                samples[i].area_m2 * error(if outside > 0.0 { outside } else { before }, tolerance_m)
+            };
+            felt.iter().map(of).sum::<f64>()
+        };
+        // The outermost of equals.
+        let costs = tried.iter().map(|&o| (cost(o), o));
+        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(offset_m, |c| c.1);
+        if best < offset_m {
+            planes[k].offset_m = best;
+            for &i in &felt {
+                states[i].outside_m = states[i].outside_m.max(heights[i] - best);
+                if speeds[i] > GRAZING {
+                    states[i].meet((best - heights[i]).max(0.0) / speeds[i], k);
+                }
+            }
+        }
+    }
+}
+
+/// Offsets that a face is tried at, the outermost first: behind all pieces, and at shares of what lies along
+/// it (heights with areas).
+fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) -> Vec<f64> {
+    along.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = along.iter().map(|h| h.1).sum();
+    let mut below = 0.0;
+    let mut tried = vec![offset_m];
+    let mut shares = OFFSET_SHARES.iter().peekable();
+    for (height, area) in &along {
+        below += area;
+        while shares.next_if(|share| below >= **share * total).is_some() {
+            tried.push(*height);
+        }
+    }
+    tried.sort_by(|a, b| b.total_cmp(a));
+    tried.dedup_by(|a, b| (*a - *b).abs() < NEXT_SHARE * tolerance_m);
+    tried
+}
+
+/// Directions of the seen faces, and those that close the solid.
+fn directions(
+    seen: &Seen,
+    samples: &[&Sample],
+    frame: &[Vector3<f64>],
+) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
+    let mut areas: Vec<(u32, f64)> = Vec::new();
+    let mut slot = vec![u32::MAX; seen.faces.len()];
+    for sample in samples {
+        let k = &mut slot[sample.face as usize];
+        if *k == u32::MAX {
+            *k = areas.len() as u32;
+            areas.push((sample.face, 0.0));
+        }
+        areas[*k as usize].1 += sample.area_m2;
+    }
+    areas.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let is_new = |found: &[Vector3<f64>], d: &Vector3<f64>, same: f64| found.iter().all(|f| f.dot(d) < same);
+    let mut own: Vec<Vector3<f64>> = Vec::with_capacity(OWN_FACES);
+    for (face, _) in areas.iter().take(OWN_FACES) {
+        let d = seen.faces[*face as usize];
+        if is_new(&own, &d, SAME_SEEN) {
+            own.push(d);
+        }
+    }
+    let mut closing: Vec<Vector3<f64>> = Vec::with_capacity(OWN_FACES + frame.len());
+    for d in own.iter().map(|d| -d).chain(frame.iter().copied()) {
+        if is_new(&own, &d, SAME_ASSUMED) && is_new(&closing, &d, SAME_ASSUMED) {
+            closing.push(d);
+        }
+    }
+    (own, closing)
+}

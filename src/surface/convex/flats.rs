@@ -1,0 +1,136 @@
+//! A mesh cut into flat patches by joining neighbors (hierarchical face clustering, Garland, Willmott and
+//! Heckbert 2001): noise leaves a wall one patch, and a round wall becomes as few as the error allows.
+
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet, BinaryHeap},
+};
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+
+use crate::surface::{TriangleMesh, patches::Patch};
+
+/// Least length of the sum of a patch's normals over its area: beyond, it bends.
+const LEAST_STRAIGHT: f64 = 0.85;
+/// A patch that is so many times wider than it is thick, as variances, has a plane by its corners; another
+/// has that of its triangles.
+const WIDE: f64 = 25.0;
+
+/// Moments of the triangles of a patch.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    area: f64,
+    first: Vector3<f64>,
+    second: Matrix3<f64>,
+    normal: Vector3<f64>,
+}
+
+impl Moments {
+    fn of(corners: &[Vector3<f64>; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(&(c - a)) * 0.5;
+        let (area, sum) = (normal.norm(), a + b + c);
+        let square = |v: &Vector3<f64>| v * v.transpose();
+        // Exact on the triangle, as in `inertia`.
+        let second = (square(&sum) + square(a) + square(b) + square(c)) * (area / 12.0);
+        Self { area, first: sum * (area / 3.0), second, normal }
+    }
+
+    fn and(&self, other: &Self) -> Self {
+        Self {
+            area: self.area + other.area,
+            first: self.first + other.first,
+            second: self.second + other.second,
+            normal: self.normal + other.normal,
+        }
+    }
+
+    /// Center, unit normal and mean squared distance from the plane.
+    fn plane(&self) -> (Vector3<f64>, Vector3<f64>, f64) {
+        let center = self.first / self.area;
+        let spread = self.second / self.area - center * center.transpose();
+        let eigen = SymmetricEigen::new(spread);
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        let sizes = order.map(|k| eigen.eigenvalues[k].max(0.0));
+        let mean = self.normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let thin = eigen.eigenvectors.column(order[0]).into_owned();
+        let thin = if thin.dot(&mean) < 0.0 { -thin } else { thin };
+        if sizes[1] > WIDE * sizes[0] && thin.dot(&mean) > LEAST_STRAIGHT {
+            (center, thin, sizes[0])
+        } else {
+            (center, mean, mean.dot(&(spread * mean)).max(0.0))
+        }
+    }
+}
+
+/// Patches that leave their planes by at most `flat_m` (root mean square); largest area first.
+pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
+    // About a corner of the mesh: far from the origin the moments would lose digits.
+    let origin = mesh.vertices.first().map(|p| p.coords.cast::<f64>()).unwrap_or_default();
+    let of = |t: usize| Moments::of(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin));
+    let mut moments: Vec<Moments> = (0..mesh.triangles.len()).map(of).collect();
+    let mut members: Vec<Vec<u32>> = (0..moments.len() as u32).map(|t| vec![t]).collect();
+    let mut near = neighbors(mesh, &moments);
+    let cost = |moments: &[Moments], a: usize, b: usize| {
+        let both = moments[a].and(&moments[b]);
+        let (_, _, mean_square) = both.plane();
+        let straight = both.normal.norm() >= LEAST_STRAIGHT * both.area;
+        (straight && mean_square <= flat_m * flat_m).then_some(mean_square)
+    };
+    // Costs are not negative: their bits are in their order.
+    let mut queue: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
+    for (a, all) in near.iter().enumerate() {
+        for &b in all.iter().filter(|b| **b as usize > a) {
+            queue.extend(cost(&moments, a, b as usize).map(|c| Reverse((c.to_bits(), a as u32, b))));
+        }
+    }
+    // A joined patch takes a new number, so that what the queue holds of the old ones is known to be stale.
+    let mut alive: Vec<bool> = moments.iter().map(|m| m.area > 0.0).collect();
+    while let Some(Reverse((_, a, b))) = queue.pop() {
+        let (a, b) = (a as usize, b as usize);
+        if !alive[a] || !alive[b] {
+            continue;
+        }
+        let new = moments.len();
+        moments.push(moments[a].and(&moments[b]));
+        let mut all = std::mem::take(&mut members[a]);
+        all.append(&mut members[b]);
+        members.push(all);
+        (alive[a], alive[b]) = (false, false);
+        alive.push(true);
+        let around: BTreeSet<u32> =
+            near[a].iter().chain(&near[b]).copied().filter(|&k| alive[k as usize]).collect();
+        for &k in &around {
+            near[k as usize].insert(new as u32);
+            queue.extend(cost(&moments, k as usize, new).map(|c| Reverse((c.to_bits(), k, new as u32))));
+        }
+        near.push(around);
+    }
+    let mut found: Vec<Patch> = (0..moments.len())
+        .filter(|&k| alive[k])
+        .map(|k| {
+            let (center, normal, _) = moments[k].plane();
+            let mut triangles = std::mem::take(&mut members[k]);
+            triangles.sort_unstable();
+            Patch { triangles, normal, center: Point3::from(center + origin), area_m2: moments[k].area }
+        })
+        .collect();
+    found.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
+    found
+}
+
+/// Triangles with area that share a side with each triangle.
+fn neighbors(mesh: &TriangleMesh, moments: &[Moments]) -> Vec<BTreeSet<u32>> {
+    let mut sides: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
+    for (p, q, t) in mesh.sides().filter(|s| moments[s.2 as usize].area > 0.0) {
+        sides.entry((p.min(q), p.max(q))).or_default().push(t);
+    }
+    let mut near = vec![BTreeSet::new(); moments.len()];
+    for same in sides.values() {
+        for &t in same {
+            near[t as usize].extend(same.iter().filter(|u| **u != t));
+        }
+    }
+    near
+}

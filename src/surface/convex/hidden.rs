@@ -1,0 +1,121 @@
+//! Walls that go on where no view looked.
+
+use nalgebra::{Matrix3, Point2, Point3, Vector3};
+
+use super::{ConvexConfig, Hidden, pieces::Piece, raster::Raster};
+use crate::surface::{TriangleMesh, outline::hull_2d, patches::Patch};
+
+/// Most samples of a face that is looked for near a patch, along an edge and across three patches.
+const MAX_STEPS: usize = 300;
+/// Most rectangles that close the gaps of a patch.
+const RECTANGLES: usize = 10;
+/// Share of the surface that a patch must have to go on.
+const LEAST_SHARE: f64 = 0.005;
+
+/// Pieces of flat walls in hidden places, between what was seen of a wall and where it or another one was
+/// seen again.
+pub(super) fn hidden_pieces(
+    mesh: &TriangleMesh,
+    patches: &[Patch],
+    wall_m: f64,
+    hidden: Hidden<'_>,
+    config: &ConvexConfig,
+) -> Vec<Piece> {
+    let total: f64 = patches.iter().map(|p| p.area_m2).sum();
+    let large = patches.iter().filter(|p| p.area_m2 >= LEAST_SHARE * total);
+    large.flat_map(|patch| closed(mesh, patch, wall_m, hidden, config)).collect()
+}
+
+/// Pieces that close the gaps of a patch.
+fn closed(
+    mesh: &TriangleMesh,
+    patch: &Patch,
+    wall_m: f64,
+    hidden: Hidden<'_>,
+    config: &ConvexConfig,
+) -> Vec<Piece> {
+    let flat = Flat::of(mesh, patch);
+    let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
+    let hull = hull_2d(&points);
+    if hull.len() < 3 {
+        return Vec::new();
+    }
+    // Walls may end a little before or behind the plane.
+    let walls = walls_across(mesh, &flat, &hull, [-2.0 * wall_m, wall_m], config.min_thickness_m);
+    let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
+    if !raster.close_gaps(&walls, |p| hidden(&flat.place(p, -0.5 * wall_m))) {
+        return Vec::new();
+    }
+    let back = -patch.normal * wall_m;
+    let piece = |corners: &[Point2<f64>; 4]| Piece {
+        front: corners.iter().map(|p| flat.place(p, 0.0).coords).collect(),
+        back,
+        share_m: wall_m,
+    };
+    raster.closed_rectangles(RECTANGLES).iter().map(piece).collect()
+}
+
+/// A patch in its own frame: z along its normal.
+struct Flat {
+    world_from_flat: Matrix3<f64>,
+    origin: Point3<f64>,
+    triangles: Vec<[Point2<f64>; 3]>,
+}
+
+impl Flat {
+    fn of(mesh: &TriangleMesh, patch: &Patch) -> Self {
+        let z = patch.normal;
+        let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
+        let world_from_flat = Matrix3::from_columns(&[x, z.cross(&x), z]);
+        let local = |p: Point3<f32>| {
+            let p = world_from_flat.tr_mul(&(p.cast::<f64>() - patch.center));
+            Point2::new(p.x, p.y)
+        };
+        let triangles = patch.triangles.iter().map(|&t| mesh.corners(t as usize).map(local)).collect();
+        Self { world_from_flat, origin: patch.center, triangles }
+    }
+
+    /// A place at a height above the plane.
+    fn place(&self, p: &Point2<f64>, height_m: f64) -> Point3<f64> {
+        self.origin + self.world_from_flat * Vector3::new(p.x, p.y, height_m)
+    }
+}
+
+/// Points of a mesh's steep faces near a patch and its plane, in its frame: where a wall meets it.
+fn walls_across(
+    mesh: &TriangleMesh,
+    flat: &Flat,
+    hull: &[Point2<f64>],
+    range_m: [f64; 2],
+    spacing_m: f64,
+) -> Vec<Point2<f64>> {
+    let start = (hull[0], hull[0]);
+    let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    // A gap is never longer than what was seen.
+    let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
+    let spacing_m = spacing_m.max((upper - lower).max() / MAX_STEPS as f64);
+    let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));
+    let mut points = Vec::new();
+    for t in 0..mesh.triangles.len() {
+        let corners = mesh.corners(t).map(|p| flat.world_from_flat.tr_mul(&(p.cast::<f64>() - flat.origin)));
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        let heights =
+            corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
+        // Faces that are steep against the patch, at its height.
+        if normal.z.abs() > 0.5 * normal.norm() || heights[0] > range_m[1] || heights[1] < range_m[0] {
+            continue;
+        }
+        let longest = (0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()).fold(0.0, f64::max);
+        let steps = ((longest / spacing_m).ceil() as usize).clamp(1, MAX_STEPS);
+        for i in 0..=steps {
+            for j in 0..=steps - i {
+                let (a, b) = (i as f64 / steps as f64, j as f64 / steps as f64);
+                let p = corners[0] * a + corners[1] * b + corners[2] * (1.0 - a - b);
+                if (range_m[0]..=range_m[1]).contains(&p.z) && near(&p.xy().into()) {
+                    points.push(p.xy().into());
+                }
+            }
+        }
+    }
+    points
+}

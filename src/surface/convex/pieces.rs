@@ -1,0 +1,273 @@
+//! What solids are fitted to: the seen surface as flat pieces with the wall behind each, and samples on it.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{Plane, flats::flats, rays::Facets};
+use crate::surface::{TriangleMesh, patches::Patch};
+
+/// Samples over a part's surface.
+const SAMPLES: f64 = 3000.0;
+/// Cosine of the largest angle between the sides of a patch that count as one direction.
+const ONE_SIDE: f64 = 0.94;
+/// A wall thicker than this many assumed walls is taken for two.
+const MAX_WALLS: f64 = 4.0;
+/// A gap of a surface that is narrower than this many walls is a hole of the recording.
+const NARROW_WALLS: f64 = 3.0;
+/// Least cosine between a plane and what may lie in it.
+const ALONG: f64 = 0.9;
+/// Nearer points lie in a plane, meters.
+const ON_PLANE_M: f64 = 1e-7;
+
+/// A convex flat piece of the surface and the wall behind it.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    /// Corners, in the plane of its patch, meters.
+    pub front: Vec<Vector3<f64>>,
+    /// From the front to the back of the wall, or as far into it as a wall is assumed to be thick.
+    pub back: Vector3<f64>,
+    /// What of the wall is this side's, meters: half of it where its other side was seen.
+    pub share_m: f64,
+}
+
+impl Piece {
+    /// Lowest and highest distance of the corners from a plane, meters.
+    fn range(&self, plane: &Plane) -> [f64; 2] {
+        let heights = self.front.iter().map(|p| plane.normal.dot(p) - plane.offset_m);
+        heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], h| [lo.min(h), hi.max(h)])
+    }
+
+    /// Its triangles, half of its wall's thickness below the front, with that thickness, meters.
+    pub fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
+        let middle = self.back.try_normalize(0.0).unwrap_or_default() * (0.5 * self.share_m);
+        let corner = move |k: usize| self.front[k] + middle;
+        (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
+    }
+
+    /// What of it lies behind a plane and what before it. A piece that lies in the plane, give or take
+    /// `slack_m`, is not cut: its wall lies behind the plane, or before it if it looks the other way.
+    pub fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
+        let [lo, hi] = self.range(plane);
+        let along = -plane.normal.dot(&self.back) / self.back.norm();
+        if along > ALONG && hi <= slack_m || hi <= ON_PLANE_M {
+            return [Some(self.clone()), None];
+        }
+        if along < -ALONG && lo >= -slack_m || lo >= -ON_PLANE_M {
+            return [None, Some(self.clone())];
+        }
+        [1.0, -1.0].map(|sign| {
+            let front = clipped(&self.front, &(plane.normal * sign), plane.offset_m * sign);
+            (front.len() >= 3).then_some(Self { front, ..*self })
+        })
+    }
+}
+
+/// The corners of a convex polygon cut at a plane (Sutherland and Hodgman 1974).
+fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
+    let height = |p: &Vector3<f64>| normal.dot(p) - offset_m;
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (k, a) in polygon.iter().enumerate() {
+        let b = &polygon[(k + 1) % polygon.len()];
+        let (da, db) = (height(a), height(b));
+        if da <= 0.0 {
+            kept.push(*a);
+        }
+        if (da < 0.0 && db > 0.0) || (da > 0.0 && db < 0.0) {
+            kept.push(a + (b - a) * (da / (da - db)));
+        }
+    }
+    kept
+}
+
+/// A place of the surface, or of the side of a wall that ends there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    /// Where, in the plane of its patch, meters.
+    pub place: Vector3<f64>,
+    /// Out of the object.
+    pub normal: Vector3<f64>,
+    /// Area that it stands for, square meters.
+    pub area_m2: f64,
+    /// Number of its face: those that look one way and belong together.
+    pub face: u32,
+}
+
+impl Sample {
+    /// Whether it lies behind a plane, as [`Piece::cut`] has it.
+    pub fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
+        let height = plane.normal.dot(&self.place) - plane.offset_m;
+        let along = plane.normal.dot(&self.normal);
+        if along > ALONG {
+            height <= slack_m
+        } else if along < -ALONG {
+            height < -slack_m
+        } else {
+            height < 0.0
+        }
+    }
+}
+
+/// A surface to be covered.
+pub(super) struct Seen {
+    pub pieces: Vec<Piece>,
+    pub samples: Vec<Sample>,
+    /// Normal of every face.
+    pub faces: Vec<Vector3<f64>>,
+    /// Area of the surface, without the sides of walls, square meters.
+    pub area_m2: f64,
+}
+
+/// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its
+/// mean plane. Walls are as thick as the way to their other side where that was seen, at most [`MAX_WALLS`]
+/// times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches `thin_m` to `wall_m`
+/// into its own. Where the surface ends its wall has a side, but not where `goes_on`.
+pub(super) fn seen(
+    mesh: &TriangleMesh,
+    others: &TriangleMesh,
+    [flat_m, wall_m, thin_m, clear_m]: [f64; 4],
+    goes_on: &dyn Fn(&Point3<f64>) -> bool,
+) -> (Seen, Vec<Patch>) {
+    let found = flats(mesh, flat_m);
+    let mut patch_of = vec![u32::MAX; mesh.triangles.len()];
+    for (k, patch) in found.iter().enumerate() {
+        patch.triangles.iter().for_each(|&t| patch_of[t as usize] = k as u32);
+    }
+    let reach_m = MAX_WALLS * wall_m;
+    let [own, others] = [mesh, others].map(|m| Facets::of(m, reach_m));
+    let depths: Vec<f64> = (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|t| {
+            let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
+            let middle = mesh.corners(t).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
+            let inwards = -patch.normal;
+            // A wall ends where another part was seen to begin.
+            let other = others.way_m(&middle, &inwards, false) - clear_m;
+            own.way_m(&middle, &inwards, true).min(if other < wall_m {
+                other.max(0.0)
+            } else {
+                f64::INFINITY
+            })
+        })
+        .collect();
+    let area_m2: f64 = found.iter().map(|p| p.area_m2).sum();
+    let mut seen = Seen {
+        pieces: Vec::new(),
+        samples: Vec::new(),
+        faces: found.iter().map(|p| p.normal).collect(),
+        area_m2,
+    };
+    let each = area_m2 / SAMPLES;
+    for (k, patch) in found.iter().enumerate() {
+        for &t in &patch.triangles {
+            let corners = flat_corners(mesh, t as usize, patch);
+            let [a, b, c] = corners;
+            let area = 0.5 * (b - a).cross(&(c - a)).norm();
+            if area <= 0.0 {
+                continue;
+            }
+            let depth_m = depths[t as usize];
+            let share_m = if depth_m.is_finite() { 0.5 * depth_m.max(thin_m) } else { wall_m };
+            let back = -patch.normal * depth_m.clamp(thin_m, wall_m.max(thin_m));
+            seen.pieces.push(Piece { front: corners.to_vec(), back, share_m });
+            // A regular grid of barycentric places.
+            let n = (area / each).sqrt().ceil().max(1.0) as usize;
+            let places = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+            for (i, j) in places {
+                let (mut u, mut v) = ((i as f64 + 0.5) / n as f64, (j as f64 + 0.5) / n as f64);
+                if u + v > 1.0 {
+                    (u, v) = (1.0 - u, 1.0 - v);
+                }
+                // A middle that lies on the diagonal moves off the side.
+                let (u, v) = if n == 1 { (1.0 / 3.0, 1.0 / 3.0) } else { (u, v) };
+                let place = a + (b - a) * u + (c - a) * v;
+                let area_m2 = area / (n * n) as f64;
+                seen.samples.push(Sample { place, normal: patch.normal, area_m2, face: k as u32 });
+            }
+        }
+    }
+    let depths: Vec<f64> = depths.iter().map(|d| d.clamp(thin_m, wall_m.max(thin_m))).collect();
+    sides(mesh, (&found, &patch_of, &depths), [each, wall_m], goes_on, &mut seen);
+    (seen, found)
+}
+
+/// The corners of a triangle in the plane of its patch.
+fn flat_corners(mesh: &TriangleMesh, t: usize, patch: &Patch) -> [Vector3<f64>; 3] {
+    mesh.corners(t).map(|p| {
+        let p = p.coords.cast::<f64>();
+        p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
+    })
+}
+
+/// Samples on the sides of walls, where the surface ends.
+fn sides(
+    mesh: &TriangleMesh,
+    (found, patch_of, depths): (&[Patch], &[u32], &[f64]),
+    [each_m2, wall_m]: [f64; 2],
+    goes_on: &dyn Fn(&Point3<f64>) -> bool,
+    seen: &mut Seen,
+) {
+    let first = seen.samples.len();
+    let mut open: BTreeMap<(u32, u32), (u32, u32, u32)> = BTreeMap::new();
+    for (p, q, t) in mesh.sides() {
+        let key = (p.min(q), p.max(q));
+        if open.remove(&key).is_none() {
+            open.insert(key, (p, q, t));
+        }
+    }
+    // Sides of one patch that look one way: one face.
+    let mut of_patch: BTreeMap<u32, Vec<(u32, Vector3<f64>)>> = BTreeMap::new();
+    for (p, q, t) in open.into_values() {
+        let k = patch_of[t as usize];
+        let Some(patch) = found.get(k as usize) else { continue };
+        let flat = |i: u32| {
+            let p = mesh.vertices[i as usize].coords.cast::<f64>();
+            p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
+        };
+        let (a, b) = (flat(p), flat(q));
+        let Some(out) = (b - a).cross(&patch.normal).try_normalize(1e-9) else { continue };
+        let depth_m = depths[t as usize];
+        let groups = of_patch.entry(k).or_default();
+        let known = groups.iter_mut().find(|(_, sum)| sum.dot(&out) > ONE_SIDE * sum.norm());
+        let face = match known {
+            Some((face, sum)) => {
+                *sum += out * (b - a).norm();
+                *face
+            }
+            None => {
+                let face = seen.faces.len() as u32;
+                groups.push((face, out * (b - a).norm()));
+                seen.faces.push(out);
+                face
+            }
+        };
+        let area = (b - a).norm() * depth_m;
+        let n = (area / each_m2).ceil().max(1.0) as usize;
+        for i in 0..n {
+            let edge = a + (b - a) * ((i as f64 + 0.5) / n as f64);
+            if goes_on(&Point3::from(edge + out * depth_m)) {
+                continue;
+            }
+            let place = edge - patch.normal * (0.5 * depth_m);
+            seen.samples.push(Sample { place, normal: out, area_m2: area / n as f64, face });
+        }
+    }
+    close_narrow(&mut seen.samples, first, NARROW_WALLS * wall_m);
+    for (face, sum) in of_patch.into_values().flatten() {
+        if let Some(normal) = sum.try_normalize(0.0) {
+            seen.faces[face as usize] = normal;
+        }
+    }
+}
+
+/// Drops sides of walls, which are the samples from `first` on, that look at each other over less than
+/// `gap_m`.
+fn close_narrow(samples: &mut Vec<Sample>, first: usize, gap_m: f64) {
+    let sides = samples.split_off(first);
+    let faces = |a: &Sample, b: &Sample| {
+        let (way, ahead) = (b.place - a.place, (b.place - a.place).dot(&a.normal));
+        way.norm_squared() < gap_m * gap_m && ahead > 0.0 && a.normal.dot(&b.normal) < -0.5
+    };
+    samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| faces(a, b))));
+}

@@ -1,0 +1,87 @@
+//! Short rays into walls.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+
+use crate::surface::TriangleMesh;
+
+/// Least cosine between a ray and the normal of what it meets: others it runs nearly along.
+const MET: f64 = 0.2;
+/// Most cells along a mesh.
+const MOST_CELLS: f64 = 32.0;
+/// Nearer is the triangle that the ray starts on, meters.
+const START_M: f64 = 1e-5;
+
+/// A triangle: corners and unit normal.
+struct Facet {
+    corners: [Vector3<f64>; 3],
+    normal: Vector3<f64>,
+}
+
+/// Triangles in cells.
+pub(super) struct Facets {
+    facets: Vec<Facet>,
+    cells: BTreeMap<[i64; 3], Vec<u32>>,
+    side_m: f64,
+    reach_m: f64,
+}
+
+impl Facets {
+    /// The triangles of a mesh, for rays up to a length.
+    pub fn of(mesh: &TriangleMesh, reach_m: f64) -> Self {
+        let facet = |t: usize| {
+            let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0)?;
+            Some(Facet { corners: mesh.corners(t).map(|c| c.coords.cast::<f64>()), normal })
+        };
+        let facets: Vec<Facet> = (0..mesh.triangles.len()).filter_map(facet).collect();
+        // As wide as the rays are long, but not so many that a large triangle lies in too many.
+        let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
+        let side_m = reach_m.max(extent_m / MOST_CELLS).max(f64::from(f32::MIN_POSITIVE));
+        let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+        for (i, f) in facets.iter().enumerate() {
+            let [a, b, c] = f.corners;
+            for cell in cells_of(&a.inf(&b).inf(&c), &a.sup(&b).sup(&c), side_m) {
+                cells.entry(cell).or_default().push(i as u32);
+            }
+        }
+        Self { facets, cells, side_m, reach_m }
+    }
+
+    /// Distance along a ray to the first surface that it leaves the object through, or enters one through,
+    /// meters; infinite beyond the reach.
+    pub fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> f64 {
+        let end = origin + direction * self.reach_m;
+        let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);
+        let found = near.filter_map(|cell| self.cells.get(&cell)).flatten();
+        let ways = found.filter_map(|&i| self.facets[i as usize].way_m(origin, direction, leaves));
+        ways.filter(|s| *s < self.reach_m).fold(f64::INFINITY, f64::min)
+    }
+}
+
+impl Facet {
+    fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> Option<f64> {
+        let Self { corners, normal } = self;
+        let speed = normal.dot(direction);
+        if (if leaves { speed } else { -speed }) <= MET {
+            return None;
+        }
+        let s = normal.dot(&(corners[0] - origin)) / speed;
+        let p = origin + direction * s;
+        let inside =
+            |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
+        (s > START_M && (0..3).all(inside)).then_some(s)
+    }
+}
+
+/// The cells that a box meets.
+fn cells_of(
+    lower: &Vector3<f64>,
+    upper: &Vector3<f64>,
+    side_m: f64,
+) -> impl Iterator<Item = [i64; 3]> + use<> {
+    let at = |v: &Vector3<f64>| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64);
+    let (lo, hi) = (at(lower), at(upper));
+    (lo[0]..=hi[0])
+        .flat_map(move |x| (lo[1]..=hi[1]).flat_map(move |y| (lo[2]..=hi[2]).map(move |z| [x, y, z])))
+}

@@ -1,0 +1,27 @@
+//! Settings of the collision solids.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the collision solids.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ConvexConfig {
+    /// Most solids of a part.
+    pub max_solids: usize,
+    /// How far a solid may stand before the surface that was seen, meters.
+    pub tolerance_m: f64,
+    /// No solid is thinner, meters (a simulator refuses flat hulls).
+    pub min_thickness_m: f64,
+    /// Gap that is kept free around the path of a moving part, meters.
+    pub gap_m: f64,
+}
+
+impl Default for ConvexConfig {
+    fn default() -> Self {
+        Self { max_solids: 64, tolerance_m: 0.002, min_thickness_m: 0.002, gap_m: 0.003 }
+    }
+}
+
+/// Whether no view saw what a place (in the mesh's frame, meters) holds.
+pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
