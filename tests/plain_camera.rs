@@ -1,5 +1,5 @@
-//! Recordings of a camera alone: what keeps it from being tracked, and what keeps the object from being found,
-//! is said with the remedy.
+//! Recordings of a camera alone: what keeps it from being tracked, and what keeps the object from being
+//! found, is said with the remedy.
 
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 

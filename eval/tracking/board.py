@@ -7,7 +7,6 @@ Needs what `trajectory.py` needs. `DIR/NAME` is a made object (`artitwin synth -
 - board, object: how far the tracked world is off the board's true frame at the board's middle and at what the cameras look at, mm;
 - depth: what readings of depth are off after the correction, percent, by the factor that the sensor drew.
 `--twins` reconstructs each into DIR, where it is not there yet, and says what is left in the twin, when poses and sensor are corrected:
-- length: of the static part against the true one along its normals, percent;
 - frame: how far the twin's world is off the board's true frame, at the object, mm, and in deg.
 `--without` adds a line with `capture.board=never`, whose frame is another: its length alone is comparable.
 """
@@ -19,7 +18,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 from trajectory import degrees, nearest, track, true_poses
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sensor"))
@@ -55,7 +53,7 @@ def measure(found, truth):
 
 
 def twin(recording, folder, board_from_world, args):
-    """Errors of a reconstructed twin: length in percent, frame at the object in mm and deg."""
+    """Errors of the frame of a reconstructed twin: at the object in mm, and deg."""
     folder.mkdir(parents=True, exist_ok=True)
     run, log = folder / "object", folder / "reconstruct.log"
     if not log.exists():
@@ -63,20 +61,15 @@ def twin(recording, folder, board_from_world, args):
         options = ["--set", "capture.tracking=always", "--preset", "preview", "--name", "object"]
         ended([args.artitwin, "reconstruct", *states, "--out", folder, *options], log)
     if not run.exists():
-        return "no twin | | "
+        return "no twin | "
     seen = np.load(recording / "truth" / "state0" / "seen.npy").astype(float)
     static = seen[seen[:, 3] == 0][:, :3]
     surface, normals = static_surface(run)
     motion = align(static, surface, normals, board_from_world)
-    moved = static @ motion[:3, :3].T + motion[:3, 3]
-    away, at = cKDTree(surface).query(moved)
-    near = away < 0.01
-    reach = np.einsum("ij,ij->i", normals[at[near]], moved[near] - moved.mean(0))
-    longer = np.einsum("ij,ij->i", normals[at[near]], surface[at[near]] - moved[near])
     off = motion @ np.linalg.inv(board_from_world)
     center = (board_from_world @ [*seen[:, :3].mean(0), 1])[:3]
     frame = 1e3 * np.linalg.norm(off[:3, :3] @ center + off[:3, 3] - center)
-    return f"{100 * (reach @ longer) / (reach @ reach):+.3f} | {frame:.2f} | {degrees(off[:3, :3]):.3f}"
+    return f"{frame:.2f} | {degrees(off[:3, :3]):.3f}"
 
 
 def main():
@@ -89,7 +82,7 @@ def main():
     parser.add_argument("names", nargs="+")
     args = parser.parse_args()
     if args.twins:
-        print("| recording | length of the twin % | frame at the object mm | turn deg |\n|---|---|---|---|")
+        print("| recording | frame at the object mm | turn deg |\n|---|---|---|")
         for name in args.names:
             truth = json.loads((args.bags / name / "truth.json").read_text())
             board_from_world = np.linalg.inv(np.array(truth["board"]["world_from_board"]))

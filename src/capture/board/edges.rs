@@ -13,9 +13,9 @@ const STEP_PX: f64 = 0.25;
 /// Half the width over which an edge is blurred, pixels.
 /// derived: half a pixel that gathers light, and linear interpolation over one to either side, less its tail
 const BLUR_PX: f64 = 1.25;
-/// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise. What
-/// is black and what is white there is a cell wide, and its far side is blurred, too: where a cell is narrower
-/// than twice the blur, the edge is known no better than by what the reach goes too far.
+/// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise.
+/// What is black and what is white there is a cell wide, and its far side is blurred, too: where a cell is
+/// narrower than twice the blur, the edge is known no better than by what the reach goes too far.
 const REACH_PX: [f64; 2] = [BLUR_PX, 3.0];
 /// Least difference of brightness between the sides of an edge.
 /// derived: five times the noise of a camera, of 255

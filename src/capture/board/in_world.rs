@@ -92,7 +92,8 @@ impl fmt::Display for BoardCorrection {
             f,
             "by corrected poses and depth the world was placed on the board again, by {} views: it moved by \
              {:.2} mm there, and lengths changed by {:+.2} % (standard deviation {:.2} %); a point on the \
-             board is known to {on_mm:.2} mm, one {AWAY_M} m away to {away_mm:.2} mm (one standard deviation)",
+             board is known to {on_mm:.2} mm, one {AWAY_M} m away to {away_mm:.2} mm (one standard \
+             deviation)",
             self.views,
             1e3 * self.moved_m,
             100.0 * (factor - 1.0),

@@ -38,8 +38,8 @@ const STARTS: usize = 12;
 /// derived: more than the six unknowns, and each longer than what a drift lasts
 const BLOCKS: usize = 8;
 
-/// Turn of the color camera against depth about x and y, radians, as it is known from elsewhere: a board cannot
-/// show it, since a map that is bent a little looks the same.
+/// Turn of the color camera against depth about x and y, radians, as it is known from elsewhere: a board
+/// cannot show it, since a map that is bent a little looks the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorTurn {
     /// Expected.
@@ -90,8 +90,8 @@ pub fn stretched(pose: &Pose, scale: f64) -> Pose {
     Pose::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }
 
-/// Lengths on boards over those that depth reads there, and their deviation, by the ratios of views; none where
-/// too few have one.
+/// Lengths on boards over those that depth reads there, and their deviation, by the ratios of views; none
+/// where too few have one.
 #[must_use]
 pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
     let middle = median(ratios.to_vec())?;
@@ -101,8 +101,8 @@ pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl BoardPlace {
-    /// The place by all views that show a board, in the order of time; `scale` is the length of the board over
-    /// that of the map, and its standard deviation. `None` where too few views agree.
+    /// The place by all views that show a board, in the order of time; `scale` is the length of the board
+    /// over that of the map, and its standard deviation. `None` where too few views agree.
     #[must_use]
     pub fn of(views: &[BoardInView<'_>], scale: [f64; 2], color: &ColorTurn) -> Option<Self> {
         if views.len() < LEAST_VIEWS {

@@ -35,7 +35,7 @@ pub struct BoardSighting {
 }
 
 impl BoardSighting {
-    /// Depth readings of the frame on the board over its distance by its tags, after the readings were corrected.
+    /// Depth readings of the frame on the board over its distance by its tags, after readings were corrected.
     #[must_use]
     pub fn depth_ratio_in(&self, frame: &RgbdFrame) -> Option<f64> {
         depth_ratio(frame, &BoardLayout::of(self.paper), &self.board_from_camera)

@@ -22,7 +22,7 @@ pub enum Lost {
 }
 
 impl Lost {
-    /// Why most of some views have no place, for people; views that were placed against others give no reason.
+    /// Why most of some views have no place, for people; views that were placed give no reason.
     #[must_use]
     pub fn mostly(reasons: &[Option<Self>]) -> &'static str {
         let count = |why: Self| (reasons.iter().filter(|r| **r == Some(why)).count(), why);
