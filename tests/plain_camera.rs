@@ -81,6 +81,7 @@ fn views_that_have_no_place_are_left_out_with_the_reason() {
         .filter(|m| m.is(COLOR) || m.is(DEPTH))
         .map(|m| ((m.is(DEPTH), m.ordinal), m.data))
         .collect();
+    let count = elsewhere.len() / 2;
     let spoilt = [10..15, 22..27, 34..39, 46..51, 58..63];
     let folder = TempDir::new("lost-views");
     let bag = folder.join("door");
@@ -96,7 +97,7 @@ fn views_that_have_no_place_are_left_out_with_the_reason() {
             (3, true, _) => change_color(m, |rgb| rgb.fill(140)),
             (3, _, true) => change_depth(m, |depth| depth.fill(1000)),
             // A swing so fast that nothing of the views about it is seen.
-            (4, color, depth) if color || depth => m.data = elsewhere[&(depth, m.ordinal)].clone(),
+            (4, color, depth) if color || depth => m.data = elsewhere[&(depth, m.ordinal % count)].clone(),
             _ => {}
         }
         true
@@ -206,12 +207,13 @@ fn two_things_that_changed_are_asked_about() {
     let workspace = std::fs::read_to_string(door().join("workspace.txt")).unwrap();
     let b: Vec<f64> = workspace.trim().split(',').map(|x| x.parse().unwrap()).collect();
     let intrinsics = Intrinsics { width: 320, height: 240, fx: 288.6, fy: 288.6, cx: 159.5, cy: 119.5 };
-    // On the floor before the object, half a meter apart in the two states.
-    let radius_m = 0.09;
+    // On the floor, on one side of the object and then on the other.
+    let radius_m = 0.2;
     let bags = [0, 1].map(|state: usize| {
         let views = truth["sensor"]["states"][state]["views"].as_array().unwrap();
         let cameras: Vec<Pose> = views.iter().map(|v| pose(&v["world_from_camera"])).collect();
-        let at = Point3::new(b[3] + 0.2, b[1] + 0.5 * state as f64, b[2] + radius_m);
+        let y_m = [b[4] + 0.35, b[1] - 0.35][state];
+        let at = Point3::new(0.5 * (b[0] + b[3]), y_m, b[2] + radius_m);
         let bag = folder.join(&format!("state{state}"));
         Ball { at, radius_m }.paint(&intrinsics, &cameras, &door().join(format!("state{state}")), &bag);
         bag

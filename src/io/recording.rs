@@ -87,6 +87,8 @@ pub fn track_camera(
     let config = &CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
     let paths = match Source::of(sources)? {
         Source::States(paths) => paths,
+        // A way of its own, whatever states it shows.
+        Source::Both(path) => vec![path],
         _ => {
             let why = "bags are tracked, one a state";
             return Err(CaptureError::NotTracked { state: 0, views: 0, why });

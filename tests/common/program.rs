@@ -77,8 +77,9 @@ impl Message {
 
 /// All messages of the MCAP file in a bag folder, in order.
 pub fn messages(bag: &Path) -> Vec<Message> {
-    let name = format!("{}.mcap", bag.file_name().unwrap().to_str().unwrap());
-    let bytes = std::fs::read(bag.join(name)).unwrap();
+    let is_mcap = |path: &PathBuf| path.extension().is_some_and(|e| e == "mcap");
+    let mut files = std::fs::read_dir(bag).unwrap().map(|e| e.unwrap().path()).filter(is_mcap);
+    let bytes = std::fs::read(files.next().unwrap()).unwrap();
     let mut counts = std::collections::BTreeMap::<String, usize>::new();
     let message = |m: mcap::McapResult<mcap::Message>| {
         let m = m.unwrap();

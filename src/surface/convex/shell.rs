@@ -39,8 +39,8 @@ impl Walls {
     /// The walls behind a surface, `wall_m` thick where their other side was not seen. They end before
     /// `others`: surfaces of other parts where these were seen, in the same frame. A flat wall goes on
     /// through `hidden` places, where these are known, up to where it or another wall was seen again, as the
-    /// floor of a drawer does behind its front. Both meshes should be [`few_triangles`]. See docs/method.md
-    /// 10.1.
+    /// floor of a drawer does behind its front. Both meshes should be [`few_triangles`].
+    /// See docs/method.md 10.1.
     #[must_use]
     pub fn of(
         mesh: &TriangleMesh,
