@@ -40,7 +40,7 @@ pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
     let table = file.len();
     _ = write!(file, "xref\n0 {}\n0000000000 65535 f \n", objects.len() + 1);
     for start in starts {
-        _ = write!(file, "{start:010} 00000 n \n");
+        _ = writeln!(file, "{start:010} 00000 n ");
     }
     let size = objects.len() + 1;
     _ = write!(file, "trailer\n<< /Size {size} /Root 1 0 R >>\nstartxref\n{table}\n%%EOF\n");

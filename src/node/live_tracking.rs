@@ -47,7 +47,7 @@ pub struct Tracked {
 /// What became of a view.
 pub enum Outcome {
     /// It was placed.
-    Placed(Pixels, LiveView),
+    Placed(Box<(Pixels, LiveView)>),
     /// It has no place.
     Lost(Lost),
     /// It cannot be used.
@@ -151,7 +151,7 @@ impl<'a> Follower<'a> {
         Ok(match tracker.see(observation) {
             Ok(found) => {
                 view.world_from_camera = found.world_from_camera;
-                Outcome::Placed(pixels, found)
+                Outcome::Placed(Box::new((pixels, found)))
             }
             Err(why) => Outcome::Lost(why),
         })

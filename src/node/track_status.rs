@@ -55,7 +55,8 @@ impl TrackWatch {
     pub fn see(&mut self, tracked: &Tracked, now: Instant) {
         self.keyframes = tracked.keyframes;
         match &tracked.outcome {
-            Outcome::Placed(_, found) => {
+            Outcome::Placed(placed) => {
+                let found = &placed.1;
                 self.placed.push_back(now);
                 (self.last, self.why) = (Some((tracked.view.stamp_nanos, *found)), None);
             }
@@ -153,7 +154,7 @@ mod tests {
         let color = Raster { width: 1, height: 1, pixels: vec![[0; 3]] };
         let depth = Raster { width: 1, height: 1, pixels: vec![1.0] };
         let pixels = Pixels { intrinsics, color, depth, mask: None };
-        tracked(stamp_secs, Outcome::Placed(pixels, found))
+        tracked(stamp_secs, Outcome::Placed(Box::new((pixels, found))))
     }
 
     #[test]

@@ -89,7 +89,7 @@ impl Collector {
             return Ok(None);
         }
         let pixels = match tracked.outcome {
-            Outcome::Placed(pixels, _) => pixels,
+            Outcome::Placed(placed) => placed.0,
             // It may hang together with what comes later: the pipeline will know.
             Outcome::Lost(why) if !why.is_blind() => {
                 self.keep_unplaced(tracked.view.stamp_nanos, tracked.view.images, now_nanos)?;
