@@ -26,16 +26,15 @@ const TILTED_RAD: f64 = 0.035;
 const STANDS_RAD: f64 = 0.35;
 /// The same against what is up in the images, which are held level to tens of degrees, radians.
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
-/// How far from the board its frame's deviation is named, meters.
-const AWAY_M: f64 = 0.5;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.
 pub(super) fn places(tracked: &[TrackedState]) -> Option<Places> {
-    let ratios: Vec<f64> = tracked.iter().flat_map(in_view).filter_map(|v| v.sighting.depth_ratio).collect();
+    let views: Vec<Vec<BoardInView<'_>>> = tracked.iter().map(in_view).collect();
+    let ratios: Vec<f64> = views.iter().flatten().filter_map(|v| v.sighting.depth_ratio).collect();
     // One sensor, one length.
     let scale = board_scale(&ratios).unwrap_or(UNREAD_BOARD);
     let of_state: Vec<Option<BoardPlace>> =
-        tracked.iter().map(|s| BoardPlace::of(&in_view(s), scale, &ColorTurn::EXPECTED)).collect();
+        views.iter().map(|v| BoardPlace::of(v, scale, &ColorTurn::EXPECTED)).collect();
     of_state.iter().any(Option::is_some).then_some(Places { of_state, scale })
 }
 
@@ -157,12 +156,13 @@ fn seen(state: usize, place: &BoardPlace, looked_at: usize) -> Note {
         format!(
             "state {state}: a board of tags was seen in {} of {looked_at} views, of which {} agree; edges of \
              its tags lie within {:.2} px; the world is the board's: a point on it is known to {:.2} mm, one \
-             {AWAY_M} m away to {:.2} mm (one standard deviation)",
+             {} m away to {:.2} mm (one standard deviation)",
             place.views,
             place.agreeing,
             place.edges_px,
             1e3 * place.sigma_m(0.0),
-            1e3 * place.sigma_m(AWAY_M)
+            BoardPlace::AWAY_M,
+            1e3 * place.sigma_m(BoardPlace::AWAY_M)
         ),
     )
 }

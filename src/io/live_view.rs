@@ -1,8 +1,7 @@
 //! Views that come one by one, made to what the tracker takes as those of a recording are.
 
 use super::{
-    camera::pinhole, depth_noise::measured_noise, image_codec::Raster, pixels::limit_depth,
-    ros2msg::CameraInfo,
+    camera::pinhole, depth_noise::noise_of, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo,
 };
 use crate::{
     capture::{CaptureConfig, CaptureError, Distortion, NoiseConfig, Observation, RgbdFrame, UndistortMap},
@@ -71,11 +70,8 @@ impl LiveEye {
             readings: Vec::new(),
         };
         let config = &self.config;
-        let measured = || measured_noise(std::iter::once(&frame), config);
         // Of the first view, as of a recording's first ones: a model that changed would move the gates.
-        let noise = *self
-            .noise
-            .get_or_insert_with(|| measured().map_or(config.noise, |factor| config.noise.scaled(factor)));
+        let noise = *self.noise.get_or_insert_with(|| noise_of(std::iter::once(&frame), config));
         Ok(Observation::of(frame, &noise))
     }
 }

@@ -247,7 +247,9 @@ fn give_poses(
         sightings.extend(board.map(|board| (view.stamp_nanos, board)));
     }
     views.depth_factor = scale;
-    capture.board.iter_mut().for_each(|board| board.sightings.push(sightings.clone()));
+    if let Some(board) = &mut capture.board {
+        board.sightings.push(sightings);
+    }
     capture.tracking.push(track.findings);
     capture.notes.extend(notes);
     capture.warnings.extend(warnings);

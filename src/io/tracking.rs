@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{
     bag::Bag,
     board_world::{board_worlds, places},
-    depth_noise::measured_noise,
+    depth_noise::noise_of,
     pixels::decode_views,
     tracked_state::{TrackedState, Worlds, unaligned},
     upright::upright_of,
@@ -50,7 +50,8 @@ pub(super) fn track(
         // Views take the place of states: what is broken is left out, and the numbers say which.
         let chosen: Vec<(usize, usize)> = some.iter().map(|&v| (v, v)).collect();
         let frames = decode_views(bag, &unmasked, &chosen, config)?.frames;
-        let noise: NoiseConfig = *noise.get_or_insert_with(|| noise_of(&frames, config));
+        let noise: NoiseConfig =
+            *noise.get_or_insert_with(|| noise_of(frames.iter().map(|(_, f)| f), config));
         let look = |(view, frame): (usize, RgbdFrame)| {
             let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
             (view, board, Observation::of(frame, &noise))
@@ -85,12 +86,6 @@ pub(super) fn track(
         warnings.push(Note::new(NoteCode::ViewsLost, text));
     }
     Ok(TrackedState { track, views: seen, boards, notes, warnings })
-}
-
-/// The noise model of the settings, scaled to what the first frames show.
-fn noise_of(frames: &[(usize, RgbdFrame)], config: &CaptureConfig) -> NoiseConfig {
-    measured_noise(frames.iter().map(|(_, f)| f), config)
-        .map_or(config.noise, |factor| config.noise.scaled(factor))
 }
 
 /// The world in which the twin stands: a board's, where one is seen often enough, or state 0's, upright.

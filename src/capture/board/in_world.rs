@@ -13,9 +13,6 @@ use crate::{
     geometry::Pose,
 };
 
-/// How far from the board its frame's deviation is named, meters.
-const AWAY_M: f64 = 0.5;
-
 /// A board in the world, and the views that show it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardInWorld {
@@ -79,20 +76,20 @@ impl BoardInWorld {
             views: place.agreeing,
             moved_m: (moved * Point3::from(at * factor) - at).coords.norm(),
             scale: [factor, sigma],
-            sigma_m: [0.0, AWAY_M].map(|away_m| place.sigma_m(away_m)),
+            sigma_m: [0.0, BoardPlace::AWAY_M].map(|away_m| place.sigma_m(away_m)),
         })
     }
 }
 
 impl fmt::Display for BoardCorrection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [factor, sigma] = self.scale;
+        let ([factor, sigma], away_m) = (self.scale, BoardPlace::AWAY_M);
         let [on_mm, away_mm] = self.sigma_m.map(|m| 1e3 * m);
         write!(
             f,
             "by corrected poses and depth the world was placed on the board again, by {} views: it moved by \
              {:.2} mm there, and lengths changed by {:+.2} % (standard deviation {:.2} %); a point on the \
-             board is known to {on_mm:.2} mm, one {AWAY_M} m away to {away_mm:.2} mm (one standard \
+             board is known to {on_mm:.2} mm, one {away_m} m away to {away_mm:.2} mm (one standard \
              deviation)",
             self.views,
             1e3 * self.moved_m,

@@ -101,6 +101,9 @@ pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl BoardPlace {
+    /// How far from the board its frame's deviation is named, meters.
+    pub const AWAY_M: f64 = 0.5;
+
     /// The place by all views that show a board, in the order of time; `scale` is the length of the board
     /// over that of the map, and its standard deviation. `None` where too few views agree.
     #[must_use]
