@@ -174,7 +174,7 @@ fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
 
 #[test]
 fn limits_lie_between_what_was_seen_and_what_is_free() {
-    let observed = chest();
+    let observed = chest_with(&ModelConfig { limits: LimitPolicy::Observed, ..ModelConfig::default() });
     let limit = &observed.joints[0].limit;
     let swept = limit.swept.unwrap();
     assert_eq!(([limit.lower, limit.upper], limit.source), ([0.0, 0.2], LimitSource::Observed));

@@ -386,8 +386,9 @@ pub struct ReconstructArgs {
     /// Where the part motions start from
     #[arg(long, value_parser = ["registration", "identity"])]
     pub init: Option<String>,
-    /// Joint limits: what was observed, or as far as the collision solids allow
-    #[arg(long, value_parser = ["observed", "swept"])]
+    /// Joint limits: what was observed and the closed pose (default), what was observed alone, or as far as
+    /// the collision solids allow
+    #[arg(long, value_parser = ["seated", "observed", "swept"])]
     pub limits: Option<String>,
     /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features
     /// onnx`

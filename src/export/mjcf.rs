@@ -59,13 +59,14 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
     text.push_str("  <keyframe>\n");
     // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
     let order = joint_order(model, 0);
-    for (k, state) in model.states.iter().enumerate() {
+    let observed = model.states.iter().enumerate().map(|(k, state)| (format!("state{k}"), state.clone()));
+    for (name, state) in observed.chain(model.closed_state().map(|state| ("closed".to_owned(), state))) {
         let of = |&j: &usize| {
             let advance = model.joints[j].kind.pitch_m_per_rad().map(|pitch| short(pitch * state[j]));
             advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
         };
         let positions: Vec<String> = order.iter().flat_map(of).collect();
-        writeln!(text, "    <key name=\"state{k}\" qpos=\"{}\"/>", positions.join(" ")).ok();
+        writeln!(text, "    <key name=\"{name}\" qpos=\"{}\"/>", positions.join(" ")).ok();
     }
     text.push_str("  </keyframe>\n</mujoco>\n");
     text
@@ -204,7 +205,7 @@ pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use crate::model::{JointKind, Seat, example::cabinet};
 
     #[test]
     fn every_link_joint_pair_and_state_is_there() {
@@ -227,6 +228,18 @@ mod tests {
             "{text}"
         );
         assert!(roxmltree::Document::parse(&text).is_ok());
+    }
+
+    #[test]
+    fn what_closes_stands_closed_in_a_keyframe() {
+        let mut model = cabinet();
+        assert!(!mjcf(&model).contains("name=\"closed\""));
+        let seat = Seat { position: -0.02, std: 1e-4, contact_share: 0.3, above: false };
+        (model.joints[0].limit.closed, model.joints[0].limit.lower) = (Some(seat), -0.02);
+        assert!(mjcf(&model).contains("<key name=\"closed\" qpos=\"-0.02 0.18\"/>"), "{}", mjcf(&model));
+        // A limit that ends before it keeps it open.
+        model.joints[0].limit.lower = 0.0;
+        assert!(mjcf(&model).contains("<key name=\"closed\" qpos=\"0 0.18\"/>"));
     }
 
     #[test]

@@ -302,18 +302,26 @@ fn spread(value: Option<f64>, its_unit: &str) -> String {
     value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| unit(&significant(v, 2), its_unit))
 }
 
-/// Positions in all states, where there are more than two, and what was observed.
+/// Where the joint is closed, and its positions in all states, where there are more than two.
 fn positions(joint: &JointReport) -> String {
     let (factor, unit) =
         if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
+    let closed = joint.limit.closed.as_ref().map(|seat| {
+        format!(
+            "<br><span class=\"soft\">closed at {}{unit}, where {:.0} % of the face meets its seat</span>",
+            minus(&decimal(factor * seat.position, 2)),
+            100.0 * seat.contact_share
+        )
+    });
+    let closed = closed.unwrap_or_default();
     let all: Vec<String> = joint.positions.iter().map(|p| minus(&decimal(factor * p.value, 2))).collect();
     // Of two states the motion says the same.
     if all.len() < 3 {
-        return String::new();
+        return closed;
     }
     let [lower, upper] = joint.limit.observed_in;
     format!(
-        "<br><span class=\"soft\">in the states at {}{unit}; limits seen in states {lower} and \
+        "{closed}<br><span class=\"soft\">in the states at {}{unit}; limits seen in states {lower} and \
          {upper}</span>",
         escape(&all.join(", "))
     )

@@ -173,8 +173,9 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// What both bounds are: `observed`, the interval that holds the states, which the joint reaches at
-    /// least; or `swept`, as far as the collision solids let it go.
+    /// What both bounds are: `seated`, the interval that holds the states with a margin and on the closed end
+    /// the seat; `observed`, the interval that holds the states, which the joint reaches at least; or
+    /// `swept`, as far as the collision solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
     #[serde(default)]
@@ -185,6 +186,20 @@ pub struct LimitReport {
     /// Outer bound: the interval without collision; none where it was not swept.
     #[serde(default)]
     pub swept: Option<[f64; 2]>,
+    /// Where a face of the part meets its seat; none where no end shows it.
+    #[serde(default)]
+    pub closed: Option<SeatReport>,
+}
+
+/// The closed end of a joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeatReport {
+    /// Position, radians or meters.
+    pub position: f64,
+    /// Root mean square deviation of the cells of surface that meet there.
+    pub std: f64,
+    /// Share of the part's leading surface that meets.
+    pub contact_share: f64,
 }
 
 /// What resists a joint's motion; N m or N, per radian or meter.
@@ -407,12 +422,18 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
             effort: l.effort,
             velocity: l.velocity,
             source: match l.source {
+                LimitSource::Seated => "seated".into(),
                 LimitSource::Observed => "observed".into(),
                 LimitSource::Swept => "swept".into(),
             },
             observed: model.observed_interval(index).map(|q| round_significant(q, 12)),
             observed_in: observed_in(model, index),
             swept: l.swept.map(|s| s.map(|q| round_significant(q, DIGITS))),
+            closed: l.closed.map(|s| SeatReport {
+                position: round_significant(s.position, DIGITS),
+                std: round_significant(s.std, 4),
+                contact_share: round_significant(s.contact_share, 4),
+            }),
         },
         dynamics: DynamicsReport {
             friction: round_significant(joint.dynamics.friction, DIGITS),

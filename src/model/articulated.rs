@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{JointFamily, TypeScores};
+use super::{JointFamily, Seat, TypeScores};
 use crate::{
     geometry::Pose,
     note::Note,
@@ -81,6 +81,8 @@ impl JointKind {
 pub enum LimitSource {
     /// The interval between the observed states: the joint reaches at least this far.
     Observed,
+    /// The same with a margin, and on the closed end as far as the part's seat ([`Limit::closed`]).
+    Seated,
     /// The collision-free interval around it: the joint reaches no further, unless the solids are wrong.
     Swept,
 }
@@ -100,6 +102,8 @@ pub struct Limit {
     pub source: LimitSource,
     /// Interval without collision, the outer bound of the true one; `None` where it was not swept.
     pub swept: Option<[f64; 2]>,
+    /// Where the joint is closed; `None` where no end shows it.
+    pub closed: Option<Seat>,
 }
 
 /// What resists a joint's motion; SI units per radian or meter. Zero where nothing is known.
@@ -264,6 +268,19 @@ impl ArticulatedModel {
         let motions = others.iter().map(|s| s[joint] - first[joint]);
         // Of equally far states the first.
         motions.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or_default()
+    }
+
+    /// Positions with every joint closed that is known to close, within its limits, the others as in state 0;
+    /// `None` where none is.
+    #[must_use]
+    pub fn closed_state(&self) -> Option<Vec<f64>> {
+        let first = self.states.first()?;
+        let limits = self.joints.iter().map(|j| &j.limit);
+        limits.clone().any(|l| l.closed.is_some()).then(|| {
+            let position =
+                |(l, q): (&Limit, &f64)| l.closed.map_or(*q, |s| s.position.clamp(l.lower, l.upper));
+            limits.zip(first).map(position).collect()
+        })
     }
 
     /// Pose of a link in the world at the given joint positions (order of `joints`).

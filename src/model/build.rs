@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-    Material, assumed_dynamics, clear_paths, swept_interval,
+    Material, assumed_dynamics, clear_paths, seat, swept_interval,
 };
 use crate::{
     geometry::{Grid3, Pose},
@@ -35,12 +35,19 @@ pub struct ModelConfig {
     pub collision: ConvexConfig,
 }
 
+/// Margin of a limit around the observed positions, in standard deviations of these.
+const MARGIN_STD: f64 = 2.0;
+/// Least margin as a share of the observed motion: at a limit itself solvers push.
+const LEAST_MARGIN_SHARE: f64 = 0.01;
+
 /// Which interval the joint limits take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitPolicy {
-    /// What was observed: the inner bound.
+    /// What was observed with a margin, and the closed end where a face meets its seat.
     #[default]
+    Seated,
+    /// What was observed: the inner bound.
     Observed,
     /// What the solids allow: the outer bound.
     Swept,
@@ -104,8 +111,8 @@ pub struct MovingPart {
 }
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
-/// follow the surfaces and leave the observed paths free; masses come from the surfaces; the limits are the
-/// interval that holds all observed positions or the one that the solids allow.
+/// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
+/// are those of the policy.
 #[must_use]
 pub fn build(
     name: &str,
@@ -131,6 +138,12 @@ pub fn build(
         model.links[i].collision = walls.solids();
         model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
+    for j in 0..model.joints.len() {
+        model.joints[j].limit.closed = seat(&model, j, config.collision.gap_m);
+        if config.limits == LimitPolicy::Seated {
+            seated(&mut model, j);
+        }
+    }
     // Before the sweep, which whatever touches at rest would end at once.
     clear_paths(&mut model, &config.collision);
     for j in 0..model.joints.len() {
@@ -143,6 +156,22 @@ pub fn build(
         model.joints[j].dynamics = assumed_dynamics(&model, j);
     }
     model
+}
+
+/// Limits with a margin around what was observed, but for the closed end, which is the seat.
+fn seated(model: &mut ArticulatedModel, j: usize) {
+    let [lower, upper] = model.observed_interval(j);
+    let joint = &mut model.joints[j];
+    let std = joint.evidence.position_std.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
+    let margin = (MARGIN_STD * std).max(LEAST_MARGIN_SHARE * (upper - lower));
+    let limit = &mut joint.limit;
+    (limit.lower, limit.upper, limit.source) = (lower - margin, upper + margin, LimitSource::Seated);
+    match limit.closed {
+        // A position that was seen is within the limits, also where the seat is a little short of it.
+        Some(seat) if seat.above => limit.upper = seat.position.max(upper),
+        Some(seat) => limit.lower = seat.position.min(lower),
+        None => {}
+    }
 }
 
 /// The walls of every link, with what no view saw of them.
@@ -195,6 +224,7 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
                 velocity: config.velocity,
                 source: LimitSource::Observed,
                 swept: None,
+                closed: None,
             },
             dynamics: JointDynamics::default(),
             evidence: part.evidence,

@@ -87,6 +87,7 @@ fn joint(
         velocity: 2.0,
         source: LimitSource::Observed,
         swept: None,
+        closed: None,
     };
     let evidence = JointEvidence {
         covariance: SMatrix::identity() * 1e-8,

@@ -10,6 +10,7 @@ pub(crate) mod example;
 mod joint_family;
 mod material;
 mod names;
+mod seat;
 mod sweep;
 mod tree;
 mod validate;
@@ -26,6 +27,7 @@ pub use material::Material;
 #[cfg(test)]
 pub use names::is_xml_text;
 pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
+pub use seat::{Seat, seat};
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
 pub use validate::{impossible_inertia, principal_moments, validate};

@@ -23,13 +23,14 @@ const FUSED: f64 = 1.25;
 /// A revolute joint is swept this far at most, radians.
 const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
-/// Makes room: what comes near the solids of a moving link anywhere between the observed positions, where
-/// nothing can have been in the way, is cut out of the other links' solids. The gap is as wide as engines
+/// Makes room: what comes near the solids of a moving link anywhere between its limits and the observed
+/// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as wide as engines
 /// with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
+        let [lower, upper] = [lower.min(joint.limit.lower), upper.max(joint.limit.upper)];
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {

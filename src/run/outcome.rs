@@ -263,6 +263,7 @@ mod tests {
             velocity: 1.0,
             source: model::LimitSource::Observed,
             swept: None,
+            closed: None,
         };
         let joint = |name: &str, kind, parent, child, at: [f64; 3], axis| model::Joint {
             name: name.to_owned(),

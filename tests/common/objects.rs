@@ -97,6 +97,7 @@ pub fn joint(
         velocity: 2.0,
         source: LimitSource::Observed,
         swept: None,
+        closed: None,
     };
     Joint {
         name: name.into(),

@@ -1,0 +1,334 @@
+//! Closed poses: where a face of a moving part meets its seat on the part that carries it.
+//!
+//! Both surfaces are brought into coordinates that the motion leaves alone but for one, the position. What
+//! stands in the same cell of the others meets, and the difference of positions is the way left. Where many
+//! cells have the same way left, two faces meet at once. See docs/method.md (10.5).
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{ArticulatedModel, Joint, JointKind};
+use crate::surface::TriangleMesh;
+
+/// Side of the cells, meters.
+/// derived: the sweep's step; nearer faces are one to it
+const CELL_M: f64 = 0.003;
+/// Most cells along the longest side of the moving part: larger parts have larger cells.
+const MOST_CELLS: f64 = 400.0;
+/// A face looks along the motion by at least this cosine.
+/// derived: 45 degrees, nearer to it than to any direction across it
+const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Least share of the leading cells that meet their seat at once.
+/// measured: on the truth of shared/bags seats hold 0.04 to 0.96, and the way back round the hinge 0.005
+const BROAD: f64 = 0.02;
+/// A seat at the other end with more than this share of the contact leaves open which one is closed.
+/// derived: odds of two to one
+const RIVAL: f64 = 0.5;
+/// Farthest way to a seat, radians.
+/// derived: half a turn; farther, the other way round is the nearer one
+const MOST_TURN_RAD: f64 = std::f64::consts::PI;
+
+/// Where a joint ends because a face of its child meets its parent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seat {
+    /// Position at which they meet, radians or meters.
+    pub position: f64,
+    /// Root mean square deviation of the meeting cells from it, radians or meters.
+    pub std: f64,
+    /// Share of the part's leading cells that meet.
+    pub contact_share: f64,
+    /// Whether it ends the joint above.
+    pub above: bool,
+}
+
+/// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
+/// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
+/// both ends have such a seat. Faces meet that are nearer than `tolerance_m`.
+#[must_use]
+pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
+    let joint = &model.joints[j];
+    if joint.kind.family() == super::JointFamily::Screw {
+        return None;
+    }
+    let [lower, upper] = model.observed_interval(j);
+    let of = |above: bool| {
+        let start = if above { upper } else { -lower };
+        Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m).map(|(way, std, share)| {
+            let position = if above { start + way } else { -(start + way) };
+            Seat { position, std, contact_share: share, above }
+        })
+    };
+    let (a, b) = (of(false), of(true));
+    let share = |s: &Option<Seat>| s.map_or(0.0, |s| s.contact_share);
+    let (best, rival) = if share(&a) >= share(&b) { (a, b) } else { (b, a) };
+    best.filter(|_| share(&rival) <= RIVAL * share(&best))
+}
+
+/// A cell of the coordinates across the motion.
+type Cell = [i64; 2];
+
+/// A spot of surface in the coordinates of a motion.
+struct Spot {
+    cell: Cell,
+    /// Position along the motion, radians or meters.
+    along: f64,
+    /// Way of the spot for a unit of position, meters.
+    lever_m: f64,
+}
+
+/// Ways that are left to the leading cells of a part, in order.
+struct Ways {
+    /// Way to the first surface that looks against the cell, radians or meters, and the cell's lever, meters.
+    left: Vec<[f64; 2]>,
+    /// All leading cells.
+    leading: usize,
+}
+
+impl Ways {
+    /// From `start` (in the direction of motion) on; surfaces may overlap by the tolerance.
+    fn of(model: &ArticulatedModel, joint: &Joint, above: bool, start: f64, tolerance_m: f64) -> Self {
+        let child = &model.links[joint.child].visual;
+        let frame = Frame::of(joint, above, child);
+        let parent = model.links[joint.parent].visual.transformed(&joint.parent_from_joint.inverse());
+        let mut seats: BTreeMap<Cell, Vec<f64>> = BTreeMap::new();
+        for spot in frame.spots(&parent, -1.0) {
+            seats.entry(spot.cell).or_default().push(spot.along);
+        }
+        let mut first: BTreeMap<Cell, Option<[f64; 2]>> = BTreeMap::new();
+        for spot in frame.spots(child, 1.0) {
+            let slack = tolerance_m / spot.lever_m.max(CELL_M);
+            let way = |along: &f64| {
+                let way = along - spot.along - start;
+                // A turn is known up to whole ones.
+                if frame.turns { (way + slack).rem_euclid(std::f64::consts::TAU) - slack } else { way }
+            };
+            let ahead = seats.get(&spot.cell).into_iter().flatten().map(way).filter(|w| *w >= -slack);
+            let own = ahead.min_by(f64::total_cmp);
+            let known = first.entry(spot.cell).or_default();
+            if let Some(own) = own.filter(|w| known.is_none_or(|k| *w < k[0])) {
+                *known = Some([own, spot.lever_m]);
+            }
+        }
+        let leading = first.len();
+        let mut left: Vec<[f64; 2]> = first.into_values().flatten().collect();
+        if frame.turns {
+            left.retain(|w| w[0] <= MOST_TURN_RAD);
+        }
+        left.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Self { left, leading }
+    }
+
+    /// Way to the first face that enough cells meet at once, its deviation, and their share.
+    fn seat(&self, tolerance_m: f64) -> Option<(f64, f64, f64)> {
+        let least = BROAD * self.leading as f64;
+        let meets = |way: f64, w: &[f64; 2]| (w[0] - way).abs() * w[1] <= tolerance_m;
+        let contact = |way: f64| self.left.iter().filter(|w| meets(way, w)).count();
+        // The narrowest lever bounds how far a window reaches, so that not every way is counted from.
+        let mut last = f64::NEG_INFINITY;
+        let mut found: Option<(usize, f64)> = None;
+        for &[way, lever_m] in &self.left {
+            // A quarter of the tolerance apart is apart enough.
+            if (way - last) * lever_m < 0.25 * tolerance_m {
+                continue;
+            }
+            last = way;
+            let count = contact(way);
+            match found {
+                // From the first broad contact on to the broadest within reach of it.
+                Some((_, at)) if (way - at) * lever_m > 2.0 * tolerance_m => break,
+                Some((most, _)) if count <= most => {}
+                _ if (count as f64) < least => {}
+                _ => found = Some((count, way)),
+            }
+        }
+        let (count, way) = found?;
+        let met: Vec<&[f64; 2]> = self.left.iter().filter(|w| meets(way, w)).collect();
+        // What is met before stops the part elsewhere.
+        let before = self.left.iter().filter(|w| (way - w[0]) * w[1] > tolerance_m).count();
+        if before > count {
+            return None;
+        }
+        // A position is known by a cell as well as its lever is long.
+        let weight: f64 = met.iter().map(|w| w[1] * w[1]).sum();
+        let mean = met.iter().map(|w| w[1] * w[1] * w[0]).sum::<f64>() / weight;
+        let square = met.iter().map(|w| (w[1] * (w[0] - mean)).powi(2)).sum::<f64>() / weight;
+        Some((mean, square.sqrt(), count as f64 / self.leading as f64))
+    }
+}
+
+/// Coordinates of a motion: two that it leaves alone, and the position.
+struct Frame {
+    axis: Vector3<f64>,
+    across: [Vector3<f64>; 2],
+    turns: bool,
+    cell_m: f64,
+}
+
+impl Frame {
+    /// In the joint's frame at position 0; the axis is turned so that the motion goes upwards.
+    fn of(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
+        let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
+        let least = Vector3::ith(axis.iamin(), 1.0);
+        let first = axis.cross(&least).normalize();
+        let extent_m = child.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).max()));
+        Self {
+            axis,
+            across: [first, axis.cross(&first)],
+            turns: joint.kind != JointKind::Prismatic,
+            cell_m: CELL_M.max(extent_m / MOST_CELLS),
+        }
+    }
+
+    /// Spots of a surface, one or more in every cell that it passes, that look along the motion (`sign` 1) or
+    /// against it (-1).
+    fn spots(&self, mesh: &TriangleMesh, sign: f64) -> Vec<Spot> {
+        let mut spots = Vec::new();
+        for t in 0..mesh.triangles.len() {
+            let Some(normal) = mesh.area_normal(t).cast::<f64>().try_normalize(0.0) else { continue };
+            let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            let n = ((longest / self.cell_m).ceil() as usize).clamp(1, 1000);
+            // Middles of the small triangles that stand as the large one does, and of those between.
+            for i in 0..n {
+                for k in 0..n - i {
+                    for shift in [1.0 / 3.0, 2.0 / 3.0].into_iter().take(1 + usize::from(i + k + 1 < n)) {
+                        let [u, v] = [i, k].map(|x| (x as f64 + shift) / n as f64);
+                        let point = a + (b - a) * u + (c - a) * v;
+                        spots.extend(self.spot(&point, &normal, sign));
+                    }
+                }
+            }
+        }
+        spots
+    }
+
+    fn spot(&self, point: &Point3<f64>, normal: &Vector3<f64>, sign: f64) -> Option<Spot> {
+        let [x, y] = self.across.map(|d| d.dot(&point.coords));
+        let height = self.axis.dot(&point.coords);
+        let (velocity, across, along) = if self.turns {
+            let velocity = self.axis.cross(&point.coords);
+            (velocity, [x.hypot(y), height], y.atan2(x))
+        } else {
+            (self.axis, [x, y], height)
+        };
+        let lever_m = velocity.norm();
+        let looks = sign * normal.dot(&velocity) > ALONG * lever_m;
+        // On the axis nothing moves.
+        (looks && lever_m > self.cell_m).then(|| Spot {
+            cell: across.map(|c| (c / self.cell_m).floor() as i64),
+            along,
+            lever_m,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+    use crate::{
+        geometry::Pose,
+        model::example::{box_mesh, cabinet},
+        surface::merge,
+    };
+
+    const TOLERANCE_M: f64 = 0.003;
+
+    fn board(lower: [f32; 3], upper: [f32; 3]) -> TriangleMesh {
+        box_mesh(lower, upper, [90; 3])
+    }
+
+    /// A carcass, open towards x, with a front that slides along x; both are turned in the world.
+    fn drawer(seen: [f64; 2]) -> ArticulatedModel {
+        let mut model = cabinet();
+        let frame = Pose::from_parts(
+            Vector3::new(0.1, 0.2, 0.3).into(),
+            UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5),
+        );
+        let walls = merge(&[
+            &board([-0.3, -0.2, 0.0], [0.0, -0.18, 0.3]),
+            &board([-0.3, 0.18, 0.0], [0.0, 0.2, 0.3]),
+            &board([-0.3, -0.18, 0.0], [0.0, 0.18, 0.02]),
+            &board([-0.3, -0.18, 0.02], [-0.28, 0.18, 0.3]),
+        ]);
+        let front = merge(&[
+            &board([0.04, -0.2, 0.0], [0.06, 0.2, 0.3]),
+            &board([-0.2, -0.15, 0.04], [0.04, 0.15, 0.2]),
+        ]);
+        model.links.truncate(2);
+        model.joints.truncate(1);
+        model.links[0].visual = walls.transformed(&frame);
+        model.links[1].visual = front;
+        let joint = &mut model.joints[0];
+        (joint.kind, joint.axis, joint.parent_from_joint) = (JointKind::Prismatic, Vector3::x_axis(), frame);
+        model.states = seen.map(|q| vec![q]).to_vec();
+        model
+    }
+
+    #[test]
+    fn a_drawer_closes_where_its_front_meets_the_rim_and_not_where_its_back_meets_the_wall() {
+        let found = seat(&drawer([0.0, 0.15]), 0, TOLERANCE_M).unwrap();
+        assert!((found.position + 0.04).abs() < 1e-6 && !found.above && found.std < 1e-6, "{found:?}");
+        // The rim's share of the front.
+        assert!((0.1..0.3).contains(&found.contact_share), "{found:?}");
+        // The same, seen from the other side of the axis.
+        let mut model = drawer([0.0, -0.15]);
+        model.joints[0].axis = -Vector3::x_axis();
+        let mirrored = seat(&model, 0, TOLERANCE_M).unwrap();
+        assert!((mirrored.position - 0.04).abs() < 1e-6 && mirrored.above, "{mirrored:?}");
+    }
+
+    #[test]
+    fn a_drawer_that_was_seen_closed_is_closed_there() {
+        let mut model = drawer([-0.041, 0.15]);
+        let found = seat(&model, 0, TOLERANCE_M).unwrap();
+        assert!((found.position + 0.04).abs() < 1e-6, "{found:?}");
+        // Without walls there is nothing to meet.
+        model.links[0].visual = TriangleMesh::default();
+        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+    }
+
+    /// A door about z at the corner of a plate in the plane y = 0; it stands 1.2 rad open.
+    fn door() -> ArticulatedModel {
+        let mut model = drawer([0.0, 0.5]);
+        model.joints[0].kind = JointKind::Revolute;
+        model.joints[0].axis = Vector3::z_axis();
+        model.links[0].visual =
+            board([0.0, 0.0, 0.0], [0.4, 0.02, 0.5]).transformed(&model.joints[0].parent_from_joint);
+        let open =
+            Pose::from_parts(Vector3::zeros().into(), UnitQuaternion::from_euler_angles(0.0, 0.0, -1.2));
+        model.links[1].visual = board([0.0, -0.02, 0.0], [0.4, 0.0, 0.5]).transformed(&open);
+        model
+    }
+
+    #[test]
+    fn a_door_closes_where_it_lies_on_its_frame() {
+        let mut model = door();
+        model.states = vec![vec![0.0], vec![-0.5]];
+        let found = seat(&model, 0, TOLERANCE_M).unwrap();
+        assert!((found.position - 1.2).abs() < 1e-3 && found.above, "{found:?}");
+        assert!(found.contact_share > 0.9 && found.std < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn between_two_equal_walls_none_is_the_closed_end() {
+        let mut model = drawer([-0.02, 0.02]);
+        model.links[0].visual = merge(&[
+            &board([-0.3, -0.2, 0.0], [-0.28, 0.2, 0.3]),
+            &board([0.28, -0.2, 0.0], [0.3, 0.2, 0.3]),
+        ])
+        .transformed(&model.joints[0].parent_from_joint);
+        model.links[1].visual = board([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3]);
+        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+    }
+
+    #[test]
+    fn screws_have_no_seat() {
+        let mut model = drawer([0.0, 0.15]);
+        model.joints[0].kind = JointKind::Screw { pitch_m_per_rad: 0.01 };
+        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+    }
+}
