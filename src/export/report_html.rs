@@ -87,6 +87,10 @@ fn push_header(out: &mut String, report: &Report) {
             report.run.input.frames.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ")
         ));
     }
+    if let Some([low, high]) = report.run.object_box_m {
+        let sides = [0, 1, 2].map(|k| decimal(high[k] - low[k], 2)).join(" \u{d7} ");
+        facts.push(format!("object found in a box of {sides} m"));
+    }
     facts.push(duration(report.total_seconds()));
     facts.push(format!("seed {}", report.run.seed));
     writeln!(out, "<p class=\"facts\">{}</p>\n</header>", escape(&facts.join(" \u{b7} "))).ok();
@@ -351,7 +355,7 @@ mod tests {
     use super::*;
     use crate::note::{Note, NoteCode};
     use crate::{
-        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime},
+        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, report_json::SeatReport},
         model::example::cabinet,
     };
 
@@ -397,6 +401,22 @@ mod tests {
         };
         edit(&mut report, &mut pictures);
         report_html(&report, &pictures).unwrap()
+    }
+
+    #[test]
+    fn the_closed_end_and_the_objects_box_are_given() {
+        let html = page(|report, _| {
+            report.run.object_box_m = Some([[0.0, -0.25, 0.0], [0.4, 0.25, 0.6]]);
+            report.joints[1].limit.closed =
+                Some(SeatReport { position: -0.03, std: 0.001, contact_share: 0.12 });
+        });
+        for text in [
+            "object found in a box of 0.40 \u{d7} 0.50 \u{d7} 0.60 m",
+            "closed at \u{2212}30.00 mm, where 12 % of the face meets its seat",
+        ] {
+            assert!(html.contains(text), "'{text}' is not in {html}");
+        }
+        assert!(!page(|_, _| {}).contains("closed at"));
     }
 
     #[test]

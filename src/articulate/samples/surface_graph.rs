@@ -23,6 +23,11 @@ const TEMPERATURE: f32 = 0.12;
 ///
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
+/// A label that costs so much more than the best is out of the question, whatever is around: its motion takes
+/// the sample to a place that was seen empty, where another one leaves it hidden at worst.
+///
+/// derived: costs of such places less those of hidden ones (docs/method.md 6.5)
+const RULED_OUT: f32 = 0.7 - 1e-4;
 /// Most rounds in which labels are handed along the surface.
 const FILL_ROUNDS: usize = 60;
 /// The largest change of a share at which they end.
@@ -128,6 +133,7 @@ impl SurfaceGraph {
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let quads = labels.div_ceil(4);
         let mut reached = vec![[0.0f32; 4]; n * quads];
+        let open = open_labels(costs, labels, quads);
         for round in 0..FILL_ROUNDS {
             let mut change = [0.0f32; 4];
             for k in 0..n {
@@ -142,9 +148,9 @@ impl SurfaceGraph {
                         let other = reached[j as usize * quads + quad];
                         mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
                     }
-                    let old = &mut reached[i * quads + quad];
+                    let (old, open) = (&mut reached[i * quads + quad], open[i * quads + quad]);
                     for lane in 0..4 {
-                        let new = mean[lane] / (1.0 + pull[i]);
+                        let new = open[lane] * mean[lane] / (1.0 + pull[i]);
                         change[lane] = change[lane].max((new - old[lane]).abs());
                         old[lane] = new;
                     }
@@ -154,9 +160,14 @@ impl SurfaceGraph {
                 break;
             }
         }
-        let best =
-            |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
-        reached.chunks_exact(quads).map(|row| best(row.as_flattened())).collect()
+        let best = |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best });
+        let label = |(row, beliefs): (&[[f32; 4]], &[f32])| {
+            let row = row.as_flattened();
+            let reached = best(row);
+            // What no label reached stays with what its neighborhood takes it for.
+            (if row[reached] > 0.0 { reached } else { best(beliefs) }) as u8
+        };
+        reached.chunks_exact(quads).zip(beliefs.chunks_exact(labels)).map(label).collect()
     }
 
     /// Samples without evidence on a patch whose evidence is for one label get that label.
@@ -181,13 +192,14 @@ impl SurfaceGraph {
     }
 
     /// Joins components of a label that are apart from its largest component and hold little evidence to the
-    /// label around them (static if nothing is).
+    /// label around them (static if nothing is) that they hold little evidence against.
     pub fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
         let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
         let mut strength = vec![0.0f32; count];
         let mut label = vec![0u8; count];
-        let mut around = vec![[0.0f32; 256]; count];
+        let mut around = vec![0.0f32; count * motions];
+        let mut against = vec![0.0f32; count * motions];
         for (i, &component) in components.iter().enumerate() {
             let component = component as usize;
             let own = &costs[i * motions..(i + 1) * motions];
@@ -196,11 +208,15 @@ impl SurfaceGraph {
                 .filter(|k| *k != usize::from(labels[i]))
                 .map(|k| own[k])
                 .fold(f32::INFINITY, f32::min);
-            strength[component] += (rival - own[usize::from(labels[i])]).clamp(0.0, 1.0);
+            let taken = own[usize::from(labels[i])];
+            strength[component] += (rival - taken).clamp(0.0, 1.0);
             label[component] = labels[i];
+            for k in 0..motions {
+                against[component * motions + k] += (own[k] - taken).clamp(0.0, 1.0);
+            }
             for &(j, w) in &self.neighbors[i] {
                 if labels[j as usize] != labels[i] {
-                    around[component][usize::from(labels[j as usize])] += w;
+                    around[component * motions + usize::from(labels[j as usize])] += w;
                 }
             }
         }
@@ -211,13 +227,31 @@ impl SurfaceGraph {
         }
         for (i, &component) in components.iter().enumerate() {
             let component = component as usize;
-            if strength[component] < ISLAND_SHARE * largest[usize::from(label[component])] {
-                let top = (0..motions)
-                    .fold(0, |best, k| if around[component][k] > around[component][best] { k } else { best });
-                labels[i] = top as u8;
+            let little = ISLAND_SHARE * largest[usize::from(label[component])];
+            if strength[component] < little {
+                let row = component * motions..(component + 1) * motions;
+                let (around, against) = (&around[row.clone()], &against[row]);
+                let open = |k: &usize| against[*k] < little;
+                let nearest = (0..motions)
+                    .filter(open)
+                    .reduce(|best, k| if around[k] > around[best] { k } else { best });
+                // Where nothing of these is around, it is static, unless that is ruled out, too.
+                let stays = |k: &usize| around[*k] > 0.0 || *k == 0;
+                labels[i] = nearest.filter(stays).map_or(labels[i], |k| k as u8);
             }
         }
     }
+}
+
+/// 1 for every label of every sample that is not out of the question, in lanes of four.
+fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; 4]> {
+    let mut open = vec![[0.0f32; 4]; costs.len() / labels * quads];
+    for (row, own) in open.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
+        let least = own.iter().copied().fold(f32::INFINITY, f32::min);
+        let lanes = row.as_flattened_mut().iter_mut();
+        lanes.zip(own).for_each(|(open, c)| *open = f32::from(u8::from(c - least < RULED_OUT)));
+    }
+    open
 }
 
 /// The nearest neighbors of a sample with weights that sum to 1.
@@ -312,6 +346,20 @@ mod tests {
         let costs = [[0.9, 0.9, 0.0], hidden, hidden, [0.9, 0.0, 0.9], hidden, hidden].concat();
         let graph = chain();
         assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![2, 2, 1, 1, 0, 0]);
+    }
+
+    #[test]
+    fn labels_do_not_cross_to_samples_that_rule_them_out() {
+        // The third and fourth are hidden under the last two motions and in empty space under the first.
+        let free = [1.6, 0.9, 0.9];
+        let costs = [[0.9, 0.0, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
+        let graph = chain();
+        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![1, 1, 1, 1, 0, 0]);
+        // Alone among what they rule out they stay what they are.
+        let costs = [[0.0, 0.9, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
+        let mut labels = graph.fill(graph.mean_field(&costs, 3), &costs, 3);
+        graph.join_islands(&mut labels, &costs, 3);
+        assert!(labels[2] != 0 && labels[3] == labels[2] && labels[..2] == [0, 0], "{labels:?}");
     }
 
     #[test]
