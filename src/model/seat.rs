@@ -21,7 +21,7 @@ const MOST_CELLS: f64 = 400.0;
 /// derived: 45 degrees, nearer to it than to any direction across it
 const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Least share of the leading cells that meet their seat at once.
-/// measured: on the truth of shared/bags seats hold 0.04 to 0.96, and the way back round the hinge 0.005
+/// measured: on the truth of shared/bags seats hold 0.03 to 0.96, and the way back round the hinge 0.005
 const BROAD: f64 = 0.02;
 /// Share of the cells that meet which a face comes to rest on: its high spots. Rims are rounded by fusion, so
 /// that the middle cell meets too late.
@@ -126,41 +126,54 @@ impl Ways {
 
     /// Way to the first face that enough cells meet at once, its deviation, and their share.
     fn seat(&self, tolerance_m: f64) -> Option<(f64, f64, f64)> {
+        let steps = self.steps(tolerance_m);
+        let far = |a: &Step, b: &Step| (a.way - b.way).abs() * a.lever_m.min(b.lever_m) > 2.0 * tolerance_m;
+        let is_peak = |k: usize| {
+            let (before, after) = steps.split_at(k);
+            let near = before.iter().rev().chain(after).filter(|s| !far(s, &steps[k]));
+            near.map(|s| s.met).max() == Some(steps[k].met)
+        };
         let least = BROAD * self.leading as f64;
-        let meets = |way: f64, w: &[f64; 2]| (w[0] - way).abs() * w[1] <= tolerance_m;
-        let contact = |way: f64| self.left.iter().filter(|w| meets(way, w)).count();
-        // The narrowest lever bounds how far a window reaches, so that not every way is counted from.
-        let mut last = f64::NEG_INFINITY;
-        let mut found: Option<(usize, f64)> = None;
-        for &[way, lever_m] in &self.left {
-            // A quarter of the tolerance apart is apart enough.
-            if (way - last) * lever_m < 0.25 * tolerance_m {
-                continue;
-            }
-            last = way;
-            let count = contact(way);
-            match found {
-                // From the first broad contact on to the broadest within reach of it.
-                Some((_, at)) if (way - at) * lever_m > 2.0 * tolerance_m => break,
-                Some((most, _)) if count <= most => {}
-                _ if (count as f64) < least => {}
-                _ => found = Some((count, way)),
-            }
-        }
-        let (count, way) = found?;
-        let met: Vec<&[f64; 2]> = self.left.iter().filter(|w| meets(way, w)).collect();
-        // What is met before stops the part elsewhere.
-        let before = self.left.iter().filter(|w| (way - w[0]) * w[1] > tolerance_m).count();
-        if before > count {
-            return None;
-        }
+        (0..steps.len()).filter(|k| is_peak(*k)).find_map(|peak| {
+            // The face reaches as far as half as many cells meet at once: noise spreads them.
+            let holds = |s: &&Step| 2 * s.met >= steps[peak].met;
+            let first = steps[..peak].iter().rev().take_while(holds).last().unwrap_or(&steps[peak]);
+            let last = steps[peak..].iter().take_while(holds).last().unwrap_or(&steps[peak]);
+            let met: Vec<&[f64; 2]> =
+                self.left.iter().filter(|w| w[0] >= first.way && w[0] <= last.way).collect();
+            (met.len() as f64 >= least).then(|| self.rest_on(&met, first, tolerance_m))
+        })?
+    }
+
+    /// The seat on cells that meet about at once; `None` where the part is stopped before.
+    fn rest_on(&self, met: &[&[f64; 2]], first: &Step, tolerance_m: f64) -> Option<(f64, f64, f64)> {
+        let before = self.left.iter().filter(|w| (first.way - w[0]) * w[1] > tolerance_m).count();
         // In order, as all ways are.
-        let seat = met[(STANDS_OUT * met.len() as f64) as usize][0];
+        let seat = met.get((STANDS_OUT * met.len() as f64) as usize).filter(|_| before <= met.len())?[0];
         // A position is known by a cell as well as its lever is long.
         let weight: f64 = met.iter().map(|w| w[1] * w[1]).sum();
         let square = met.iter().map(|w| (w[1] * (w[0] - seat)).powi(2)).sum::<f64>() / weight;
-        Some((seat, square.sqrt(), count as f64 / self.leading as f64))
+        Some((seat, square.sqrt(), met.len() as f64 / self.leading as f64))
     }
+
+    /// Ways a quarter of the tolerance apart, each with the cells that meet there within the tolerance.
+    fn steps(&self, tolerance_m: f64) -> Vec<Step> {
+        let mut steps: Vec<Step> = Vec::new();
+        for &[way, lever_m] in &self.left {
+            if steps.last().is_none_or(|s| (way - s.way) * lever_m >= 0.25 * tolerance_m) {
+                let met = self.left.iter().filter(|w| (w[0] - way).abs() * w[1] <= tolerance_m).count();
+                steps.push(Step { way, lever_m, met });
+            }
+        }
+        steps
+    }
+}
+
+/// A way, and the cells that meet there.
+struct Step {
+    way: f64,
+    lever_m: f64,
+    met: usize,
 }
 
 /// Coordinates of a motion: two that it leaves alone, and the position.

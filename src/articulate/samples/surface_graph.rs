@@ -23,11 +23,19 @@ const TEMPERATURE: f32 = 0.12;
 ///
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
-/// A label that costs so much more than the best is out of the question, whatever is around: its motion takes
-/// the sample to a place that was seen empty, where another one leaves it hidden at worst.
+/// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever is
+/// around: its motion takes the sample to a place that was seen empty.
 ///
-/// derived: costs of such places less those of hidden ones (docs/method.md 6.5)
-const RULED_OUT: f32 = 0.7 - 1e-4;
+/// derived: the cost of such places (docs/method.md 6.5)
+const EMPTY: f32 = 1.6 - 1e-4;
+/// Cost of the best label up to which that holds.
+///
+/// derived: the cost of hidden places (docs/method.md 6.5)
+const HIDDEN_AT_WORST: f32 = 0.9 + 1e-4;
+/// An island is not of a label that more than this share of its samples rules out.
+///
+/// derived: where one in fifty of the label's own samples and one in two of others' makes even odds
+const RULED_OUT_SHARE: f32 = 0.17;
 /// Most rounds in which labels are handed along the surface.
 const FILL_ROUNDS: usize = 60;
 /// The largest change of a share at which they end.
@@ -200,6 +208,7 @@ impl SurfaceGraph {
         let mut label = vec![0u8; count];
         let mut around = vec![0.0f32; count * motions];
         let mut against = vec![0.0f32; count * motions];
+        let mut size = vec![0.0f32; count];
         for (i, &component) in components.iter().enumerate() {
             let component = component as usize;
             let own = &costs[i * motions..(i + 1) * motions];
@@ -211,8 +220,9 @@ impl SurfaceGraph {
             let taken = own[usize::from(labels[i])];
             strength[component] += (rival - taken).clamp(0.0, 1.0);
             label[component] = labels[i];
+            size[component] += 1.0;
             for k in 0..motions {
-                against[component * motions + k] += (own[k] - taken).clamp(0.0, 1.0);
+                against[component * motions + k] += f32::from(u8::from(is_ruled_out(own, k)));
             }
             for &(j, w) in &self.neighbors[i] {
                 if labels[j as usize] != labels[i] {
@@ -225,21 +235,21 @@ impl SurfaceGraph {
             let l = usize::from(label[component]);
             largest[l] = largest[l].max(s);
         }
-        for (i, &component) in components.iter().enumerate() {
-            let component = component as usize;
-            let little = ISLAND_SHARE * largest[usize::from(label[component])];
-            if strength[component] < little {
-                let row = component * motions..(component + 1) * motions;
-                let (around, against) = (&around[row.clone()], &against[row]);
-                let open = |k: &usize| against[*k] < little;
-                let nearest = (0..motions)
-                    .filter(open)
-                    .reduce(|best, k| if around[k] > around[best] { k } else { best });
-                // Where nothing of these is around, it is static, unless that is ruled out, too.
-                let stays = |k: &usize| around[*k] > 0.0 || *k == 0;
-                labels[i] = nearest.filter(stays).map_or(labels[i], |k| k as u8);
+        let joins = |component: usize| {
+            let own = label[component];
+            if strength[component] >= ISLAND_SHARE * largest[usize::from(own)] {
+                return own;
             }
-        }
+            let row = component * motions..(component + 1) * motions;
+            let (around, against) = (&around[row.clone()], &against[row]);
+            let open = |k: &usize| against[*k] < RULED_OUT_SHARE * size[component];
+            let nearest =
+                (0..motions).filter(open).reduce(|best, k| if around[k] > around[best] { k } else { best });
+            // Where nothing of these is around, it is static, unless that is ruled out, too.
+            nearest.filter(|k| around[*k] > 0.0 || *k == 0).map_or(own, |k| k as u8)
+        };
+        let joined: Vec<u8> = (0..count).map(joins).collect();
+        labels.iter_mut().zip(&components).for_each(|(l, c)| *l = joined[*c as usize]);
     }
 }
 
@@ -247,11 +257,15 @@ impl SurfaceGraph {
 fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; 4]> {
     let mut open = vec![[0.0f32; 4]; costs.len() / labels * quads];
     for (row, own) in open.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
-        let least = own.iter().copied().fold(f32::INFINITY, f32::min);
-        let lanes = row.as_flattened_mut().iter_mut();
-        lanes.zip(own).for_each(|(open, c)| *open = f32::from(u8::from(c - least < RULED_OUT)));
+        let lanes = row.as_flattened_mut().iter_mut().take(labels);
+        lanes.enumerate().for_each(|(k, open)| *open = f32::from(u8::from(!is_ruled_out(own, k))));
     }
     open
+}
+
+/// Whether a label's motion takes a sample of these costs to a place seen empty, and another's does not.
+fn is_ruled_out(costs: &[f32], label: usize) -> bool {
+    costs[label] >= EMPTY && costs.iter().any(|c| *c <= HIDDEN_AT_WORST)
 }
 
 /// The nearest neighbors of a sample with weights that sum to 1.
