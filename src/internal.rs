@@ -15,7 +15,7 @@ pub mod evaluate {
     pub use crate::evaluate::{EvaluateOptions, Evaluation, EvaluationReport, RunFiles, Truth, run};
 }
 pub mod export {
-    pub use crate::export::{Folder, Level, check_folder, urdf_package};
+    pub use crate::export::{ExportConfig, Folder, Level, check_folder, urdf_package};
 }
 pub mod field {
     pub use crate::field::{

@@ -41,6 +41,8 @@ impl ReconstructArgs {
                 "matching.onnx",
                 self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned())),
             ),
+            ("--prefix", "export.prefix", self.prefix.clone().map(Value::from)),
+            ("--base", "export.base", self.base.clone().map(Value::from)),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
         ];
         for (option, key, value) in options {

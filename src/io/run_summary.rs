@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use super::urdf::robot_of;
 use crate::{
-    export::require_numbers,
+    export::{SINGLE_JOINT, require_numbers},
     files,
     geometry::Pose,
     limits::{FileLimit, REPORT, URDF},
@@ -33,7 +33,7 @@ pub struct RunSummary {
     pub folder: PathBuf,
     /// Name of the twin.
     pub name: String,
-    /// The URDF for simulators, with paths relative to the folder.
+    /// The URDF with a joint for each joint, with paths relative to its folder.
     pub urdf: String,
     /// Name of the root link; its frame is the world frame of the recording.
     pub root: String,
@@ -113,6 +113,12 @@ impl RunSummary {
         self.joints.iter().map(|j| j.states.get(state).copied().unwrap_or_default()).collect()
     }
 
+    /// Path of the URDF with a joint for each joint.
+    #[must_use]
+    pub fn urdf_path(&self) -> PathBuf {
+        single_joint_urdf(&self.folder, &self.name)
+    }
+
     /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the
     /// twin's name.
     #[must_use]
@@ -123,8 +129,18 @@ impl RunSummary {
             if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
         // A folder's name may hold `&` or a quote.
         let base = escape_xml(&base);
-        self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
+        let absolute = format!("filename=\"{base}/meshes/");
+        ["filename=\"meshes/", "filename=\"../meshes/"]
+            .into_iter()
+            .fold(self.urdf.clone(), |urdf, relative| urdf.replace(relative, &absolute))
     }
+}
+
+/// Where a run folder has the URDF with a joint for each joint: in a folder of its own where screws are pairs.
+fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
+    let file = format!("{name}.urdf");
+    let single = folder.join(SINGLE_JOINT).join(&file);
+    if single.is_file() { single } else { folder.join(file) }
 }
 
 /// The fingerprint of the run that made a result, empty where its report has none; `None` where there is no
@@ -182,7 +198,7 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let path = folder.join("report.json");
     let report: ReportFile =
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
-    let path = folder.join(format!("{}.urdf", report.name));
+    let path = single_joint_urdf(folder, &report.name);
     let urdf = read(&path, URDF)?;
     // Before the parser, which takes `nan` and `inf` for numbers.
     require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
