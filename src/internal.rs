@@ -104,7 +104,7 @@ pub mod io {
 pub mod model {
     pub use crate::model::{
         ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitPolicy,
-        LimitSource, Link, Material, ModelConfig, MovingPart, TypeScores, build, validate,
+        LimitSource, Link, Material, ModelConfig, MovingPart, PartNames, TypeScores, build, named, validate,
     };
 }
 #[cfg(feature = "node")]
