@@ -123,10 +123,9 @@ fn a_lid_on_a_thread_holds_turns_and_stays_on_it() {
     for reader in ["mujoco mjcf", "mujoco urdf", "drake sdf", "drake urdf", "drake mjcf"] {
         let seen = &found[reader];
         let off = |what: &str| seen[what].as_f64().unwrap_or_else(|| panic!("{reader}: {found}"));
-        // Drake's MJCF reader knows no equality; its screws are the SDF's and the URDF's.
-        if reader != "drake mjcf" {
-            assert!(off("slip_m") < 1e-4, "{reader}: the lid leaves its thread by {} m", off("slip_m"));
-        }
+        // Drake's MJCF reader knows no equality: there the lid sinks, no further than the thread lets it.
+        let most = if reader == "drake mjcf" { 2.4 * 0.012 + 1e-3 } else { 1e-4 };
+        assert!(off("slip_m") < most, "{reader}: the lid leaves its thread by {} m", off("slip_m"));
         assert!(off("beyond_rad") < 0.02, "{reader}: {} rad beyond the limits", off("beyond_rad"));
     }
 }

@@ -45,8 +45,8 @@ pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     };
     writeln!(
         text,
-        "The root link {base} in MJCF, SDF and USD; URDF has no word for that, there an option of the simulator \
-         decides."
+        "The root link {base} in MJCF, SDF and USD; URDF has no word for that, there an option of the \
+         simulator decides."
     )
     .ok();
     screw_notes(model, config).iter().for_each(|n| writeln!(text, "\n{n}.").unwrap_or_default());
@@ -62,15 +62,15 @@ pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note>
         let (turn, advance) = (&joint.name, joint.advance_name());
         let urdf = match config.urdf_screw {
             UrdfScrew::Pair => format!(
-                "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators that \
-                 drop mimic (PyBullet, MuJoCo before 4) get a turn without advance from \
+                "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators \
+                 that drop mimic (PyBullet, MuJoCo before 4) get a turn without advance from \
                  {SINGLE_JOINT}/{name}.urdf"
             ),
             UrdfScrew::Nearest => format!("{name}.urdf holds it as a turn without advance"),
         };
         let text = format!(
-            "{turn} is a screw: {urdf}; model.sdf holds the pair, for Drake, and {SCREW_SDF}, which model.config \
-             names, SDF's own screw, for Gazebo; USD holds a turn without advance"
+            "{turn} is a screw: {urdf}; model.sdf holds the pair, for Drake, and {SCREW_SDF}, which \
+             model.config names, SDF's own screw, for Gazebo; USD holds a turn without advance"
         );
         Some(Note::new(NoteCode::ScrewForms, text))
     };

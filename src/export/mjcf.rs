@@ -8,11 +8,11 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use super::{
     config::{Base, ExportConfig},
     number::decimal,
-    urdf::{short, solid_name, solid_path, triple, visual_path},
+    urdf::{advance_limit, short, solid_name, solid_path, triple, visual_path},
 };
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, Link, escape_xml as escape},
+    model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape},
 };
 
 /// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
@@ -39,7 +39,8 @@ const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 
 /// A stiff thread: with MuJoCo's defaults a lid sinks into its jar.
 const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\"";
 
-/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is free.
+/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is
+/// free.
 #[must_use]
 pub fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let head = HEAD.replace("PREFIX", &config.prefix);
@@ -182,11 +183,14 @@ fn push_body(
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    // The slide comes before the hinge, as in the keyframes. It needs no range or friction: the thread ties
-    // it to the hinge, which has them.
-    if joint.kind.thread_m_per_rad().is_some() {
+    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge, which has
+    // friction and damping; its range is for readers that know no equality, as Drake.
+    if let Some(pitch) = joint.kind.thread_m_per_rad() {
         let (name, axis) = (escape(&joint.advance_name()), triple(joint.axis.as_ref().as_ref()));
-        writeln!(text, "{pad}  <joint name=\"{name}\" type=\"slide\" axis=\"{axis}\"/>").ok();
+        let Limit { lower, upper, .. } = advance_limit(joint, pitch);
+        let range = format!("{} {}", short(lower), short(upper));
+        writeln!(text, "{pad}  <joint name=\"{name}\" type=\"slide\" axis=\"{axis}\" range=\"{range}\"/>")
+            .ok();
     }
     let kind = if joint.kind.turns() { "hinge" } else { "slide" };
     let (l, d) = (&joint.limit, &joint.dynamics);

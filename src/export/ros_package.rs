@@ -126,14 +126,15 @@ pub fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let mut text = format!(
         "controller_manager:\n  ros__parameters:\n    update_rate: 100\n    joint_state_broadcaster:\n      \
          type: joint_state_broadcaster/JointStateBroadcaster\n    {name}_controller:\n      type: \
-         joint_trajectory_controller/JointTrajectoryController\n\n{name}_controller:\n  ros__parameters:\n    \
-         joints:\n"
+         joint_trajectory_controller/JointTrajectoryController\n\n{name}_controller:\n  \
+         ros__parameters:\n    joints:\n"
     );
     for joint in &model.joints {
         // Writing to a string cannot fail.
         writeln!(text, "      - {}", commanded(joint, screws).0).ok();
     }
-    text.push_str("    command_interfaces:\n      - position\n    state_interfaces:\n      - position\n      - velocity\n");
+    text.push_str("    command_interfaces:\n      - position\n    state_interfaces:\n      - position\n");
+    text.push_str("      - velocity\n");
     text
 }
 

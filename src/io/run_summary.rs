@@ -136,7 +136,8 @@ impl RunSummary {
     }
 }
 
-/// Where a run folder has the URDF with a joint for each joint: in a folder of its own where screws are pairs.
+/// Where a run folder has the URDF with a joint for each joint: in a folder of its own where screws are
+/// pairs.
 fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
     let file = format!("{name}.urdf");
     let single = folder.join(SINGLE_JOINT).join(&file);

@@ -32,7 +32,8 @@ pub enum JointKind {
     },
 }
 
-/// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine screw.
+/// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine
+/// screw.
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {
