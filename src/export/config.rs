@@ -47,7 +47,8 @@ impl ExportConfig {
     /// # Errors
     /// Key within the group and what is wrong with its value.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
-        if !self.prefix.is_empty() && !(is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX) {
+        let is_short_name = is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX;
+        if !self.prefix.is_empty() && !is_short_name {
             let why = format!(
                 "'{}'; give a letter, then letters, digits and _, {MAX_PREFIX} characters at most",
                 self.prefix.escape_debug()

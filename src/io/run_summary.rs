@@ -265,3 +265,46 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
     }
     Some(list)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        export::{ExportConfig, Report, RunFacts, urdf_package},
+        io::{Place, ResultKind, RunDir, read_urdf},
+        model::example::cabinet,
+        temp::Temp,
+    };
+
+    #[test]
+    fn a_screw_that_is_a_pair_in_the_urdf_is_one_joint_here() {
+        let (mut model, temp) = (cabinet(), Temp::new("summary-screw"));
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.05 };
+        let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
+        for file in urdf_package(&model, &ExportConfig::default()) {
+            run.put(&file.path, &file.bytes).unwrap();
+        }
+        run.put("report.json", Report::new(&model, RunFacts::default()).to_json().as_bytes()).unwrap();
+        let folder = run.commit().unwrap().folder;
+        let summary = read_run_summary(&folder).unwrap();
+        assert_eq!(summary.joints.len(), 2);
+        assert!(summary.urdf_path().ends_with("single_joint/cabinet.urdf"));
+        assert!(summary.urdf_with_uris(true).contains("\"package://cabinet/meshes/visual/door.obj\""));
+        // Either way in, the links are where the model has them; the pair by the positions of the report.
+        let tree = read_urdf(&folder.join("cabinet.urdf")).unwrap();
+        let text = fs::read_to_string(folder.join("report.json")).unwrap();
+        let report: ReportFile = serde_json::from_str(&text).unwrap();
+        for (k, state) in model.states.iter().enumerate() {
+            let poses = summary.link_poses(&summary.positions(k));
+            for (i, link) in model.links.iter().enumerate() {
+                let expected = model.world_from_link(i, state);
+                let l = tree.links.iter().position(|l| l.name == link.name).unwrap();
+                let by_name = poses.iter().find(|(name, _)| *name == link.name).unwrap().1;
+                for pose in [by_name, tree.world_from_link(l, &report.states[k].joints)] {
+                    let off = (pose.inverse() * expected).to_homogeneous() - nalgebra::Matrix4::identity();
+                    assert!(off.norm() < 1e-6, "{}: {off}", link.name);
+                }
+            }
+        }
+    }
+}
