@@ -126,7 +126,8 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         }
         JointKind::Revolute if shape.along_m < PANEL_SHARE * shape.reach_m => None,
         JointKind::Revolute if upright => Some("door"),
-        JointKind::Revolute if level => {
+        // On what stands still: the head of a lamp is none.
+        JointKind::Revolute if level && joint.parent == 0 => {
             let (lower, upper) = bounds(model, joint.parent, &closed)?;
             let top = upper.z - TOP_SHARE * (upper.z - lower.z);
             Some(if world_from_joint.translation.z >= top { "lid" } else { "flap" })
@@ -241,6 +242,13 @@ mod tests {
         assert_eq!(part(thread, x, [0.2, 0.0, 0.3], small.0, small.1), "knob knob_screw");
         let cover = ([-0.2, -0.2, 0.0], [0.2, 0.2, 0.1]);
         assert_eq!(part(thread, z, [0.0, 0.0, 0.6], cover.0, cover.1), "cap cap_screw");
+        // Nor is a lid what hangs on another part.
+        let mut model = numbered();
+        model.joints[1].kind = turn;
+        model.joints[1].axis = Vector3::y_axis();
+        model.joints[1].parent = 1;
+        model.joints[1].parent_from_joint = Pose::translation(0.0, 0.0, 0.2);
+        assert_eq!(named(model, PartNames::Semantic, "").links[2].name, "part_2");
         // What slides in its own plane, and what rises, is no drawer.
         let sliding = ([0.0, -0.1, -0.2], [0.02, 0.1, 0.2]);
         assert_eq!(part(JointKind::Prismatic, y, [0.2, 0.0, 0.3], sliding.0, sliding.1), unclear);
