@@ -39,6 +39,7 @@ pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
   <include file="{file}"/>
   <statistic center="{center}" extent="{extent}"/>
   <visual>
+    <map shadowclip="3"/>
     <global offwidth="1280" offheight="960"/>
   </visual>
   <asset>
