@@ -15,7 +15,7 @@ pub mod evaluate {
     pub use crate::evaluate::{EvaluateOptions, Evaluation, EvaluationReport, RunFiles, Truth, run};
 }
 pub mod export {
-    pub use crate::export::{Folder, Level, check_folder, urdf_package};
+    pub use crate::export::{ExportConfig, Folder, Level, check_folder, urdf_package};
 }
 pub mod field {
     pub use crate::field::{
@@ -104,7 +104,7 @@ pub mod io {
 pub mod model {
     pub use crate::model::{
         ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitPolicy,
-        LimitSource, Link, Material, ModelConfig, MovingPart, TypeScores, build, validate,
+        LimitSource, Link, Material, ModelConfig, MovingPart, PartNames, TypeScores, build, named, validate,
     };
 }
 #[cfg(feature = "node")]

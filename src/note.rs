@@ -136,6 +136,7 @@ codes! {
     LimitsNotObserved = "limits_not_observed", "The limits of the joint lie beyond what was observed.";
     TurnsNotObserved = "turns_not_observed", "Whole turns between the states cannot be seen.";
     ScrewNotObserved = "screw_not_observed", "A screw looks like a turn and a slide of their own.";
+    ScrewForms = "screw_forms", "How the files hold a screw, which not every format has.";
     SpinNotObserved = "spin_not_observed", "The part looks alike all round: its turn about its axis cannot \
         be seen.";
     ParentNotDecided = "parent_not_decided", "Another link could carry the part as well.";

@@ -16,11 +16,11 @@ use std::{
 };
 
 use artitwin::internal::{
-    export::{Level, check_folder},
+    export::{ExportConfig, Level, check_folder},
     io::read_model_folder,
-    model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig},
+    model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named},
 };
-use objects::{Temp, chest, chest_with, lamp, write_run};
+use objects::{Temp, chest, chest_with, jar, lamp, write_run, write_run_as};
 
 /// Runs a script of `tests/python` and gives the JSON of its last line; `None` without Python.
 fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
@@ -33,7 +33,11 @@ fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
 }
 
 fn written(model: &ArticulatedModel, temp: &Temp) -> PathBuf {
-    let folder = write_run(model, &temp.0);
+    checked(write_run(model, &temp.0))
+}
+
+/// A run folder in which `check` finds no error.
+fn checked(folder: PathBuf) -> PathBuf {
     let found = check_folder(&read_model_folder(&folder).unwrap());
     let errors: Vec<String> =
         found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
@@ -104,6 +108,58 @@ fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() {
     let folder = written(&model, &temp);
     let Some(found) = script("handoff_physics.py", &[folder.to_str().unwrap(), &model.name]) else { return };
     rests_and_opens(&model, &found);
+}
+
+#[test]
+fn a_lid_on_a_thread_holds_turns_and_stays_on_it() {
+    let (model, temp) = (jar(), Temp::new("physics-jar"));
+    let folder = written(&model, &temp);
+    let arguments = [folder.to_str().unwrap(), &model.name];
+    let Some(found) = script("handoff_physics.py", &arguments) else { return };
+    rests_and_opens(&model, &found);
+    // In MuJoCo the lid also keeps its height.
+    assert!(found["mujoco"]["rest"]["joint_1_advance"].as_f64().unwrap() < 1e-5, "{found}");
+    let found = script("handoff_screw.py", &arguments).expect("python, as before");
+    for reader in ["mujoco mjcf", "mujoco urdf", "drake sdf", "drake urdf", "drake mjcf"] {
+        let seen = &found[reader];
+        let off = |what: &str| seen[what].as_f64().unwrap_or_else(|| panic!("{reader}: {found}"));
+        // Drake's MJCF reader knows no equality: there the lid sinks, no further than the thread lets it.
+        let most = if reader == "drake mjcf" { 2.4 * 0.012 + 1e-3 } else { 1e-4 };
+        assert!(off("slip_m") < most, "{reader}: the lid leaves its thread by {} m", off("slip_m"));
+        assert!(off("beyond_rad") < 0.02, "{reader}: {} rad beyond the limits", off("beyond_rad"));
+    }
+}
+
+#[test]
+fn scenes_and_ros_files_say_the_same_as_the_twin() {
+    for (model, settings) in [
+        (chest(), serde_json::json!({})),
+        (jar(), serde_json::json!({ "base": "floating", "prefix": "left_" })),
+        (lamp(), serde_json::json!({ "prefix": "left_", "maintainer": "Ada <ada@example.org>" })),
+    ] {
+        let temp = Temp::new(&format!("scene-{}", model.name));
+        let config: ExportConfig = serde_json::from_value(settings.clone()).unwrap();
+        let model = named(model, PartNames::Numbered, &config.prefix);
+        let folder = checked(write_run_as(&model, &config, &temp.0));
+        let arguments = [folder.to_str().unwrap(), &model.name];
+        let Some(found) = script("handoff_scene.py", &arguments) else { return };
+        let count = |what: &str| found[what].as_u64().unwrap();
+        let floating = settings["base"] == "floating";
+        let slides = model.joints.iter().filter(|j| j.kind.thread_m_per_rad().is_some()).count();
+        assert_eq!(count("free_joints"), u64::from(floating), "{found}");
+        assert_eq!(count("joints") as usize, model.joints.len() + slides, "{found}");
+        assert_eq!(count("actuators") as usize, model.joints.len(), "{found}");
+        // Two scenes, two robots by xacro: everything of the second has its own prefix.
+        assert_eq!(count("expanded_links") as usize, model.links.len() + slides + 1, "{found}");
+        assert_eq!(count("controlled_joints") as usize, model.joints.len() + slides, "{found}");
+        assert_eq!(found["without_prefix"], serde_json::json!([]), "{found}");
+        assert_eq!(found["missing"], serde_json::json!([]), "{found}");
+        for joint in &model.joints {
+            let held = found["held"][&joint.name].as_f64().unwrap();
+            let reached = found["reached"][&joint.name].as_f64().unwrap();
+            assert!(held < 0.03 && reached < 0.05, "{}: {found}", joint.name);
+        }
+    }
 }
 
 /// The twin of a shipped recording.

@@ -26,7 +26,7 @@ def follow(model, data):
 
 
 def in_mujoco(run, report):
-    spec = mujoco.MjSpec.from_file(str(next(p for p in run.glob("*.xml") if p.name != "package.xml")))
+    spec = mujoco.MjSpec.from_file(str(run / f"{report['name']}.xml"))
     for key in list(spec.keys) + list(spec.excludes):
         spec.delete(key)
     model = spec.compile()
@@ -65,7 +65,9 @@ def in_mujoco(run, report):
 def in_bullet(run, report):
     bullet.resetSimulation()
     bullet.setGravity(0, 0, -9.81)
-    urdf = next(p for p in run.glob("*.urdf") if not p.name.endswith(".ros.urdf"))
+    # Bullet drops `mimic`: where screws are pairs, the file with a joint for each joint.
+    single = run / "single_joint" / f"{report['name']}.urdf"
+    urdf = single if single.exists() else run / f"{report['name']}.urdf"
     flags = (bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_SELF_COLLISION
              | bullet.URDF_USE_SELF_COLLISION_INCLUDE_PARENT)
     body = bullet.loadURDF(str(urdf), useFixedBase=True, flags=flags)
@@ -77,7 +79,7 @@ def in_bullet(run, report):
             bullet.setJointMotorControl2(body, i[0], bullet.VELOCITY_CONTROL, targetVelocity=0, force=i[7])
         for _ in range(1200):
             bullet.stepSimulation()
-        for name, q in state["joints"].items():
+        for name, q in ((n, q) for n, q in state["joints"].items() if n in info):
             drift = max(drift, abs(bullet.getJointState(body, info[name][0])[0] - q))
     worst = 0.0
     for joint in report["joints"]:

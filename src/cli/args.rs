@@ -390,6 +390,12 @@ pub struct ReconstructArgs {
     /// the collision solids allow
     #[arg(long, value_parser = ["seated", "observed", "swept"])]
     pub limits: Option<String>,
+    /// Put before the name of every link and joint: several twins in one scene
+    #[arg(long, value_name = "TEXT")]
+    pub prefix: Option<String>,
+    /// Whether the twin stands still in the world or moves freely
+    #[arg(long, value_parser = ["fixed", "floating"])]
+    pub base: Option<String>,
     /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features
     /// onnx`
     ///

@@ -41,6 +41,8 @@ impl ReconstructArgs {
                 "matching.onnx",
                 self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned())),
             ),
+            ("--prefix", "export.prefix", self.prefix.clone().map(Value::from)),
+            ("--base", "export.base", self.base.clone().map(Value::from)),
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
         ];
         for (option, key, value) in options {
@@ -68,4 +70,32 @@ fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
     // With the origin of the value: the file and line, or the option.
     resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
     Ok(resolved)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::{
+        cli::args::{Cli, Command},
+        export::Base,
+    };
+
+    fn resolved(options: &[&str]) -> Result<Config, ConfigError> {
+        let all = ["artitwin", "reconstruct", "bag", "--out", "runs"].iter().chain(options);
+        let Command::Reconstruct(args) = Cli::try_parse_from(all).unwrap().command else {
+            panic!("another verb")
+        };
+        args.resolve().map(|r| r.config)
+    }
+
+    #[test]
+    fn prefix_and_base_are_settings_of_the_export() {
+        assert_eq!(resolved(&[]).unwrap().export, crate::export::ExportConfig::default());
+        let export = resolved(&["--prefix", "left_", "--base", "floating"]).unwrap().export;
+        assert_eq!((export.prefix.as_str(), export.base), ("left_", Base::Floating));
+        let message = resolved(&["--prefix", "../x"]).unwrap_err().to_string();
+        assert!(message.contains("export.prefix") && message.ends_with("(--prefix)"), "{message}");
+    }
 }

@@ -38,6 +38,7 @@ impl Config {
             }
             other => unusable("articulation", other),
         })?;
+        self.export.check().map_err(|(key, reason)| unusable(format!("export.{key}"), reason))?;
         ranges(self).into_iter().try_for_each(|(key, value, low, high)| match value {
             // False for NaN.
             v if v >= low && v <= high => Ok(()),
@@ -214,6 +215,9 @@ mod tests {
             "articulation.late_start=2",
             "joint.refine.reach=0",
             "model.density_kg_m3=0",
+            "export.prefix=2_",
+            "export.license= ",
+            "export.maintainer=me",
         ] {
             let message = refused(assignment);
             let (key, _) = assignment.split_once('=').unwrap();

@@ -6,25 +6,27 @@ use std::fmt::Write as _;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{
+    config::{Base, ExportConfig},
     number::decimal,
-    urdf::{short, solid_name, solid_path, triple, visual_path},
+    urdf::{advance_limit, short, solid_name, solid_path, triple, visual_path},
 };
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Joint, Link, escape_xml as escape},
+    model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape},
 };
 
-/// Settings that every body shares. Collision geoms carry no mass: the bodies state theirs.
+/// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
+/// mass: the bodies state theirs.
 const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
   <option timestep="0.002" integrator="implicitfast"/>
   <visual>
     <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/>
   </visual>
   <default>
-    <default class="visual">
+    <default class="PREFIXvisual">
       <geom type="mesh" contype="0" conaffinity="0" group="2" density="0"/>
     </default>
-    <default class="collision">
+    <default class="PREFIXcollision">
       <geom type="mesh" group="3" rgba="0.6 0.6 0.6 0.3" density="0" friction="0.6 0.005 0.0001"/>
     </default>
   </default>
@@ -34,18 +36,20 @@ const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." auto
 /// friction holds.
 const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
 
-/// Ending of the name of the slide that carries a screw's hinge.
-const ADVANCE: &str = "_advance";
+/// A stiff thread: with MuJoCo's defaults a lid sinks into its jar.
+const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\"";
 
-/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world.
+/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is
+/// free.
 #[must_use]
-pub fn mjcf(model: &ArticulatedModel) -> String {
-    let mut text = format!("<mujoco model=\"{}\">\n{HEAD}  <asset>\n", escape(&model.name));
+pub fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+    let head = HEAD.replace("PREFIX", &config.prefix);
+    let mut text = format!("<mujoco model=\"{}\">\n{head}  <asset>\n", escape(&model.name));
     for link in &model.links {
         push_assets(&mut text, link);
     }
     text.push_str("  </asset>\n  <worldbody>\n");
-    push_body(&mut text, model, 0, None, 2);
+    push_body(&mut text, model, config, 0, None);
     text.push_str("  </worldbody>\n  <contact>\n");
     // MuJoCo does not filter parent and child where the parent is welded to the world: solids that touch at
     // rest would throw the child out.
@@ -57,19 +61,26 @@ pub fn mjcf(model: &ArticulatedModel) -> String {
     text.push_str("  </contact>\n");
     push_threads(&mut text, model);
     text.push_str("  <keyframe>\n");
-    // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
-    let order = joint_order(model, 0);
     let observed = model.states.iter().enumerate().map(|(k, state)| (format!("state{k}"), state.clone()));
     for (name, state) in observed.chain(model.closed_state().map(|state| ("closed".to_owned(), state))) {
-        let of = |&j: &usize| {
-            let advance = model.joints[j].kind.pitch_m_per_rad().map(|pitch| short(pitch * state[j]));
-            advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
-        };
-        let positions: Vec<String> = order.iter().flat_map(of).collect();
-        writeln!(text, "    <key name=\"{name}\" qpos=\"{}\"/>", positions.join(" ")).ok();
+        let (prefix, positions) = (&config.prefix, positions(model, config.base, &state));
+        writeln!(text, "    <key name=\"{prefix}{name}\" qpos=\"{positions}\"/>").ok();
     }
     text.push_str("  </keyframe>\n</mujoco>\n");
     text
+}
+
+/// Positions of everything that moves in the file of [`mjcf`], in its order.
+pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> String {
+    // The frame of a free root: its place, then the quaternion.
+    let root = (base == Base::Floating).then(|| "0 0 0 1 0 0 0".to_owned());
+    // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
+    let of = |j: usize| {
+        let advance = model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j]));
+        advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
+    };
+    let joints = joint_order(model, 0).into_iter().flat_map(of);
+    root.into_iter().chain(joints).collect::<Vec<_>>().join(" ")
 }
 
 /// Joints in the order in which the bodies of the text bring them, which is the order of positions in a
@@ -81,14 +92,16 @@ fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Ties the slide of every screw to its hinge.
+/// Ties the hinge of every screw to its slide.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
-    // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`.
+    // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge follows:
+    // MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's is small.
     let thread = |joint: &Joint| {
-        let (name, pitch) = (escape(&joint.name), short(joint.kind.pitch_m_per_rad()?));
+        let (name, advance) = (escape(&joint.name), escape(&joint.advance_name()));
+        let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
         Some(format!(
-            "    <joint name=\"{name}_thread\" joint1=\"{name}{ADVANCE}\" joint2=\"{name}\" polycoef=\"0 \
-             {pitch} 0 0 0\"/>\n"
+            "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
+             {turn} 0 0 0\" {HARD_THREAD}/>\n"
         ))
     };
     let threads: String = model.joints.iter().filter_map(thread).collect();
@@ -122,9 +135,16 @@ fn push_assets(text: &mut String, link: &Link) {
     }
 }
 
-fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: Option<&Joint>, depth: usize) {
-    let link = &model.links[index];
-    let (name, pad) = (escape(&link.name), "  ".repeat(depth));
+fn push_body(
+    text: &mut String,
+    model: &ArticulatedModel,
+    config: &ExportConfig,
+    index: usize,
+    joint: Option<&Joint>,
+) {
+    let (link, prefix) = (&model.links[index], &config.prefix);
+    let depth = (0..model.links.len()).filter(|&above| model.is_below(index, above)).count();
+    let (name, pad) = (escape(&link.name), "  ".repeat(depth + 2));
     let pose = joint.map_or_else(Pose::identity, |j| j.parent_from_joint);
     writeln!(text, "{pad}<body name=\"{name}\" {}>", place(&pose)).ok();
     let (mass, i) = (&link.inertial, &link.inertial.inertia);
@@ -137,34 +157,41 @@ fn push_body(text: &mut String, model: &ArticulatedModel, index: usize, joint: O
         short(mass.mass_kg)
     )
     .ok();
-    if let Some(joint) = joint {
-        push_joint(text, joint, &pad);
+    match joint {
+        Some(joint) => push_joint(text, joint, &pad),
+        None if config.base == Base::Floating => {
+            writeln!(text, "{pad}  <freejoint name=\"{name}_free\"/>").ok();
+        }
+        None => {}
     }
     if !link.visual.is_empty() {
         writeln!(
             text,
-            "{pad}  <geom class=\"visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" \
+            "{pad}  <geom class=\"{prefix}visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" \
             material=\"{name}\"/>"
         )
         .ok();
     }
     for k in 0..link.collision.len() {
         let solid = escape(&solid_name(link, k));
-        writeln!(text, "{pad}  <geom class=\"collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
+        writeln!(text, "{pad}  <geom class=\"{prefix}collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
     }
     // In the order of `joint_order`, which the keyframes have.
     for below in model.joints.iter().filter(|j| j.parent == index) {
-        push_body(text, model, below.child, Some(below), depth + 1);
+        push_body(text, model, config, below.child, Some(below));
     }
     writeln!(text, "{pad}</body>").ok();
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    // The slide comes before the hinge, as in the keyframes. It needs no range or friction: the thread ties
-    // it to the hinge, which has them.
-    if joint.kind.pitch_m_per_rad().is_some() {
-        let (name, axis) = (escape(&joint.name), triple(joint.axis.as_ref().as_ref()));
-        writeln!(text, "{pad}  <joint name=\"{name}{ADVANCE}\" type=\"slide\" axis=\"{axis}\"/>").ok();
+    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge, which has
+    // friction and damping; its range is for readers that know no equality, as Drake.
+    if let Some(pitch) = joint.kind.thread_m_per_rad() {
+        let (name, axis) = (escape(&joint.advance_name()), triple(joint.axis.as_ref().as_ref()));
+        let Limit { lower, upper, .. } = advance_limit(joint, pitch);
+        let range = format!("{} {}", short(lower), short(upper));
+        writeln!(text, "{pad}  <joint name=\"{name}\" type=\"slide\" axis=\"{axis}\" range=\"{range}\"/>")
+            .ok();
     }
     let kind = if joint.kind.turns() { "hinge" } else { "slide" };
     let (l, d) = (&joint.limit, &joint.dynamics);
@@ -211,7 +238,7 @@ mod tests {
     fn every_link_joint_pair_and_state_is_there() {
         let mut model = cabinet();
         model.joints[0].dynamics.friction = 0.3;
-        let text = mjcf(&model);
+        let text = mjcf(&model, &ExportConfig::default());
         let count = |what: &str| text.matches(what).count();
         assert_eq!(
             [count("<body "), count("<joint "), count("<exclude "), count("<key "), count("<texture ")],
@@ -246,11 +273,11 @@ mod tests {
     fn a_screw_is_a_slide_tied_to_a_hinge() {
         let mut model = cabinet();
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
-        let text = mjcf(&model);
+        let text = mjcf(&model, &ExportConfig::default());
         assert!(text.contains("<joint name=\"drawer_slide_advance\" type=\"slide\""), "{text}");
         assert!(text.contains("<joint name=\"drawer_slide\" type=\"hinge\""));
         assert!(
-            text.contains("joint1=\"drawer_slide_advance\" joint2=\"drawer_slide\" polycoef=\"0 0.5 0 0 0\"")
+            text.contains("joint1=\"drawer_slide\" joint2=\"drawer_slide_advance\" polycoef=\"0 2 0 0 0\"")
         );
         // Both positions of the screw stand in every keyframe.
         assert!(text.contains("qpos=\"0 0.09 0.18\""), "{text}");
@@ -265,6 +292,19 @@ mod tests {
         model.states.iter_mut().for_each(|s| s.swap(0, 1));
         model.joints[0].parent = 1;
         assert_eq!(joint_order(&model, 0), [1, 0]);
-        assert!(mjcf(&model).contains("qpos=\"0 0.18\""));
+        assert!(mjcf(&model, &ExportConfig::default()).contains("qpos=\"0 0.18\""));
+    }
+
+    #[test]
+    fn a_floating_root_is_free_and_stands_in_the_keyframes() {
+        let config =
+            ExportConfig { base: Base::Floating, prefix: "left_".to_owned(), ..ExportConfig::default() };
+        let text = mjcf(&cabinet(), &config);
+        assert!(text.contains("<freejoint name=\"body_free\"/>"), "{text}");
+        assert!(text.contains("<key name=\"left_state1\" qpos=\"0 0 0 1 0 0 0 1.25 0\"/>"), "{text}");
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let classes = document.descendants().filter_map(|n| n.attribute("class"));
+        assert!(classes.clone().count() > 2 && classes.clone().all(|c| c.starts_with("left_")), "{text}");
+        assert!(!mjcf(&cabinet(), &ExportConfig::default()).contains("freejoint"));
     }
 }

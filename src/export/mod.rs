@@ -4,9 +4,11 @@
 mod board_page;
 mod camera_poses;
 mod check;
+mod config;
 mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
+mod guide;
 mod look;
 mod mjcf;
 #[cfg(test)]
@@ -21,23 +23,30 @@ mod preview;
 mod report_html;
 mod report_json;
 mod ros_package;
+mod scene;
 mod sdf;
+mod srdf;
 mod start;
 mod urdf;
 mod usda;
 mod viewer;
+mod xacro;
 
 pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+pub use config::ExportConfig;
+#[cfg(test)]
+pub use config::{Base, UrdfScrew};
 pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
+pub use guide::screw_notes;
 #[cfg(test)]
 pub use look::look;
 pub use look::{LookConfig, looks};
 #[cfg(test)]
 pub use obj::textured_obj;
-pub use package::{ExportConfig, ExportFile, package, urdf_package};
+pub use package::{ExportFile, package, urdf_package};
 pub use part_count::PartCountReport;
 pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
@@ -45,6 +54,6 @@ pub use report_json::{InputFacts, RecordedCamera, Rendering, Report, RunFacts, S
 #[cfg(test)]
 pub use start::InitialMotion;
 pub use start::{compare_starts, nearest_starts};
-pub use urdf::roll_pitch_yaw;
+pub use urdf::{SINGLE_JOINT, roll_pitch_yaw};
 #[cfg(test)]
 pub use usda::usda;

@@ -6,7 +6,7 @@ use super::{
     look::Look,
     mjcf::mjcf,
     sdf::sdf,
-    urdf::{UrdfScrew, ros_urdf, urdf},
+    urdf::{ros_urdf, urdf},
     viewer::viewer_html,
     *,
 };
@@ -94,12 +94,17 @@ proptest! {
         for text in [urdf(&model, UrdfScrew::Nearest), ros_urdf(&model, UrdfScrew::Nearest)] {
             prop_assert_eq!((names(&text, "link"), names(&text, "joint")), (links.clone(), joints.clone()));
         }
-        let text = mjcf(&model);
+        let text = mjcf(&model, &ExportConfig::default());
         prop_assert_eq!((names(&text, "body"), names(&text, "joint")), (links.clone(), joints.clone()));
-        let text = sdf(&model);
+        let text = sdf(&model, &ExportConfig::default());
         prop_assert_eq!(names(&text, "link"), links);
         prop_assert_eq!(names(&text, "joint").len(), joints.len() + 1);
-        for text in [super::sdf::model_config(&model), super::ros_package::package_xml(&model)] {
+        let config = ExportConfig::default();
+        let texts = [
+            super::sdf::model_config(&model, &config),
+            super::ros_package::package_xml(&model, &config),
+        ];
+        for text in texts {
             let document = roxmltree::Document::parse(&text).unwrap();
             let written = document.descendants().find(|n| n.has_tag_name("name")).and_then(|n| n.text());
             prop_assert_eq!(written, Some(model.name.as_str()));
@@ -119,7 +124,7 @@ proptest! {
         for end in ends {
             prop_assert!(links.iter().any(|l| end.attribute("link") == Some(l)));
         }
-        names(&mjcf(&model), "body");
+        names(&mjcf(&model, &ExportConfig::default()), "body");
     }
 
     #[test]
@@ -162,15 +167,15 @@ proptest! {
         let plain = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         let config = LookConfig::default();
         let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &config)).collect();
-        let text = usda(&model, &looks);
+        let text = usda(&model, &looks, Base::Fixed);
         let prims: Vec<&str> = text.lines().filter_map(|l| l.trim_start().strip_prefix("def ")).collect();
         let is_definition = |line: &&str| line.trim_start().starts_with("def ");
-        let expected = usda(&cabinet(), &looks).lines().filter(is_definition).count();
+        let expected = usda(&cabinet(), &looks, Base::Fixed).lines().filter(is_definition).count();
         prop_assert_eq!(prims.len(), expected);
         for prim in prims {
             prop_assert!(plain(prim.split('"').nth(1).unwrap()), "{}", prim);
         }
-        let cmake = super::ros_package::cmake_lists(&model);
+        let cmake = super::ros_package::cmake_lists(&model, ["model.sdf"].into_iter());
         let project = cmake.split_once("project(").unwrap().1.split_once(")\n").unwrap().0;
         prop_assert!(plain(project), "{}", cmake);
     }

@@ -3,25 +3,24 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
+    config::{ExportConfig, UrdfScrew},
+    guide::guide,
     look::{Look, LookConfig, look},
     mjcf::mjcf,
     obj::{mtl, solid_obj, textured_obj},
     preview::{thumbnail, turntable},
-    ros_package::{cmake_lists, package_xml},
-    sdf::{model_config, sdf},
-    urdf::{UrdfScrew, ros_urdf, solid_name, solid_path, urdf, visual_path},
+    ros_package::{
+        CMAKE_LISTS, PACKAGE_XML, cmake_lists, controllers, display_launch, display_rviz, package_xml,
+    },
+    scene::{actuated, scene},
+    sdf::{SCREW_SDF, model_config, screw_sdf, sdf},
+    srdf::srdf,
+    urdf::{SINGLE_JOINT, ros_urdf, single_joint_urdf, solid_name, solid_path, urdf, visual_path},
     usda::usda,
     viewer::viewer_html,
+    xacro,
 };
 use crate::model::{ArticulatedModel, identifier};
-
-/// Choices among ways to say the same to a simulator.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ExportConfig {
-    /// How URDF holds a screw joint.
-    pub urdf_screw: UrdfScrew,
-}
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,20 +37,12 @@ pub struct ExportFile {
 /// ([`crate::model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
-    let name = identifier(&model.name);
     // Encoded once: the folder and the viewer hold the same textures.
     let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
-    let texts = [
-        (format!("{name}.urdf"), urdf(model, config.urdf_screw)),
-        (format!("{name}.ros.urdf"), ros_urdf(model, config.urdf_screw)),
-        (format!("{name}.xml"), mjcf(model)),
-        ("model.sdf".to_owned(), sdf(model)),
-        ("model.config".to_owned(), model_config(model)),
-        (format!("{name}.usda"), usda(model, looks)),
-        ("package.xml".to_owned(), package_xml(model)),
-        ("CMakeLists.txt".to_owned(), cmake_lists(model)),
-        ("viewer.html".to_owned(), viewer_html(model, looks, &textures)),
-    ];
+    let name = identifier(&model.name);
+    let mut texts = descriptions(model, config);
+    texts.push((format!("{name}.usda"), usda(model, looks, config.base)));
+    texts.push(("viewer.html".to_owned(), viewer_html(model, looks, &textures)));
     let mut files: Vec<ExportFile> =
         texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
     for ((link, look), png) in model.links.iter().zip(looks).zip(textures) {
@@ -69,12 +60,47 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
     }
     files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail(model) });
     files.push(ExportFile { path: "preview/turntable.gif".to_owned(), bytes: turntable(model) });
+    // Last, as it installs all others.
+    let lists = cmake_lists(model, files.iter().map(|f| f.path.as_str()));
+    files.push(ExportFile { path: CMAKE_LISTS.to_owned(), bytes: lists.into_bytes() });
     files
+}
+
+/// Path and text of the files that need no look.
+fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
+    let (name, screws) = (identifier(&model.name), config.urdf_screw);
+    let threaded = model.joints.iter().any(|j| j.kind.thread_m_per_rad().is_some());
+    let twin = format!("{name}.xml");
+    let mut texts = vec![
+        (format!("{name}.urdf"), urdf(model, screws)),
+        (format!("{name}.ros.urdf"), ros_urdf(model, screws)),
+        (format!("{name}.urdf.xacro"), xacro::top(model)),
+        (xacro::macro_file(model), xacro::macros(model, screws)),
+        ("scene.xml".to_owned(), scene(model, &twin)),
+        (twin, mjcf(model, config)),
+        ("model.sdf".to_owned(), sdf(model, config)),
+        ("model.config".to_owned(), model_config(model, config)),
+        (format!("config/{name}.srdf"), srdf(model, config)),
+        ("config/controllers.yaml".to_owned(), controllers(model, screws)),
+        ("launch/display.launch.py".to_owned(), display_launch(model)),
+        ("rviz/display.rviz".to_owned(), display_rviz(model)),
+        (PACKAGE_XML.to_owned(), package_xml(model, config)),
+        ("README.md".to_owned(), guide(model, config)),
+    ];
+    // In a folder of its own: tools look for the one URDF of the run's.
+    if threaded && screws == UrdfScrew::Pair {
+        texts.push((format!("{SINGLE_JOINT}/{name}.urdf"), single_joint_urdf(model)));
+    }
+    texts.extend(screw_sdf(model, config).map(|text| (SCREW_SDF.to_owned(), text)));
+    if !model.joints.is_empty() {
+        texts.push(("scene_actuated.xml".to_owned(), actuated(model, config)));
+    }
+    texts
 }
 
 /// [`package`] of a model without photos: the meshes' own colors are their textures.
 #[must_use]
-pub fn urdf_package(model: &ArticulatedModel) -> Vec<ExportFile> {
+pub fn urdf_package(model: &ArticulatedModel, config: &ExportConfig) -> Vec<ExportFile> {
     let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-    package(model, &looks, &ExportConfig::default())
+    package(model, &looks, config)
 }

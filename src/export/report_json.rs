@@ -43,7 +43,7 @@ pub struct Report {
 /// One observed state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StateReport {
-    /// Position of every joint by name, radians or meters.
+    /// Position of every joint by name, radians or meters; of a screw that of its slide, too.
     pub joints: BTreeMap<String, f64>,
 }
 
@@ -350,7 +350,13 @@ impl Report {
                 .joints
                 .iter()
                 .zip(positions)
-                .map(|(j, &q)| (j.name.clone(), round_significant(q, 12)))
+                .flat_map(|(j, &q)| {
+                    let turn = (j.name.clone(), round_significant(q, 12));
+                    // The slide of a screw leads in the URDF.
+                    let pitch = j.kind.thread_m_per_rad();
+                    let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
+                    advance.into_iter().chain([turn])
+                })
                 .collect(),
         };
         let link = |l: &crate::model::Link| LinkReport {

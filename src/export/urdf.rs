@@ -6,13 +6,18 @@
 use std::fmt::Write as _;
 
 use nalgebra::UnitQuaternion;
-use serde::{Deserialize, Serialize};
 
-use super::number::{decimal, significant};
+use super::{
+    config::UrdfScrew,
+    number::{decimal, significant},
+};
 use crate::{
     geometry::Pose,
     model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier},
 };
+
+/// Folder of the URDF in which a screw is its nearest joint.
+pub const SINGLE_JOINT: &str = "single_joint";
 
 /// Digits after the point of lengths, angles and axes.
 const PLACES: usize = 12;
@@ -30,51 +35,82 @@ const MUJOCO: &str = r#"  <mujoco>
 const NAMESPACE: &str = "urn:artitwin:urdf";
 /// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
 /// nothing.
-const CARRIER_KG: f64 = 1e-3;
-const CARRIER_KG_M2: f64 = 1e-6;
+pub(super) const CARRIER_KG: f64 = 1e-3;
+pub(super) const CARRIER_KG_M2: f64 = 1e-6;
 
-/// How URDF, which has no screw joint, holds one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum UrdfScrew {
-    /// As the nearest joint, its pitch in an element `artitwin:thread`.
-    #[default]
-    Nearest,
-    /// As a slide that mimics the turn that it carries, for simulators that honor `mimic`.
-    Pair,
+/// Friction of surfaces in Gazebo's words.
+const GAZEBO_FRICTION: &str = "<mu1>0.6</mu1><mu2>0.6</mu2>";
+
+/// How names and paths are written.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Form<'a> {
+    /// Before the path of every mesh.
+    pub paths: &'a str,
+    /// Before the name of every link and joint.
+    pub names: &'a str,
+    /// How a screw is held.
+    pub screws: UrdfScrew,
+    /// Whether Gazebo gets the friction of surfaces.
+    pub gazebo: bool,
 }
 
 /// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
 /// ([`crate::model::validate`]).
 #[must_use]
 pub fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
-    urdf_with_paths(model, "", screws)
+    robot(model, Form { screws, ..Form::default() })
+}
+
+/// URDF text with a joint for each joint, for the folder [`SINGLE_JOINT`].
+#[must_use]
+pub fn single_joint_urdf(model: &ArticulatedModel) -> String {
+    robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
 /// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
 #[must_use]
 pub fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
-    urdf_with_paths(model, &format!("package://{}/", identifier(&model.name)), screws)
+    let paths = format!("package://{}/", identifier(&model.name));
+    robot(model, Form { paths: &paths, names: "", screws, gazebo: true })
 }
 
-fn urdf_with_paths(model: &ArticulatedModel, prefix: &str, screws: UrdfScrew) -> String {
-    let threaded = model.joints.iter().any(|j| j.kind.pitch_m_per_rad().is_some());
+fn robot(model: &ArticulatedModel, form: Form) -> String {
+    let nearest = |j: &Joint| {
+        j.kind.pitch_m_per_rad().is_some()
+            && (form.screws == UrdfScrew::Nearest || j.kind.thread_m_per_rad().is_none())
+    };
     // Only where it is used: the namespace of what URDF has no word for.
-    let space = if threaded { format!(" xmlns:artitwin=\"{NAMESPACE}\"") } else { String::new() };
+    let space = if model.joints.iter().any(nearest) {
+        format!(" xmlns:artitwin=\"{NAMESPACE}\"")
+    } else {
+        String::new()
+    };
     let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\"{space}>\n", escape(&model.name));
-    for link in &model.links {
-        push_link(&mut text, link, prefix);
-    }
-    for joint in &model.joints {
-        match joint.kind.pitch_m_per_rad() {
-            Some(pitch) if screws == UrdfScrew::Pair => push_pair(&mut text, joint, pitch, &model.links),
-            _ => push_joint(&mut text, joint, &model.links),
-        }
-    }
+    push_elements(&mut text, model, form);
     // Last: there every importer that was tried accepts or skips it.
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
     text
+}
+
+/// Links and joints.
+pub(super) fn push_elements(text: &mut String, model: &ArticulatedModel, form: Form) {
+    for link in &model.links {
+        push_link(text, link, form);
+    }
+    for joint in &model.joints {
+        match joint.kind.thread_m_per_rad() {
+            Some(pitch) if form.screws == UrdfScrew::Pair => {
+                push_pair(text, joint, pitch, &model.links, form.names);
+            }
+            _ => push_joint(text, joint, &model.links, form.names),
+        }
+    }
+    for link in model.links.iter().filter(|_| form.gazebo) {
+        // Writing to a string cannot fail, here and below.
+        let name = escape(&link.name);
+        writeln!(text, "  <gazebo reference=\"{}{name}\">{GAZEBO_FRICTION}</gazebo>", form.names).ok();
+    }
 }
 
 /// Path of a link's visual mesh, relative to the URDF's folder.
@@ -112,13 +148,12 @@ pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
-fn push_link(text: &mut String, link: &Link, prefix: &str) {
-    let name = escape(&link.name);
+fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
+    let name = format!("{names}{}", escape(&link.name));
     let mass = &link.inertial;
     let i = &mass.inertia;
     // Always an inertial: without one Gazebo drops the link, Drake gives it no mass and PyBullet 1 kg.
     let com = triple(mass.center_of_mass.coords.as_ref());
-    // Writing to a string cannot fail, here and below.
     writeln!(text, "  <link name=\"{name}\">").ok();
     writeln!(
         text,
@@ -140,13 +175,13 @@ fn push_link(text: &mut String, link: &Link, prefix: &str) {
     // No `<material>` beside the texture: Newton would take it in the texture's place.
     if !link.visual.is_empty() {
         writeln!(text, "    <visual name=\"{name}_visual\">").ok();
-        push_mesh(text, &format!("{prefix}{}", visual_path(link)));
+        push_mesh(text, &format!("{paths}{}", visual_path(link)));
         text.push_str("    </visual>\n");
     }
     // One convex solid a collision: importers close a concave mesh by its hull, and a drawer could not move.
     for k in 0..link.collision.len() {
-        writeln!(text, "    <collision name=\"{}\">", escape(&solid_name(link, k))).ok();
-        push_mesh(text, &format!("{prefix}{}", solid_path(link, k)));
+        writeln!(text, "    <collision name=\"{names}{}\">", escape(&solid_name(link, k))).ok();
+        push_mesh(text, &format!("{paths}{}", solid_path(link, k)));
         text.push_str("    </collision>\n");
     }
     text.push_str("  </link>\n");
@@ -163,15 +198,10 @@ fn push_mesh(text: &mut String, path: &str) {
     .ok();
 }
 
-fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
-    let [parent, child] = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    open_joint(
-        text,
-        (&joint.name, joint.kind.nearest().name()),
-        &joint.parent_from_joint,
-        [parent, child],
-        joint,
-    );
+fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
+    let ends = [joint.parent, joint.child].map(|l| links[l].name.as_str());
+    let kind = (joint.name.as_str(), joint.kind.nearest().name());
+    open_joint(text, kind, &joint.parent_from_joint, ends, joint, names);
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();
         writeln!(
@@ -184,12 +214,16 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link]) {
     push_limit(text, joint);
 }
 
-/// A screw as a slide that follows the turn it carries, over a link that is a point of little mass.
-fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link]) {
-    let (carrier, advance) = (format!("{}_carrier", joint.name), format!("{}_advance", joint.name));
-    let (name, link) = (escape(&joint.name), escape(&carrier));
-    writeln!(text, "  <link name=\"{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>")
-        .ok();
+/// A screw as a slide and the turn on it that follows, over a link that is a point of little mass. The turn
+/// follows, as MuJoCo holds it stiffly then ([`super::mjcf`]).
+fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link], names: &str) {
+    let (carrier, advance) = (carrier_name(joint), joint.advance_name());
+    let link = escape(&carrier);
+    writeln!(
+        text,
+        "  <link name=\"{names}{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>"
+    )
+    .ok();
     let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
     writeln!(text, "      <mass value=\"{mass}\"/>").ok();
     writeln!(
@@ -198,34 +232,35 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
     )
     .ok();
     text.push_str("    </inertial>\n  </link>\n");
-    open_joint(
+    let ends = [links[joint.parent].name.as_str(), carrier.as_str()];
+    open_joint(text, (&advance, "prismatic"), &joint.parent_from_joint, ends, joint, names);
+    let limit = advance_limit(joint, pitch_m_per_rad);
+    // Friction and damping act once, at the turn.
+    push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
+    // The turn keeps the joint's name: the positions in the report are turns.
+    let ends = [carrier.as_str(), links[joint.child].name.as_str()];
+    open_joint(text, (&joint.name, "revolute"), &Pose::identity(), ends, joint, names);
+    writeln!(
         text,
-        (&advance, "prismatic"),
-        &joint.parent_from_joint,
-        [&links[joint.parent].name, &carrier],
-        joint,
-    );
+        "    <mimic joint=\"{names}{}\" multiplier=\"{}\" offset=\"0\"/>",
+        escape(&advance),
+        short(1.0 / pitch_m_per_rad)
+    )
+    .ok();
+    push_limit(text, joint);
+}
+
+/// Name of the link between the slide and the turn of a screw.
+pub(super) fn carrier_name(joint: &Joint) -> String {
+    format!("{}_carrier", joint.name)
+}
+
+/// Limits of the slide of a screw.
+pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
     // A left-handed thread has a negative pitch, which swaps the ends.
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
-    let limit = Limit { lower: ends[0], upper: ends[1], ..joint.limit };
-    writeln!(
-        text,
-        "    <mimic joint=\"{name}\" multiplier=\"{}\" offset=\"0\"/>",
-        decimal(pitch_m_per_rad, PLACES)
-    )
-    .ok();
-    // Friction and damping act once, at the turn.
-    push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
-    open_joint(
-        text,
-        // The turn keeps the joint's name: the positions in the report are turns.
-        (&joint.name, "revolute"),
-        &Pose::identity(),
-        [&carrier, &links[joint.child].name],
-        joint,
-    );
-    push_limit(text, joint);
+    Limit { lower: ends[0], upper: ends[1], ..joint.limit }
 }
 
 fn open_joint(
@@ -234,12 +269,13 @@ fn open_joint(
     parent_from_joint: &Pose,
     [parent, child]: [&str; 2],
     joint: &Joint,
+    names: &str,
 ) {
     let (xyz, rpy) = origin(parent_from_joint);
-    writeln!(text, "  <joint name=\"{}\" type=\"{kind}\">", escape(name)).ok();
+    writeln!(text, "  <joint name=\"{names}{}\" type=\"{kind}\">", escape(name)).ok();
     writeln!(text, "    <origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>").ok();
-    writeln!(text, "    <parent link=\"{}\"/>", escape(parent)).ok();
-    writeln!(text, "    <child link=\"{}\"/>", escape(child)).ok();
+    writeln!(text, "    <parent link=\"{names}{}\"/>", escape(parent)).ok();
+    writeln!(text, "    <child link=\"{names}{}\"/>", escape(child)).ok();
     writeln!(text, "    <axis xyz=\"{}\"/>", triple(joint.axis.as_ref().as_ref())).ok();
 }
 
@@ -377,13 +413,28 @@ mod tests {
             (&slide.joint_type, &turn.joint_type),
             (&urdf_rs::JointType::Prismatic, &urdf_rs::JointType::Revolute)
         );
-        let mimic = slide.mimic.as_ref().unwrap();
-        assert_eq!((mimic.joint.as_str(), mimic.multiplier), (turn.name.as_str(), Some(-0.5)));
+        let mimic = turn.mimic.as_ref().unwrap();
+        assert_eq!((mimic.joint.as_str(), mimic.multiplier), (slide.name.as_str(), Some(-2.0)));
+        assert!(slide.mimic.is_none());
         assert_eq!(
             (slide.limit.lower, slide.limit.upper),
             (-0.5 * model.joints[1].limit.upper, -0.5 * model.joints[1].limit.lower)
         );
         assert_eq!((&slide.child.link, &turn.child.link), (&turn.parent.link, &model.links[2].name));
+        assert!(single_joint_urdf(&model).contains("filename=\"../meshes/visual/drawer.obj\""));
+        // Finer than any file's thread is a hinge.
+        model.joints[1].kind = JointKind::Free { pitch_m_per_rad: 1e-6 };
+        let fine = urdf(&model, UrdfScrew::Pair);
+        assert!(fine.contains("<artitwin:thread type=\"free\"") && !fine.contains("mimic"), "{fine}");
+    }
+
+    #[test]
+    fn gazebo_gets_the_friction_of_every_link_by_the_file_for_ros() {
+        let text = ros_urdf(&cabinet(), UrdfScrew::Pair);
+        for name in ["body", "door", "drawer"] {
+            assert!(text.contains(&format!("<gazebo reference=\"{name}\"><mu1>0.6</mu1>")), "{text}");
+        }
+        assert!(!urdf(&cabinet(), UrdfScrew::Pair).contains("gazebo"));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
 use super::{
+    config::Base,
     look::Look,
     mjcf::quaternion,
     number::{decimal, significant},
@@ -18,9 +19,9 @@ use crate::{
     surface::TriangleMesh,
 };
 
-/// USD text of a model; `looks` in the order of its links.
+/// USD text of a model; `looks` in the order of its links. The root is held to the world, or floats.
 #[must_use]
-pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
+pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
     let name = &*identifier(&model.name);
     // Units and the up axis are stated: USD would take centimeters and y.
     let mut text = format!(
@@ -61,7 +62,7 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look]) -> String {
     }
     text.push_str("\n    def Scope \"Joints\"\n    {\n");
     // A joint without a first body holds the other one to the world.
-    if let Some(root) = model.links.first() {
+    if let Some(root) = model.links.first().filter(|_| base == Base::Fixed) {
         writeln!(
             text,
             "        def PhysicsFixedJoint \"world_fixed\"\n        {{\n            rel physics:body1 = \
@@ -303,7 +304,7 @@ mod tests {
     fn text(model: &ArticulatedModel) -> String {
         let looks: Vec<Look> =
             model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-        usda(model, &looks)
+        usda(model, &looks, Base::Fixed)
     }
 
     #[test]
@@ -325,6 +326,10 @@ mod tests {
             [3, 3, 3, 3]
         );
         assert_eq!(count("{"), count("}"));
+        let looks: Vec<Look> =
+            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+        assert!(!usda(&model, &looks, Base::Floating).contains("PhysicsFixedJoint"));
+        assert!(text.contains("PhysicsFixedJoint"));
     }
 
     #[test]

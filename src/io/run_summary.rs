@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use super::urdf::robot_of;
 use crate::{
-    export::require_numbers,
+    export::{SINGLE_JOINT, require_numbers},
     files,
     geometry::Pose,
     limits::{FileLimit, REPORT, URDF},
@@ -33,7 +33,7 @@ pub struct RunSummary {
     pub folder: PathBuf,
     /// Name of the twin.
     pub name: String,
-    /// The URDF for simulators, with paths relative to the folder.
+    /// The URDF with a joint for each joint, with paths relative to its folder.
     pub urdf: String,
     /// Name of the root link; its frame is the world frame of the recording.
     pub root: String,
@@ -113,6 +113,12 @@ impl RunSummary {
         self.joints.iter().map(|j| j.states.get(state).copied().unwrap_or_default()).collect()
     }
 
+    /// Path of the URDF with a joint for each joint.
+    #[must_use]
+    pub fn urdf_path(&self) -> PathBuf {
+        single_joint_urdf(&self.folder, &self.name)
+    }
+
     /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the
     /// twin's name.
     #[must_use]
@@ -123,8 +129,19 @@ impl RunSummary {
             if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
         // A folder's name may hold `&` or a quote.
         let base = escape_xml(&base);
-        self.urdf.replace("filename=\"meshes/", &format!("filename=\"{base}/meshes/"))
+        let absolute = format!("filename=\"{base}/meshes/");
+        ["filename=\"meshes/", "filename=\"../meshes/"]
+            .into_iter()
+            .fold(self.urdf.clone(), |urdf, relative| urdf.replace(relative, &absolute))
     }
+}
+
+/// Where a run folder has the URDF with a joint for each joint: in a folder of its own where screws are
+/// pairs.
+fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
+    let file = format!("{name}.urdf");
+    let single = folder.join(SINGLE_JOINT).join(&file);
+    if single.is_file() { single } else { folder.join(file) }
 }
 
 /// The fingerprint of the run that made a result, empty where its report has none; `None` where there is no
@@ -182,7 +199,7 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let path = folder.join("report.json");
     let report: ReportFile =
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
-    let path = folder.join(format!("{}.urdf", report.name));
+    let path = single_joint_urdf(folder, &report.name);
     let urdf = read(&path, URDF)?;
     // Before the parser, which takes `nan` and `inf` for numbers.
     require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
@@ -247,4 +264,47 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
         list.push(joint);
     }
     Some(list)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        export::{ExportConfig, Report, RunFacts, urdf_package},
+        io::{Place, ResultKind, RunDir, read_urdf},
+        model::example::cabinet,
+        temp::Temp,
+    };
+
+    #[test]
+    fn a_screw_that_is_a_pair_in_the_urdf_is_one_joint_here() {
+        let (mut model, temp) = (cabinet(), Temp::new("summary-screw"));
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.05 };
+        let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
+        for file in urdf_package(&model, &ExportConfig::default()) {
+            run.put(&file.path, &file.bytes).unwrap();
+        }
+        run.put("report.json", Report::new(&model, RunFacts::default()).to_json().as_bytes()).unwrap();
+        let folder = run.commit().unwrap().folder;
+        let summary = read_run_summary(&folder).unwrap();
+        assert_eq!(summary.joints.len(), 2);
+        assert!(summary.urdf_path().ends_with("single_joint/cabinet.urdf"));
+        assert!(summary.urdf_with_uris(true).contains("\"package://cabinet/meshes/visual/door.obj\""));
+        // Either way in, the links are where the model has them; the pair by the positions of the report.
+        let tree = read_urdf(&folder.join("cabinet.urdf")).unwrap();
+        let text = fs::read_to_string(folder.join("report.json")).unwrap();
+        let report: ReportFile = serde_json::from_str(&text).unwrap();
+        for (k, state) in model.states.iter().enumerate() {
+            let poses = summary.link_poses(&summary.positions(k));
+            for (i, link) in model.links.iter().enumerate() {
+                let expected = model.world_from_link(i, state);
+                let l = tree.links.iter().position(|l| l.name == link.name).unwrap();
+                let by_name = poses.iter().find(|(name, _)| *name == link.name).unwrap().1;
+                for pose in [by_name, tree.world_from_link(l, &report.states[k].joints)] {
+                    let off = (pose.inverse() * expected).to_homogeneous() - nalgebra::Matrix4::identity();
+                    assert!(off.norm() < 1e-6, "{}: {off}", link.name);
+                }
+            }
+        }
+    }
 }

@@ -194,7 +194,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        export::urdf_package,
+        export::{ExportConfig, urdf_package},
         io::{Place, ResultKind, RunDir},
         model::example::cabinet,
         temp::Temp,
@@ -204,7 +204,7 @@ mod tests {
     fn a_written_model_reads_back_in_every_pose() {
         let (model, temp) = (cabinet(), Temp::new("urdf-written"));
         let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
-        for file in urdf_package(&model) {
+        for file in urdf_package(&model, &ExportConfig::default()) {
             run.put(&file.path, &file.bytes).unwrap();
         }
         let tree = read_urdf(&run.commit().unwrap().folder.join("cabinet.urdf")).unwrap();

@@ -32,6 +32,10 @@ pub enum JointKind {
     },
 }
 
+/// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine
+/// screw.
+const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
+
 impl JointKind {
     /// Whether positions are radians.
     #[must_use]
@@ -46,6 +50,13 @@ impl JointKind {
             Self::Revolute | Self::Prismatic => None,
             Self::Screw { pitch_m_per_rad } | Self::Free { pitch_m_per_rad } => Some(pitch_m_per_rad),
         }
+    }
+
+    /// Advance per radian, meters, of a thread that files hold as a turn and a slide; one that advances less
+    /// than a hundredth of a millimeter per radian is a hinge there.
+    #[must_use]
+    pub fn thread_m_per_rad(self) -> Option<f64> {
+        self.pitch_m_per_rad().filter(|pitch| pitch.abs() > LEAST_THREAD_M_PER_RAD)
     }
 
     /// One word: `revolute`, `prismatic`, `screw`, `free`.
@@ -242,6 +253,12 @@ pub struct ArticulatedModel {
 }
 
 impl Joint {
+    /// Name of the slide that a thread is tied to, in files that hold both.
+    #[must_use]
+    pub fn advance_name(&self) -> String {
+        format!("{}_advance", self.name)
+    }
+
     /// Motion of the child at a joint position: child frame in the parent frame.
     #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {

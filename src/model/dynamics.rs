@@ -9,11 +9,23 @@ use crate::geometry::Pose;
 const GRAVITY_M_S2: f64 = 9.80665;
 /// Friction against the load that it must hold in the observed states.
 const HOLD: f64 = 1.25;
-/// Least friction as a share of the child's weight (times its lever for a revolute joint): a drawer on
-/// runners, a hinge.
+/// Least friction as a share of the child's weight (times its lever for a joint that turns, with the advance
+/// per radian of a thread): a drawer on runners, a hinge.
 const LEAST_SHARE: f64 = 0.02;
 /// A moving part left alone slows down within this time, seconds.
 const SLOWING_S: f64 = 0.5;
+
+/// What gravity and inertia do at a joint: the most of the observed states, the world's z axis being up.
+/// Efforts are N m where the joint turns and N where it slides.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointLoad {
+    /// Effort of gravity.
+    pub effort: f64,
+    /// Inertia that moves with the joint, kg m^2 or kg.
+    pub inertia: f64,
+    /// Effort of the child's weight at its lever, whichever way the axis points.
+    pub weight: f64,
+}
 
 /// Friction and damping of a joint, from what is known: in each observed state the object was at rest, so
 /// friction (or a stop) held the child's weight there; the world's z axis is taken for up. The least friction
@@ -21,24 +33,7 @@ const SLOWING_S: f64 = 0.5;
 /// until measured. See docs/method.md (10.4).
 #[must_use]
 pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
-    let joint = &model.joints[j];
-    let (mut load, mut inertia, mut weight) = (0.0f64, 0.0f64, 0.0f64);
-    for state in &model.states {
-        let frame = model.world_from_link(joint.parent, state) * joint.parent_from_joint;
-        let axis = frame.rotation * joint.axis.into_inner();
-        // Whatever hangs on the child loads the joint, too.
-        let below = (0..model.links.len()).filter(|&l| l == joint.child || model.is_below(l, joint.child));
-        let (mut torque, mut moved, mut pull) = (0.0, 0.0, 0.0);
-        for link in below {
-            let (effort, mass, lever_m) = pull_on(model, link, state, &frame, &axis, joint.kind);
-            (torque, moved, pull) = (
-                torque + effort,
-                moved + mass,
-                pull + model.links[link].inertial.mass_kg * GRAVITY_M_S2 * lever_m,
-            );
-        }
-        (load, inertia, weight) = (load.max(torque.abs()), inertia.max(moved), weight.max(pull));
-    }
+    let JointLoad { effort: load, inertia, weight } = joint_load(model, j);
     // docs/method.md (10.4), by the worst of the observed states.
     let friction = (HOLD * load).max(LEAST_SHARE * weight);
     JointDynamics {
@@ -53,32 +48,59 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     }
 }
 
-/// Effort of a link's weight on a joint, inertia that the joint moves with it, and the lever of its weight (1
-/// for a prismatic joint).
-fn pull_on(
+/// What loads a joint in the observed states.
+#[must_use]
+pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
+    let joint = &model.joints[j];
+    let mut most = JointLoad::default();
+    for state in &model.states {
+        let frame = model.world_from_link(joint.parent, state) * joint.parent_from_joint;
+        let axis = frame.rotation * joint.axis.into_inner();
+        // Whatever hangs on the child loads the joint, too.
+        let below = (0..model.links.len()).filter(|&l| l == joint.child || model.is_below(l, joint.child));
+        let mut all = JointLoad::default();
+        for link in below {
+            let one = pull_of(model, link, state, &frame, &axis, joint.kind);
+            all = JointLoad {
+                effort: all.effort + one.effort,
+                inertia: all.inertia + one.inertia,
+                weight: all.weight + one.weight,
+            };
+        }
+        most = JointLoad {
+            effort: most.effort.max(all.effort.abs()),
+            inertia: most.inertia.max(all.inertia),
+            weight: most.weight.max(all.weight),
+        };
+    }
+    most
+}
+
+/// What one link does at a joint in a state.
+fn pull_of(
     model: &ArticulatedModel,
     link: usize,
     state: &[f64],
     frame: &Pose,
     axis: &Vector3<f64>,
     kind: JointKind,
-) -> (f64, f64, f64) {
+) -> JointLoad {
     let inertial = &model.links[link].inertial;
     let world_from_link = model.world_from_link(link, state);
     let arm = (world_from_link * inertial.center_of_mass).coords - frame.translation.vector;
-    let weight = Vector3::new(0.0, 0.0, -GRAVITY_M_S2 * inertial.mass_kg);
-    match kind {
-        JointKind::Prismatic => (axis.dot(&weight), inertial.mass_kg, 1.0),
-        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-            // Inertia about the axis: that about the center of mass and the distance (parallel axes).
-            let across = arm.cross(axis).norm();
-            let turned = world_from_link.rotation.inverse() * axis;
-            (
-                axis.dot(&arm.cross(&weight)),
-                turned.dot(&(inertial.inertia * turned)) + inertial.mass_kg * across * across,
-                across,
-            )
-        }
+    let (mass_kg, weight_n) = (inertial.mass_kg, GRAVITY_M_S2 * inertial.mass_kg);
+    let weight = Vector3::new(0.0, 0.0, -weight_n);
+    if !kind.turns() {
+        return JointLoad { effort: axis.dot(&weight), inertia: mass_kg, weight: weight_n };
+    }
+    // Inertia about the axis: that about the center of mass and the distance (parallel axes). A thread also
+    // lifts the link by its pitch, by virtual work at the turn.
+    let (across, pitch) = (arm.cross(axis).norm(), kind.pitch_m_per_rad().unwrap_or(0.0));
+    let turned = world_from_link.rotation.inverse() * axis;
+    JointLoad {
+        effort: axis.dot(&arm.cross(&weight)) + pitch * axis.dot(&weight),
+        inertia: turned.dot(&(inertial.inertia * turned)) + mass_kg * (across * across + pitch * pitch),
+        weight: weight_n * (across + pitch.abs()),
     }
 }
 
@@ -102,5 +124,23 @@ mod tests {
         model.joints[1].axis = Vector3::x_axis();
         let drawer = assumed_dynamics(&model, 1);
         assert!((drawer.friction - 0.02 * GRAVITY_M_S2).abs() < 1e-9 && (drawer.damping - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn friction_of_a_thread_holds_what_it_lifts() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: -0.012 };
+        model.joints[1].parent_from_joint = Pose::identity();
+        model.joints[1].axis = Vector3::z_axis();
+        model.links[2].inertial.center_of_mass = nalgebra::Point3::new(0.0, 0.0, 0.1);
+        let upright = assumed_dynamics(&model, 1);
+        assert!((upright.friction - 1.25 * GRAVITY_M_S2 * 0.012).abs() < 1e-9, "{upright:?}");
+        let about_z = model.links[2].inertial.inertia[(2, 2)];
+        assert!((upright.damping - 2.0 * (about_z + 0.012 * 0.012)).abs() < 1e-9, "{upright:?}");
+        // Lying, it lifts nothing: the least friction stands, and is not nothing.
+        model.joints[1].axis = Vector3::x_axis();
+        model.links[2].inertial.center_of_mass = nalgebra::Point3::new(0.1, 0.0, 0.0);
+        let lying = assumed_dynamics(&model, 1);
+        assert!((lying.friction - 0.02 * GRAVITY_M_S2 * 0.012).abs() < 1e-9, "{lying:?}");
     }
 }

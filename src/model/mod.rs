@@ -10,6 +10,7 @@ pub(crate) mod example;
 mod joint_family;
 mod material;
 mod names;
+mod part_names;
 mod seat;
 mod sweep;
 mod tree;
@@ -21,12 +22,13 @@ pub use articulated::{
 };
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
-pub use dynamics::assumed_dynamics;
+pub use dynamics::{JointLoad, assumed_dynamics, joint_load};
 pub use joint_family::{JointFamily, TypeScores};
 pub use material::Material;
 #[cfg(test)]
 pub use names::is_xml_text;
 pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
+pub use part_names::{PartNames, named};
 pub use seat::{Seat, seat};
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};

@@ -82,9 +82,7 @@ impl Diagnoser {
         if goal.gravity.iter().any(|g| !g.is_finite()) {
             return Err(GoalError::Gravity);
         }
-        let made = || {
-            self.twins.borrow().as_ref().map(|t| t.summary.folder.join(format!("{}.urdf", t.summary.name)))
-        };
+        let made = || self.twins.borrow().as_ref().map(|t| t.summary.urdf_path());
         let twin = match goal.twin.as_str() {
             // A message has no absent fields: an empty path asks for the twin that was made last.
             "" => made().ok_or(GoalError::NoTwin)?,

@@ -12,10 +12,10 @@ use super::{
 use crate::{
     capture::Capture,
     config::Config,
-    export::PartCountReport,
+    export::{PartCountReport, screw_notes},
     geometry::Pose,
     io::OnnxMatcher,
-    model::{ArticulatedModel, validate},
+    model::{ArticulatedModel, named, validate},
     note::Note,
 };
 
@@ -68,6 +68,7 @@ pub fn reconstruct_twin(
         // Surfaces of the parts from all states, links, masses, limits (docs/method.md 9, 10).
         stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, joints, &scene))?;
     check(&model)?;
+    let model = named(model, config.export.names, &config.export.prefix);
     Ok(twin(model, &states, found, &scene, stages))
 }
 
@@ -90,6 +91,9 @@ fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, 
         views.iter().for_each(|n| stages.monitor.note(n));
         notes.extend(views);
     }
+    let forms = screw_notes(&model, &scene.config.export);
+    forms.iter().for_each(|n| stages.monitor.note(n));
+    notes.extend(forms);
     let config = scene.config;
     let part_count =
         PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);

@@ -5,6 +5,7 @@
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use artitwin::internal::{
+    export::ExportConfig,
     geometry::Pose,
     io::{Place, ResultKind, RunDir, read_mesh},
     model::{
@@ -255,17 +256,44 @@ pub fn lamp() -> ArticulatedModel {
     build("lamp", foot, vec![arm], &ModelConfig::default())
 }
 
+/// A box with a plate on it that turns and rises by 12 mm a radian.
+pub fn jar() -> ArticulatedModel {
+    let body = boards(
+        &[
+            [[-0.04, -0.04, 0.0], [0.04, 0.04, 0.008]],
+            [[-0.04, -0.04, 0.008], [-0.032, 0.04, 0.1]],
+            [[0.032, -0.04, 0.008], [0.04, 0.04, 0.1]],
+            [[-0.032, -0.04, 0.008], [0.032, -0.032, 0.1]],
+            [[-0.032, 0.032, 0.008], [0.032, 0.04, 0.1]],
+        ],
+        [150, 170, 190],
+    );
+    let lid = boards(&[[[-0.045, -0.045, 0.104], [0.045, 0.045, 0.12]]], [200, 60, 50]);
+    let kind = JointKind::Screw { pitch_m_per_rad: 0.012 };
+    let lid = part(kind, [0.0, 0.0, 1.0], [0.0, 0.0, 0.11], 2.4, lid);
+    build("jar", body, vec![lid], &ModelConfig::default())
+}
+
 /// Writes a model as a run: URDF, meshes and the states of the report.
 pub fn write_run(model: &ArticulatedModel, out: &Path) -> std::path::PathBuf {
+    write_run_as(model, &ExportConfig::default(), out)
+}
+
+/// The same, with the files written as asked for.
+pub fn write_run_as(model: &ArticulatedModel, config: &ExportConfig, out: &Path) -> std::path::PathBuf {
     assert_eq!(validate(model), []);
     let run =
         RunDir::open(&Place::named(out, &model.name), ResultKind::Reconstruct).expect("an output folder");
-    for file in artitwin::internal::export::urdf_package(model) {
+    for file in artitwin::internal::export::urdf_package(model, config) {
         run.put(&file.path, &file.bytes).expect("a written file");
     }
     let state = |q: &Vec<f64>| {
-        let joints: BTreeMap<&str, f64> =
-            model.joints.iter().map(|j| j.name.as_str()).zip(q.iter().copied()).collect();
+        let mut joints = BTreeMap::new();
+        for (joint, &q) in model.joints.iter().zip(q) {
+            joints.insert(joint.name.clone(), q);
+            // As the report has it.
+            joints.extend(joint.kind.thread_m_per_rad().map(|pitch| (joint.advance_name(), pitch * q)));
+        }
         serde_json::json!({ "joints": joints })
     };
     let report = serde_json::json!({ "states": model.states.iter().map(state).collect::<Vec<_>>() });

@@ -18,6 +18,12 @@ BALL_M = 0.025
 REST_S = 10.0
 
 
+def single_joint(folder, name):
+    """The URDF with a joint for each joint: where screws are pairs it has a folder of its own."""
+    single = folder / "single_joint" / f"{name}.urdf"
+    return single if single.exists() else folder / f"{name}.urdf"
+
+
 def states(folder):
     report = json.loads((folder / "report.json").read_text())
     return [state["joints"] for state in report["states"]]
@@ -63,18 +69,20 @@ class PyBullet:
         self.p.resetSimulation() if self.p.isConnected() else self.p.connect(self.p.DIRECT)
         self.p.setGravity(0, 0, -9.80665)
         flags = self.p.URDF_USE_INERTIA_FROM_FILE | self.p.URDF_USE_SELF_COLLISION
-        self.body = self.p.loadURDF(str(folder / f"{name}.urdf"), useFixedBase=True, flags=flags)
+        # PyBullet drops `mimic`.
+        path = single_joint(folder, name)
+        self.body = self.p.loadURDF(str(path), useFixedBase=True, flags=flags)
         info = [self.p.getJointInfo(self.body, j) for j in range(self.p.getNumJoints(self.body))]
         self.joints = [i[1].decode() for i in info]
-        robot = ElementTree.parse(folder / f"{name}.urdf").getroot()
+        robot = ElementTree.parse(path).getroot()
         # PyBullet stores joint friction and ignores it; a motor at speed 0 with that force is the same.
         for j in robot.findall("joint"):
             index, friction = self.joints.index(j.get("name")), float(j.find("dynamics").get("friction"))
             self.p.setJointMotorControl2(self.body, index, self.p.VELOCITY_CONTROL, targetVelocity=0, force=friction)
 
     def set(self, positions):
-        for name, q in positions.items():
-            self.p.resetJointState(self.body, self.joints.index(name), q)
+        for name in self.joints:
+            self.p.resetJointState(self.body, self.joints.index(name), positions[name])
 
     def get(self, name):
         return self.p.getJointState(self.body, self.joints.index(name))[0]
@@ -92,6 +100,8 @@ def rest(simulator, observed):
         simulator.set(positions)
         simulator.run(REST_S)
         for name, q in positions.items():
+            if name not in simulator.joints:  # the slide of a screw, of a file without it
+                continue
             worst[name] = max(worst.get(name, 0.0), abs(simulator.get(name) - q))
     return worst
 
@@ -108,7 +118,7 @@ def opened(make, observed, efforts):
 
 def efforts_of(folder, name):
     """Three times the friction and a little more: what opens a part that is not jammed."""
-    robot = ElementTree.parse(folder / f"{name}.urdf").getroot()
+    robot = ElementTree.parse(single_joint(folder, name)).getroot()
     return {j.get("name"): 3 * float(j.find("dynamics").get("friction")) + 0.5 for j in robot.findall("joint")}
 
 

@@ -216,7 +216,7 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
             found.warn(
                 Rule::Sweep,
                 &joint.name,
-                format!("{advance}; `--set export.urdf_screw=pair` writes a slide that follows the turn"),
+                format!("{advance}; a slide and a turn that mimics it would hold both"),
             );
         // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a
         // folding door.

@@ -177,12 +177,16 @@ fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::usda, gap::model::format::Stop, model::example::cabinet};
+    use crate::{
+        export::{Base, usda},
+        gap::model::format::Stop,
+        model::example::cabinet,
+    };
 
     #[test]
     fn attributes_of_one_joint_are_set_in_degrees() {
         let model = cabinet();
-        let text = usda(&model, &[]);
+        let text = usda(&model, &[], Base::Fixed);
         let joint = &model.joints[0];
         assert!(joint.kind.turns());
         let held = JointNumbers {
@@ -219,7 +223,7 @@ mod tests {
     #[test]
     fn links_of_a_tilted_joint_turn_with_it() {
         let model = cabinet();
-        let text = usda(&model, &[]);
+        let text = usda(&model, &[], Base::Fixed);
         let joint = &model.joints[0];
         let names = |k: usize| model.links[k].name.clone();
         let turned = joint.parent_from_joint * Pose::rotation(nalgebra::Vector3::new(0.05, -0.1, 0.02));
@@ -229,7 +233,7 @@ mod tests {
         let mut other = model.clone();
         other.joints[0].parent_from_joint = turned;
         // As if the model had been written with the joint turned, to the digits of the file.
-        let wanted = usda(&other, &[]);
+        let wanted = usda(&other, &[], Base::Fixed);
         for name in [names(joint.parent), names(joint.child), names(model.joints[1].child)] {
             let (a, b) = (link_pose(&changed, &name).unwrap().pose, link_pose(&wanted, &name).unwrap().pose);
             assert!((a.to_homogeneous() - b.to_homogeneous()).norm() < 1e-6, "{name}");

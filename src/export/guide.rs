@@ -1,0 +1,115 @@
+//! `README.md` of a twin's folder: which file is for what.
+
+use std::fmt::Write as _;
+
+use super::{
+    config::{Base, ExportConfig, UrdfScrew},
+    sdf::SCREW_SDF,
+    urdf::SINGLE_JOINT,
+    xacro::macro_file,
+};
+use crate::{
+    model::{ArticulatedModel, identifier},
+    note::{Note, NoteCode},
+};
+
+/// The text.
+#[must_use]
+pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
+    let (name, macros) = (identifier(&model.name), macro_file(model));
+    let mut rows = vec![
+        (format!("{name}.urdf"), "any simulator that reads URDF"),
+        (format!("{name}.xml"), "MuJoCo: the twin, passive; its keyframes are the observed states"),
+        ("scene.xml".to_owned(), "MuJoCo: the twin on a floor, with light and camera"),
+    ];
+    if !model.joints.is_empty() {
+        rows.push(("scene_actuated.xml".to_owned(), "the scene with a position actuator a joint"));
+    }
+    rows.extend([
+        ("model.sdf, model.config".to_owned(), "Gazebo, Drake"),
+        (format!("{name}.usda"), "USD with UsdPhysics"),
+        (format!("{name}.ros.urdf"), "ROS 2: paths by package://"),
+        (format!("{name}.urdf.xacro, {macros}"), "ROS 2: with a prefix, held by a link, ros2_control"),
+        (format!("config/{name}.srdf"), "MoveIt: group, states, pairs of links that never collide"),
+        ("launch/display.launch.py".to_owned(), "ROS 2: the twin in RViz, with sliders"),
+        ("viewer.html, report.html".to_owned(), "a browser"),
+    ]);
+    let mut text =
+        format!("# {name}\n\nTwin of a recorded object, by artitwin.\n\n| file | for |\n|---|---|\n");
+    // Writing to a string cannot fail, here and below.
+    rows.iter().for_each(|(file, what)| writeln!(text, "| `{file}` | {what} |").unwrap_or_default());
+    text.push('\n');
+    let base = match config.base {
+        Base::Fixed => "stands still in the world",
+        Base::Floating => "is free",
+    };
+    writeln!(
+        text,
+        "The root link {base} in MJCF, SDF and USD; URDF has no word for that, there an option of the \
+         simulator decides."
+    )
+    .ok();
+    screw_notes(model, config).iter().for_each(|n| writeln!(text, "\n{n}.").unwrap_or_default());
+    text
+}
+
+/// How the files hold each screw.
+#[must_use]
+pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note> {
+    let name = identifier(&model.name);
+    let of = |joint: &crate::model::Joint| {
+        joint.kind.thread_m_per_rad()?;
+        let (turn, advance) = (&joint.name, joint.advance_name());
+        let urdf = match config.urdf_screw {
+            UrdfScrew::Pair => format!(
+                "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators \
+                 that drop mimic (PyBullet, MuJoCo before 4) get a turn without advance from \
+                 {SINGLE_JOINT}/{name}.urdf"
+            ),
+            UrdfScrew::Nearest => format!("{name}.urdf holds it as a turn without advance"),
+        };
+        let text = format!(
+            "{turn} is a screw: {urdf}; model.sdf holds the pair, for Drake, and {SCREW_SDF}, which \
+             model.config names, SDF's own screw, for Gazebo; USD holds a turn without advance"
+        );
+        Some(Note::new(NoteCode::ScrewForms, text))
+    };
+    model.joints.iter().filter_map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        export::{LookConfig, look, package},
+        model::{JointKind, example::cabinet},
+    };
+
+    #[test]
+    fn every_file_that_is_named_is_written_and_all_are_installed() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
+        for screws in [UrdfScrew::Pair, UrdfScrew::Nearest] {
+            let config = ExportConfig { urdf_screw: screws, ..ExportConfig::default() };
+            let looks: Vec<_> =
+                model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
+            let files = package(&model, &looks, &config);
+            let has = |path: &str| files.iter().any(|f| f.path == path);
+            let text = guide(&model, &config);
+            let rows = text.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`'));
+            for file in rows.flat_map(|(files, _)| files.split(", ")) {
+                assert!(has(file) || file == "report.html", "{file}");
+            }
+            assert_eq!(has("single_joint/cabinet.urdf"), screws == UrdfScrew::Pair);
+            assert!(text.contains("screw.sdf") && has("screw.sdf"), "{text}");
+            let cmake = files.iter().find(|f| f.path == "CMakeLists.txt").unwrap();
+            let cmake = String::from_utf8(cmake.bytes.clone()).unwrap();
+            for file in &files {
+                let installed = file.path.split_once('/').map_or(file.path.as_str(), |(folder, _)| folder);
+                let is_listed = cmake.lines().any(|l| l.trim() == installed);
+                assert_eq!(is_listed, !["package.xml", "CMakeLists.txt"].contains(&installed), "{installed}");
+            }
+        }
+        assert!(screw_notes(&cabinet(), &ExportConfig::default()).is_empty());
+    }
+}

@@ -1,0 +1,171 @@
+//! MJCF files around the twin: a scene with floor, light and camera, and the same with a position actuator a
+//! joint. The twin's own file stays passive.
+
+use std::fmt::Write as _;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    config::ExportConfig,
+    mjcf::positions,
+    urdf::{short, triple},
+};
+use crate::model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
+
+/// Where the camera stands, from the object's middle: before it, to the side and above; along no axis.
+const VIEW: [f64; 3] = [1.0, -0.7, 0.6];
+/// Distance of the camera in radii of the object.
+const AWAY: f64 = 3.0;
+/// Natural frequency of a position actuator without friction, rad/s: a choice, a second to settle.
+const SERVO_RAD_S: f64 = 10.0;
+/// Share of the range by which an actuator may stay off its goal where friction or gravity holds: a choice.
+const SERVO_ERROR: f64 = 0.02;
+/// Highest natural frequency that the time step of 2 ms follows, rad/s: derived, a tenth of the step's.
+const FASTEST_RAD_S: f64 = 200.0;
+
+/// `scene.xml`: the twin on a floor, with a light and a camera.
+#[must_use]
+pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
+    let (lower, upper) = bounds(model);
+    let (center, radius_m) = (nalgebra::center(&lower, &upper), (0.5 * (upper - lower).norm()).max(1e-3));
+    let eye = center + Vector3::from(VIEW).normalize() * AWAY * radius_m;
+    let forward = (center - eye).normalize();
+    // The camera looks along its -z; y is up in the picture.
+    let right = forward.cross(&Vector3::z()).normalize();
+    let up = right.cross(&forward);
+    let three = |v: &Vector3<f64>| triple(v.as_ref());
+    format!(
+        r#"<mujoco model="{name}_scene">
+  <include file="{file}"/>
+  <statistic center="{center}" extent="{extent}"/>
+  <visual>
+    <map shadowclip="3"/>
+    <global offwidth="1280" offheight="960"/>
+  </visual>
+  <asset>
+    <texture name="scene_sky" type="skybox" builtin="gradient" rgb1="0.8 0.85 0.9" rgb2="0.4 0.45 0.5" width="64" height="384"/>
+    <texture name="scene_floor" type="2d" builtin="checker" rgb1="0.55 0.55 0.55" rgb2="0.45 0.45 0.45" width="128" height="128"/>
+    <material name="scene_floor" texture="scene_floor" texuniform="true" texrepeat="4 4"/>
+  </asset>
+  <worldbody>
+    <light name="scene_light" directional="true" pos="{light}" dir="-0.3 0.3 -1" diffuse="0.5 0.5 0.5"/>
+    <geom name="scene_floor" type="plane" size="0 0 0.05" pos="{floor}" material="scene_floor" friction="0.6 0.005 0.0001"/>
+    <camera name="scene_camera" pos="{eye}" xyaxes="{right} {up}"/>
+  </worldbody>
+</mujoco>
+"#,
+        name = escape(&model.name),
+        file = escape(twin_file),
+        center = three(&center.coords),
+        extent = short(2.0 * radius_m),
+        light = three(&(center.coords + Vector3::new(0.0, 0.0, AWAY * radius_m))),
+        floor = three(&Vector3::new(center.x, center.y, lower.z)),
+        eye = three(&eye.coords),
+        right = three(&right),
+        up = three(&up),
+    )
+}
+
+/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... a state in
+/// which they hold it.
+#[must_use]
+pub fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
+    let mut text = format!(
+        "<mujoco model=\"{}_actuated\">\n  <include file=\"scene.xml\"/>\n  <actuator>\n",
+        escape(&model.name)
+    );
+    for (j, joint) in model.joints.iter().enumerate() {
+        let (name, [kp, kv]) = (escape(&joint.name), gains(joint, &joint_load(model, j)));
+        let l = &joint.limit;
+        // Writing to a string cannot fail, here and below.
+        writeln!(
+            text,
+            "    <position name=\"{name}\" joint=\"{name}\" kp=\"{}\" kv=\"{}\" ctrlrange=\"{} {}\" \
+             forcerange=\"-{effort} {effort}\"/>",
+            short(kp),
+            short(kv),
+            short(l.lower),
+            short(l.upper),
+            effort = short(l.effort),
+        )
+        .ok();
+    }
+    text.push_str("  </actuator>\n  <keyframe>\n");
+    for (k, state) in model.states.iter().enumerate() {
+        let goals = state.iter().map(|q| short(*q)).collect::<Vec<_>>().join(" ");
+        let (prefix, positions) = (&config.prefix, positions(model, config.base, state));
+        writeln!(text, "    <key name=\"{prefix}hold{k}\" qpos=\"{positions}\" ctrl=\"{goals}\"/>").ok();
+    }
+    text.push_str("  </keyframe>\n</mujoco>\n");
+    text
+}
+
+/// Stiffness and damping of an actuator: as stiff as friction asks for, as far as the time step follows;
+/// damped critically.
+fn gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
+    let range = (joint.limit.upper - joint.limit.lower).max(1e-6);
+    let held = joint.dynamics.friction + load.effort;
+    let stiff = (SERVO_RAD_S.powi(2) * load.inertia).max(held / (SERVO_ERROR * range));
+    let kp = stiff.min(FASTEST_RAD_S.powi(2) * load.inertia).max(f64::MIN_POSITIVE);
+    [kp, 2.0 * (kp * load.inertia).sqrt()]
+}
+
+/// The box of all solids and surfaces in all states, world.
+fn bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
+    let closed = vec![vec![0.0; model.joints.len()]];
+    let states = if model.states.is_empty() { &closed } else { &model.states };
+    let places = states.iter().flat_map(|q| {
+        model.links.iter().enumerate().flat_map(move |(l, link)| {
+            let pose = model.world_from_link(l, q);
+            let surface = link.visual.vertices.iter().map(|v| v.cast::<f64>());
+            let solids = link.collision.iter().flat_map(|s| s.vertices.iter().copied());
+            surface.chain(solids).map(move |p| pose * p)
+        })
+    });
+    let around = places.map(|p| (p, p)).reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)));
+    around.unwrap_or((Point3::origin(), Point3::origin()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{export::config::Base, model::example::cabinet};
+
+    #[test]
+    fn the_floor_is_below_all_and_the_camera_looks_at_the_middle() {
+        let model = cabinet();
+        let text = scene(&model, "cabinet.xml");
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let of = |tag: &str, attribute: &str| -> Vec<f64> {
+            let node = document.descendants().find(|n| n.has_tag_name(tag)).unwrap();
+            node.attribute(attribute).unwrap().split(' ').map(|x| x.parse().unwrap()).collect()
+        };
+        let (lower, upper) = bounds(&model);
+        assert!((of("geom", "pos")[2] - lower.z).abs() < 1e-9);
+        let axes = of("camera", "xyaxes");
+        let (x, y) = (Vector3::from_row_slice(&axes[..3]), Vector3::from_row_slice(&axes[3..]));
+        let to = nalgebra::center(&lower, &upper) - Point3::from_slice(&of("camera", "pos"));
+        assert!((x.cross(&y) + to.normalize()).norm() < 1e-9, "{text}");
+        assert!(y.z > 0.0 && text.contains("<include file=\"cabinet.xml\"/>"));
+    }
+
+    #[test]
+    fn every_joint_has_an_actuator_that_holds_every_state() {
+        let mut model = cabinet();
+        model.joints[0].dynamics.friction = 1.0;
+        let config = ExportConfig { base: Base::Floating, ..ExportConfig::default() };
+        let text = actuated(&model, &config);
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let servos: Vec<_> = document.descendants().filter(|n| n.has_tag_name("position")).collect();
+        let words = |name: &str| servos.iter().map(|n| n.attribute(name).unwrap()).collect::<Vec<_>>();
+        assert_eq!(words("joint"), ["door_hinge", "drawer_slide"]);
+        assert_eq!(words("ctrlrange"), ["0 1.25", "0 0.18"]);
+        assert_eq!(words("forcerange"), ["-50 50", "-50 50"]);
+        // The friction of 1 N m leaves an error of 2 % of the range; the drawer has none.
+        let kp: Vec<f64> = words("kp").iter().map(|k| k.parse().unwrap()).collect();
+        let load = joint_load(&model, 0);
+        assert!((kp[0] - (1.0 + load.effort) / (0.02 * 1.25)).abs() < 1e-6 * kp[0], "{kp:?} {load:?}");
+        assert!(kp[1] >= 100.0 * 0.999, "{kp:?}");
+        assert!(text.contains("qpos=\"0 0 0 1 0 0 0 1.25 0\" ctrl=\"1.25 0\""), "{text}");
+    }
+}

@@ -1,0 +1,157 @@
+//! SRDF text, for MoveIt: the joints as a group, the observed states, and pairs of links that need no check.
+
+use std::fmt::Write as _;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    config::{Base, ExportConfig},
+    urdf::short,
+    xacro::commanded,
+};
+use crate::model::{ArticulatedModel, escape_xml as escape};
+
+/// Positions looked at along a chain of one, two or three joints, each; longer chains are not looked at.
+const STEPS: [usize; 3] = [25, 12, 6];
+
+/// SRDF text of a model. Pairs are disabled where a joint joins them, and where the boxes of all places that
+/// both can reach within the limits lie apart.
+#[must_use]
+pub fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+    let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
+    let name = escape(&model.name);
+    let kind = if config.base == Base::Floating { "floating" } else { "fixed" };
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<robot name=\"{name}\">\n  <virtual_joint name=\"{0}{name}_in_world\" \
+         type=\"{kind}\" parent_frame=\"world\" child_link=\"{root}\"/>\n  <group name=\"{0}{name}\">\n",
+        config.prefix
+    );
+    let leaders: Vec<String> =
+        model.joints.iter().map(|j| escape(&commanded(j, config.urdf_screw).0)).collect();
+    // Writing to a string cannot fail, here and below.
+    for joint in &leaders {
+        writeln!(text, "    <joint name=\"{joint}\"/>").ok();
+    }
+    text.push_str("  </group>\n");
+    for (k, state) in model.states.iter().enumerate() {
+        writeln!(text, "  <group_state name=\"state{k}\" group=\"{}{name}\">", config.prefix).ok();
+        for ((joint, leader), q) in model.joints.iter().zip(&leaders).zip(state) {
+            let is_turn = *leader == escape(&joint.name);
+            let factor = if is_turn { 1.0 } else { joint.kind.thread_m_per_rad().unwrap_or(1.0) };
+            writeln!(text, "    <joint name=\"{leader}\" value=\"{}\"/>", short(factor * q)).ok();
+        }
+        text.push_str("  </group_state>\n");
+    }
+    for (a, b, reason) in unchecked_pairs(model) {
+        let [a, b] = [a, b].map(|l| escape(&model.links[l].name));
+        writeln!(text, "  <disable_collisions link1=\"{a}\" link2=\"{b}\" reason=\"{reason}\"/>").ok();
+    }
+    text.push_str("</robot>\n");
+    text
+}
+
+/// Pairs of links whose collisions need no check, and why.
+fn unchecked_pairs(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
+    let reach: Vec<_> = (0..model.links.len()).map(|link| reach(model, link)).collect();
+    let mut pairs = Vec::new();
+    for a in 0..model.links.len() {
+        for b in a + 1..model.links.len() {
+            let joined =
+                |j: &crate::model::Joint| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a);
+            if model.joints.iter().any(joined) {
+                pairs.push((a, b, "Adjacent"));
+            } else if let (Some((la, ua)), Some((lb, ub))) = (reach[a], reach[b])
+                && (0..3).any(|k| ua[k] < lb[k] || ub[k] < la[k])
+            {
+                pairs.push((a, b, "Never"));
+            }
+        }
+    }
+    pairs
+}
+
+/// A box around all places of a link's solids within the limits of the joints that carry it; `None` where
+/// that is not known.
+fn reach(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f64>)> {
+    let chain: Vec<usize> = (0..model.joints.len())
+        .filter(|&j| model.joints[j].child == link || model.is_below(link, model.joints[j].child))
+        .collect();
+    let steps = match chain.len() {
+        0 => 1,
+        n => *STEPS.get(n - 1)?,
+    };
+    let boxes = model.links[link].collision.iter().map(|s| s.bounds());
+    let (lower, upper) = boxes.reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)))?;
+    let corners: Vec<Point3<f64>> = (0..8usize)
+        .map(|i| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] })))
+        .collect();
+    let mut positions = vec![0.0; model.joints.len()];
+    let mut all: Option<(Point3<f64>, Point3<f64>)> = None;
+    for n in 0..steps.pow(chain.len() as u32) {
+        let mut rest = n;
+        for &j in &chain {
+            let l = &model.joints[j].limit;
+            positions[j] = l.lower + (l.upper - l.lower) * (rest % steps) as f64 / (steps - 1) as f64;
+            rest /= steps;
+        }
+        let pose = model.world_from_link(link, &positions);
+        for p in corners.iter().map(|c| pose * c) {
+            all = Some(all.map_or((p, p), |(lo, hi)| (lo.inf(&p), hi.sup(&p))));
+        }
+    }
+    let (lower, upper) = all?;
+    // Between two positions nothing goes farther from both than half of its way from one to the other.
+    let lever_m = (upper - lower).norm();
+    let way = |&j: &usize| {
+        let joint = &model.joints[j];
+        let step = (joint.limit.upper - joint.limit.lower) / (steps - 1) as f64;
+        let per_step = if joint.kind.turns() {
+            lever_m + joint.kind.pitch_m_per_rad().unwrap_or(0.0).abs()
+        } else {
+            1.0
+        };
+        0.5 * step * per_step
+    };
+    let margin = Vector3::repeat(chain.iter().map(way).sum());
+    Some((lower - margin, upper + margin))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{JointKind, example::cabinet};
+
+    fn disabled(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
+        unchecked_pairs(model)
+    }
+
+    #[test]
+    fn pairs_that_cannot_meet_need_no_check() {
+        let mut model = cabinet();
+        // The door's sweep and the drawer's way come near each other.
+        assert_eq!(disabled(&model), [(0, 1, "Adjacent"), (0, 2, "Adjacent")]);
+        // Not so where the drawer goes out at the other side, half a meter away.
+        model.joints[1].parent_from_joint = crate::geometry::Pose::translation(-1.2, 0.0, 0.0);
+        assert_eq!(disabled(&model), [(0, 1, "Adjacent"), (0, 2, "Adjacent"), (1, 2, "Never")]);
+        // What was not looked at is not said.
+        model.links[2].collision.clear();
+        assert_eq!(disabled(&model).len(), 2);
+    }
+
+    #[test]
+    fn groups_and_states_name_the_joints_that_lead() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
+        let text = srdf(&model, &ExportConfig::default());
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let joints: Vec<_> = document.descendants().filter(|n| n.has_tag_name("joint")).collect();
+        assert!(
+            joints
+                .iter()
+                .all(|n| ["door_hinge", "drawer_slide_advance"].contains(&n.attribute("name").unwrap()))
+        );
+        assert_eq!(joints.len(), 6);
+        let values: Vec<_> = joints.iter().filter_map(|n| n.attribute("value")).collect();
+        assert_eq!(values, ["0", "0.09", "1.25", "0"]);
+    }
+}

@@ -1,0 +1,149 @@
+//! The twin as xacro macros, for robots and cells that hold it: links and joints behind a prefix, and a block
+//! for `ros2_control`.
+
+use std::fmt::Write as _;
+
+use super::{
+    config::UrdfScrew,
+    urdf::{Form, advance_limit, push_elements, short},
+};
+use crate::model::{ArticulatedModel, Joint, Limit, escape_xml as escape, identifier};
+
+/// Xacro's namespace.
+const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
+/// What stands for the hardware unless another plugin is named.
+const MOCK: &str = "mock_components/GenericSystem";
+
+/// Name of the file of [`macros`].
+#[must_use]
+pub fn macro_file(model: &ArticulatedModel) -> String {
+    format!("{}_macro.xacro", identifier(&model.name))
+}
+
+/// Two macros: the twin, with a prefix before all names and on request held by a link; and its joints for
+/// `ros2_control`.
+#[must_use]
+pub fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+    let name = identifier(&model.name);
+    let paths = format!("package://{name}/");
+    // Writing to a string cannot fail, here and below.
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<robot {SPACE} xmlns:artitwin=\"urn:artitwin:urdf\">\n\
+         <xacro:macro name=\"{name}\" params=\"prefix:='' parent:='' xyz:='0 0 0' rpy:='0 0 0'\">\n"
+    );
+    push_elements(&mut text, model, Form { paths: &paths, names: "${prefix}", screws, gazebo: true });
+    let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
+    write!(
+        text,
+        "  <xacro:unless value=\"${{parent == ''}}\">\n    <joint name=\"${{prefix}}{name}_mount\" \
+         type=\"fixed\">\n      <origin xyz=\"${{xyz}}\" rpy=\"${{rpy}}\"/>\n      <parent \
+         link=\"${{parent}}\"/>\n      <child link=\"${{prefix}}{root}\"/>\n    </joint>\n  \
+         </xacro:unless>\n</xacro:macro>\n"
+    )
+    .ok();
+    push_control(&mut text, model, screws, &name);
+    text.push_str("</robot>\n");
+    text
+}
+
+/// The twin by itself, made by the macros.
+#[must_use]
+pub fn top(model: &ArticulatedModel) -> String {
+    let (name, file) = (identifier(&model.name), macro_file(model));
+    format!(
+        "<?xml version=\"1.0\"?>\n<robot name=\"{name}\" {SPACE}>\n  <xacro:arg name=\"prefix\" \
+         default=\"\"/>\n  <xacro:arg name=\"parent\" default=\"\"/>\n  <xacro:arg name=\"ros2_control\" \
+         default=\"false\"/>\n  <xacro:arg name=\"hardware\" default=\"{MOCK}\"/>\n  \
+         <xacro:property name=\"parent\" value=\"$(arg parent)\"/>\n  \
+         <xacro:include filename=\"{file}\"/>\n  \
+         <xacro:unless value=\"${{parent == ''}}\">\n    <link name=\"${{parent}}\"/>\n  \
+         </xacro:unless>\n  <xacro:{name} prefix=\"$(arg prefix)\" parent=\"${{parent}}\"/>\n  \
+         <xacro:if value=\"$(arg ros2_control)\">\n    <xacro:{name}_ros2_control prefix=\"$(arg prefix)\" \
+         hardware=\"$(arg hardware)\"/>\n  </xacro:if>\n</robot>\n"
+    )
+}
+
+/// A joint that `ros2_control` commands: name and limits.
+pub(super) fn commanded(joint: &Joint, screws: UrdfScrew) -> (String, Limit) {
+    // Of a pair the slide leads; the turn follows it.
+    match joint.kind.thread_m_per_rad().filter(|_| screws == UrdfScrew::Pair) {
+        Some(pitch) => (joint.advance_name(), advance_limit(joint, pitch)),
+        None => (joint.name.clone(), joint.limit),
+    }
+}
+
+fn push_control(text: &mut String, model: &ArticulatedModel, screws: UrdfScrew, name: &str) {
+    write!(
+        text,
+        "<xacro:macro name=\"{name}_ros2_control\" params=\"prefix:='' hardware:='{MOCK}'\">\n  \
+         <ros2_control name=\"${{prefix}}{name}\" type=\"system\">\n    <hardware>\n      \
+         <plugin>${{hardware}}</plugin>\n    </hardware>\n"
+    )
+    .ok();
+    for (j, joint) in model.joints.iter().enumerate() {
+        let (leader, limit) = commanded(joint, screws);
+        let start = model.states.first().and_then(|s| s.get(j)).copied().unwrap_or_default();
+        let leads = leader == joint.name;
+        let of_leader = if leads { start } else { start * joint.kind.thread_m_per_rad().unwrap_or(0.0) };
+        write!(
+            text,
+            "    <joint name=\"${{prefix}}{}\">\n      <command_interface name=\"position\">\n        \
+             <param name=\"min\">{}</param>\n        <param name=\"max\">{}</param>\n      \
+             </command_interface>\n",
+            escape(&leader),
+            short(limit.lower),
+            short(limit.upper)
+        )
+        .ok();
+        push_states(text, of_leader);
+        if !leads {
+            writeln!(text, "    <joint name=\"${{prefix}}{}\">", escape(&joint.name)).ok();
+            push_states(text, start);
+        }
+    }
+    text.push_str("  </ros2_control>\n</xacro:macro>\n");
+}
+
+/// What is read of a joint, and the end of it.
+fn push_states(text: &mut String, start: f64) {
+    writeln!(
+        text,
+        "      <state_interface name=\"position\">\n        <param name=\"initial_value\">{}</param>\n      \
+         </state_interface>\n      <state_interface name=\"velocity\"/>\n    </joint>",
+        short(start)
+    )
+    .ok();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{JointKind, example::cabinet};
+
+    #[test]
+    fn every_name_has_the_prefix_and_every_joint_is_controlled_once() {
+        let mut model = cabinet();
+        model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
+        let text = macros(&model, UrdfScrew::Pair);
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let tags = ["link", "joint", "visual", "collision", "mimic", "parent", "child", "gazebo"];
+        for node in document.descendants().filter(|n| tags.contains(&n.tag_name().name())) {
+            let name = ["name", "link", "joint", "reference"].into_iter().find_map(|a| node.attribute(a));
+            let plain = name.filter(|n| !n.starts_with("${prefix}") && *n != "${parent}");
+            assert_eq!(plain, None, "{node:?}");
+        }
+        let control = document.descendants().find(|n| n.has_tag_name("ros2_control")).unwrap();
+        let of = |tag: &str| -> Vec<&str> {
+            let has = |n: &roxmltree::Node| n.children().any(|c| c.has_tag_name(tag));
+            let all = control.children().filter(|n| n.has_tag_name("joint") && has(n));
+            all.filter_map(|n| n.attribute("name")).collect()
+        };
+        assert_eq!(of("command_interface"), ["${prefix}door_hinge", "${prefix}drawer_slide_advance"]);
+        assert_eq!(
+            of("state_interface"),
+            ["${prefix}door_hinge", "${prefix}drawer_slide_advance", "${prefix}drawer_slide"]
+        );
+        assert!(roxmltree::Document::parse(&top(&model)).is_ok());
+        assert!(top(&model).contains("<xacro:include filename=\"cabinet_macro.xacro\"/>"));
+    }
+}

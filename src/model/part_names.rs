@@ -1,0 +1,279 @@
+//! Names of the moving parts by what they are, where shape and motion decide that.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{ArticulatedModel, JointKind};
+
+/// An axis is level, or upright, within this sine or cosine: a choice, about 17 deg.
+const SQUARE: f64 = 0.3;
+/// A panel is so much longer along its hinge than it reaches from it: a choice; what is narrower is an arm.
+const PANEL_SHARE: f64 = 0.45;
+/// The middle of a hung part is so far from its axis, as a share of its reach: a choice.
+const OFF_AXIS: f64 = 0.25;
+/// A knob is smaller than this share of the object: a choice.
+const KNOB_SHARE: f64 = 0.25;
+/// Thinner than this share of its height and of its way is a panel that slides in its own plane: a choice.
+const SLIDING_PANEL: f64 = 0.25;
+/// A lid hangs in the upper share of the base: a choice.
+const TOP_SHARE: f64 = 0.25;
+
+/// How the moving parts are named.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PartNames {
+    /// `part_1`, `joint_1`, ...: the same whatever was found.
+    #[default]
+    Numbered,
+    /// `drawer`, `door_1`, `lid`, `knob`, ...: where shape and motion decide; `part_K` elsewhere.
+    Semantic,
+}
+
+/// Gives links and joints other names, put behind a prefix; also in what the joints' evidence says.
+#[must_use]
+pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
+    let (links, joints) = match names {
+        PartNames::Numbered => (
+            model.links.iter().map(|l| l.name.clone()).collect(),
+            model.joints.iter().map(|j| j.name.clone()).collect(),
+        ),
+        PartNames::Semantic => semantic(&model),
+    };
+    let behind = |names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>();
+    let (links, joints) = (behind(links), behind(joints));
+    let old = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
+    let new: BTreeMap<String, String> = old.cloned().zip(links.iter().chain(&joints).cloned()).collect();
+    model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = name);
+    for (joint, name) in model.joints.iter_mut().zip(joints) {
+        joint.name = name;
+        let evidence = &mut joint.evidence;
+        let parents = std::mem::take(&mut evidence.parents);
+        evidence.parents = parents
+            .into_iter()
+            .map(|(link, score)| (new.get(&link).cloned().unwrap_or(link), score))
+            .collect();
+        for note in evidence.cautions.iter_mut().chain(&mut evidence.not_observable) {
+            note.text = replaced(&note.text, &new);
+        }
+    }
+    model
+}
+
+/// A text with whole words replaced.
+fn replaced(text: &str, words: &BTreeMap<String, String>) -> String {
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while !rest.is_empty() {
+        let word = rest.find(|c| !is_word(c)).unwrap_or(rest.len());
+        let (front, behind) = if word > 0 {
+            rest.split_at(word)
+        } else {
+            rest.split_at(rest.find(is_word).unwrap_or(rest.len()))
+        };
+        out.push_str(words.get(front).map_or(front, String::as_str));
+        rest = behind;
+    }
+    out
+}
+
+/// Names of links and joints: the root keeps its own; equal ones are numbered.
+fn semantic(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
+    let kinds: Vec<Option<&str>> = (0..model.joints.len()).map(|j| kind(model, j)).collect();
+    let mut links: Vec<String> = model.links.iter().map(|l| l.name.clone()).collect();
+    let mut joints: Vec<String> = model.joints.iter().map(|j| j.name.clone()).collect();
+    let mut count: BTreeMap<&str, usize> = BTreeMap::new();
+    for (j, kind) in kinds.iter().enumerate() {
+        let Some(kind) = *kind else { continue };
+        let so_far = count.entry(kind).or_default();
+        *so_far += 1;
+        let several = kinds.iter().filter(|k| **k == Some(kind)).count() > 1;
+        let name = if several { format!("{kind}_{so_far}") } else { kind.to_owned() };
+        let motion = match model.joints[j].kind {
+            JointKind::Prismatic => "slide",
+            JointKind::Revolute => "hinge",
+            JointKind::Screw { .. } | JointKind::Free { .. } => "screw",
+        };
+        joints[j] = format!("{name}_{motion}");
+        links[model.joints[j].child] = name;
+    }
+    (links, joints)
+}
+
+/// What a joint's child is; `None` where shape and motion do not decide.
+fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
+    let joint = &model.joints[j];
+    let closed = vec![0.0; model.joints.len()];
+    let world_from_joint = model.world_from_link(joint.parent, &closed) * joint.parent_from_joint;
+    let axis = world_from_joint.rotation * joint.axis.into_inner();
+    let (level, upright) = (axis.z.abs() < SQUARE, axis.xy().norm() < SQUARE);
+    let shape = Shape::of(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
+    let size_m = size(model, &closed)?;
+    match joint.kind {
+        JointKind::Free { .. } => None,
+        JointKind::Prismatic if level && !shape.slides_in_its_plane(&axis) => Some("drawer"),
+        JointKind::Prismatic => None,
+        JointKind::Screw { .. } => {
+            (shape.extent.norm() < KNOB_SHARE * size_m).then_some("knob").or_else(|| {
+                // Around a thread that stands up, on top of what carries it.
+                (upright && shape.middle_m < OFF_AXIS * shape.reach_m).then_some("cap")
+            })
+        }
+        JointKind::Revolute if shape.middle_m < OFF_AXIS * shape.reach_m => {
+            (shape.extent.norm() < KNOB_SHARE * size_m).then_some("knob")
+        }
+        JointKind::Revolute if shape.along_m < PANEL_SHARE * shape.reach_m => None,
+        JointKind::Revolute if upright => Some("door"),
+        // On what stands still: the head of a lamp is none.
+        JointKind::Revolute if level && joint.parent == 0 => {
+            let (lower, upper) = bounds(model, joint.parent, &closed)?;
+            let top = upper.z - TOP_SHARE * (upper.z - lower.z);
+            Some(if world_from_joint.translation.z >= top { "lid" } else { "flap" })
+        }
+        JointKind::Revolute => None,
+    }
+}
+
+/// A part about its axis.
+struct Shape {
+    /// Extent along the world's axes, meters.
+    extent: Vector3<f64>,
+    /// Extent along the axis.
+    along_m: f64,
+    /// Largest distance from the axis.
+    reach_m: f64,
+    /// Distance of the middle of its box from the axis.
+    middle_m: f64,
+}
+
+impl Shape {
+    fn of(
+        model: &ArticulatedModel,
+        link: usize,
+        point: &Vector3<f64>,
+        axis: &Vector3<f64>,
+        positions: &[f64],
+    ) -> Option<Self> {
+        let (lower, upper) = bounds(model, link, positions)?;
+        let off = |p: &Point3<f64>| (p.coords - point).cross(axis).norm();
+        let world_from_link = model.world_from_link(link, positions);
+        let places = || model.links[link].visual.vertices.iter().map(|v| world_from_link * v.cast::<f64>());
+        let along = places().map(|p| p.coords.dot(axis));
+        let [low, high] =
+            along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], a| [lo.min(a), hi.max(a)]);
+        Some(Self {
+            extent: upper - lower,
+            along_m: high - low,
+            reach_m: places().map(|p| off(&p)).fold(0.0, f64::max),
+            middle_m: off(&nalgebra::center(&lower, &upper)),
+        })
+    }
+
+    /// Whether it is thin across a level way: a sliding door and no drawer.
+    fn slides_in_its_plane(&self, axis: &Vector3<f64>) -> bool {
+        // Of the world's level axes the one across the way.
+        let (along, across) = if axis.x.abs() > axis.y.abs() { (0, 1) } else { (1, 0) };
+        self.extent[across] < SLIDING_PANEL * self.extent[along].min(self.extent.z)
+    }
+}
+
+/// The box of a link in the world.
+fn bounds(model: &ArticulatedModel, link: usize, positions: &[f64]) -> Option<(Point3<f64>, Point3<f64>)> {
+    let (lower, upper) =
+        model.links[link].visual.transformed(&model.world_from_link(link, positions)).bounds()?;
+    Some((lower.cast(), upper.cast()))
+}
+
+/// Diagonal of the box of the whole object, meters.
+fn size(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
+    let boxes = (0..model.links.len()).filter_map(|l| bounds(model, l, positions));
+    let (lower, upper) = boxes.reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)))?;
+    Some((upper - lower).norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Pose,
+        model::{
+            example::{box_mesh, cabinet},
+            validate,
+        },
+        note::{Note, NoteCode},
+    };
+
+    /// The cabinet with names as reconstruction gives them.
+    fn numbered() -> ArticulatedModel {
+        let mut model = cabinet();
+        for (k, (link, joint)) in model.links.iter_mut().skip(1).zip(&mut model.joints).enumerate() {
+            (link.name, joint.name) = (format!("part_{}", k + 1), format!("joint_{}", k + 1));
+        }
+        model
+    }
+
+    /// Names of a box in place of the cabinet's door: about its joint, which stands at a place in the world.
+    fn part(kind: JointKind, axis: Vector3<f64>, at: [f64; 3], lower: [f32; 3], upper: [f32; 3]) -> String {
+        let mut model = numbered();
+        model.joints[0].kind = kind;
+        model.joints[0].axis = nalgebra::Unit::new_normalize(axis);
+        model.joints[0].parent_from_joint = Pose::translation(at[0], at[1], at[2]);
+        model.links[1].visual = box_mesh(lower, upper, [9; 3]);
+        let named = named(model, PartNames::Semantic, "");
+        assert_eq!(validate(&named), []);
+        format!("{} {}", named.links[1].name, named.joints[0].name)
+    }
+
+    #[test]
+    fn shape_and_motion_name_a_part_where_they_decide() {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let (turn, thread) = (JointKind::Revolute, JointKind::Screw { pitch_m_per_rad: 0.01 });
+        let unclear = "part_1 joint_1";
+        assert_eq!(part(turn, z, [0.2, -0.25, 0.3], [0.0, 0.0, -0.2], [0.02, 0.3, 0.2]), "door door_hinge");
+        // The body is 0.6 m high.
+        assert_eq!(part(turn, y, [0.2, 0.0, 0.6], [-0.3, -0.2, 0.0], [0.0, 0.2, 0.02]), "lid lid_hinge");
+        assert_eq!(part(turn, y, [0.2, 0.0, 0.1], [0.0, -0.2, 0.0], [0.02, 0.2, 0.3]), "flap flap_hinge");
+        // An arm is narrow along its hinge.
+        assert_eq!(part(turn, y, [0.2, 0.0, 0.6], [0.0, -0.02, 0.0], [0.3, 0.02, 0.02]), unclear);
+        let small = ([0.0, -0.02, -0.02], [0.02, 0.02, 0.02]);
+        assert_eq!(part(turn, x, [0.2, 0.0, 0.3], small.0, small.1), "knob knob_hinge");
+        assert_eq!(part(thread, x, [0.2, 0.0, 0.3], small.0, small.1), "knob knob_screw");
+        let cover = ([-0.2, -0.2, 0.0], [0.2, 0.2, 0.1]);
+        assert_eq!(part(thread, z, [0.0, 0.0, 0.6], cover.0, cover.1), "cap cap_screw");
+        // Nor is a lid what hangs on another part.
+        let mut model = numbered();
+        model.joints[1].kind = turn;
+        model.joints[1].axis = Vector3::y_axis();
+        model.joints[1].parent = 1;
+        model.joints[1].parent_from_joint = Pose::translation(0.0, 0.0, 0.2);
+        assert_eq!(named(model, PartNames::Semantic, "").links[2].name, "part_2");
+        // What slides in its own plane, and what rises, is no drawer.
+        let sliding = ([0.0, -0.1, -0.2], [0.02, 0.1, 0.2]);
+        assert_eq!(part(JointKind::Prismatic, y, [0.2, 0.0, 0.3], sliding.0, sliding.1), unclear);
+        assert_eq!(part(JointKind::Prismatic, z, [0.2, 0.0, 0.3], sliding.0, sliding.1), unclear);
+    }
+
+    #[test]
+    fn equal_names_are_numbered_and_all_have_the_prefix() {
+        let mut model = numbered();
+        model.joints[0] = crate::model::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
+        model.links[1].visual = model.links[2].visual.clone();
+        let score = crate::model::ParentScore { excess: 0.0, gap_m: 0.0 };
+        model.joints[0].evidence.parents.insert("part_2".to_owned(), score);
+        let text = "the parent: part_2 would do as well as body, part_21 not";
+        model.joints[0].evidence.not_observable.push(Note::new(NoteCode::ParentNotDecided, text));
+        let named = named(model, PartNames::Semantic, "left_");
+        let links: Vec<&str> = named.links.iter().map(|l| l.name.as_str()).collect();
+        assert_eq!(links, ["left_body", "left_drawer_1", "left_drawer_2"]);
+        let joints: Vec<&str> = named.joints.iter().map(|j| j.name.as_str()).collect();
+        assert_eq!(joints, ["left_drawer_1_slide", "left_drawer_2_slide"]);
+        let evidence = &named.joints[0].evidence;
+        assert!(evidence.parents.contains_key("left_drawer_2"), "{:?}", evidence.parents);
+        assert_eq!(
+            evidence.not_observable[0].text,
+            "the parent: left_drawer_2 would do as well as left_body, part_21 not"
+        );
+    }
+}
