@@ -29,7 +29,9 @@ mod viewer;
 
 pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
-pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+pub use check::{
+    CheckFinding, Folder, Level, UnsoundUrdf, check_folder, named_files, require_numbers, require_sound,
+};
 pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 #[cfg(test)]
