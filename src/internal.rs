@@ -54,7 +54,7 @@ pub mod io {
     pub use crate::io::image_codec;
     pub use crate::io::{
         BagWriter, MAX_MODEL_BYTES, OfferedQos, OnnxError, OnnxMatcher, Place, ResultKind, RunDir, inspect,
-        inspect_with, open, pinhole, read_frame_run, read_gap_report, read_joint_log, read_mesh,
+        inspect_with, open, pinhole, read_frame_run, read_gap_report, read_joint_log, read_mesh, read_model,
         read_model_folder, read_npy, read_run_summary, read_seen_twin, read_urdf, track_camera, twin_of,
         write_synth, write_synth_bag, write_true_twin,
     };

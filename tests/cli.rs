@@ -178,6 +178,25 @@ fn a_missing_recording_is_an_error_that_names_it() {
 }
 
 #[test]
+fn a_urdf_and_the_folder_that_it_stands_in_are_the_same_model() {
+    let folder = Folder::new("model");
+    let urdf = folder.file("box.urdf", "<robot name='r'><link name='a'/></robot>");
+    let text = folder.file("box.txt", "");
+    let [dir, out] = [folder.0.clone(), folder.0.join("out")].map(|p| p.to_str().unwrap().to_owned());
+    for model in [&urdf, &dir] {
+        assert_eq!(run(&["check", model]), (0, "0 errors, 0 warnings\n".to_owned(), String::new()));
+    }
+    let (code, _, err) = run(&["check", &text]);
+    assert!(code == 1 && err.contains("box.txt is neither a folder nor a .urdf file"), "{err}");
+    let bag = concat!(env!("CARGO_MANIFEST_DIR"), "/bags/drawer/state0");
+    let [by_file, by_folder] = [&urdf, &dir].map(|twin| run(&["diagnose", twin, bag, "--out", &out]));
+    assert_eq!(by_file, by_folder);
+    folder.file("lid.urdf", "");
+    let (code, _, err) = run(&["diagnose", &dir, bag, "--out", &out]);
+    assert!(code == 1 && err.contains("the folder holds 2 .urdf files; name one"), "{err}");
+}
+
+#[test]
 fn json_leaves_nothing_but_events_on_stdout() {
     let folder = Folder::new("json");
     let (code, out, err) =

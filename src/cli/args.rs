@@ -169,9 +169,9 @@ pub struct RecordArgs {
 /// Options of `check`.
 #[derive(Args, Clone, Debug)]
 pub struct CheckArgs {
-    /// Folder with one or more .urdf files and their meshes
-    #[arg(value_name = "DIR")]
-    pub dir: PathBuf,
+    /// Folder with one or more .urdf files and their meshes, or a .urdf file
+    #[arg(value_name = "MODEL")]
+    pub model: PathBuf,
     /// Warnings count as errors
     #[arg(long)]
     pub strict: bool,
@@ -203,8 +203,8 @@ pub struct EvaluateArgs {
 /// Options of `diagnose`.
 #[derive(Args, Clone, Debug)]
 pub struct DiagnoseArgs {
-    /// URDF of the twin
-    #[arg(value_name = "TWIN.urdf")]
+    /// URDF of the twin, or a folder that holds one
+    #[arg(value_name = "TWIN")]
     pub twin: PathBuf,
     /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and
     /// --wrench

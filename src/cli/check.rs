@@ -10,12 +10,12 @@ use crate::{
     io,
 };
 
-/// Checks a folder: one line a finding, then a line that counts them.
+/// Checks a folder or a file: one line a finding, then a line that counts them.
 ///
 /// # Errors
-/// A folder that cannot be read.
+/// What cannot be read.
 pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
-    let found = check_folder(&io::read_model_folder(&args.dir)?);
+    let found = check_folder(&io::read_model(&args.model)?);
     let errors = found.iter().filter(|f| f.level == Level::Error).count();
     let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();
     text.push_str(&format!("{errors} errors, {} warnings\n", found.len() - errors));

@@ -34,7 +34,9 @@ mod xacro;
 
 pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
-pub use check::{CheckFinding, Folder, Level, UnsoundUrdf, check_folder, require_numbers, require_sound};
+pub use check::{
+    CheckFinding, Folder, Level, UnsoundUrdf, check_folder, named_files, require_numbers, require_sound,
+};
 pub use config::ExportConfig;
 #[cfg(test)]
 pub use config::{Base, UrdfScrew};

@@ -1,11 +1,15 @@
-//! A URDF folder read into memory.
+//! A URDF folder, or a URDF and what it names, read into memory.
 
 use std::{
     fs, io,
     path::{Path, PathBuf},
 };
 
-use crate::{export::Folder, files, limits::MODEL_FOLDER};
+use crate::{
+    export::{Folder, named_files},
+    files,
+    limits::{MODEL_FOLDER, URDF},
+};
 
 /// Most files.
 const MAX_FILES: usize = 20_000;
@@ -24,6 +28,52 @@ pub enum ModelFolderError {
     /// More than a model folder holds.
     #[error("{0} holds more than {MAX_FILES} files or 1 GiB: name the folder of one model")]
     TooLarge(PathBuf),
+    /// A file of another kind.
+    #[error("{0} is neither a folder nor a .urdf file")]
+    NotUrdf(PathBuf),
+}
+
+/// A model folder, or a URDF file with what it names in its folder and below: meshes, their materials and
+/// textures. The folder that a lone file stands in may hold anything else.
+///
+/// # Errors
+/// As [`read_model_folder`]; a file whose name does not end in `.urdf`.
+pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
+    if path.is_dir() {
+        return read_model_folder(path);
+    }
+    let disk = |source| ModelFolderError::Disk { path: path.to_owned(), source };
+    let urdf = files::read(path, URDF).map_err(disk)?;
+    let Some(name) = path.file_name().and_then(|n| n.to_str()).filter(|n| n.ends_with(".urdf")) else {
+        return Err(ModelFolderError::NotUrdf(path.to_owned()));
+    };
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut left = MODEL_FOLDER.bytes;
+    let mut open = named_files(name, &urdf);
+    let mut found = Folder::from([(name.to_owned(), urdf)]);
+    while let Some(inner) = open.pop() {
+        if found.contains_key(&inner) || !is_plain(folder, &inner) {
+            continue;
+        }
+        let full = folder.join(&inner);
+        let disk = |source| ModelFolderError::Disk { path: full.clone(), source };
+        let bytes = files::read(&full, MODEL_FOLDER).map_err(disk)?;
+        let rest = left.checked_sub(bytes.len() as u64).filter(|_| found.len() < MAX_FILES);
+        left = rest.ok_or_else(|| ModelFolderError::TooLarge(path.to_owned()))?;
+        open.extend(named_files(&inner, &bytes));
+        found.insert(inner, bytes);
+    }
+    Ok(found)
+}
+
+/// Whether a path leads to a regular file without links and hidden names, which a folder's reader leaves out,
+/// too.
+fn is_plain(folder: &Path, inner: &str) -> bool {
+    let mut at = folder.to_owned();
+    inner.split('/').all(|part| {
+        at.push(part);
+        !part.starts_with('.') && fs::symlink_metadata(&at).is_ok_and(|m| m.is_dir() || m.is_file())
+    }) && at.is_file()
 }
 
 /// All regular files of a folder and of the folders below it, by relative path with `/`. Links and hidden
@@ -62,4 +112,44 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
         }
     }
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::temp::Temp;
+
+    #[test]
+    fn a_urdf_is_read_with_what_it_names_and_nothing_else() {
+        let temp = Temp::new("model-file");
+        let put = |path: &str, text: &str| {
+            let path = temp.0.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        let mesh = |file: &str| format!("<mesh filename='{file}'/>");
+        let named = ["m/a.obj", "m/gone.obj", "../x.obj", "m/.hidden.obj", "m"].map(mesh).concat();
+        put("x.urdf", &format!("<robot>{named}</robot>"));
+        put("m/a.obj", "mtllib a.mtl\nmtllib a.mtl\n");
+        put("m/a.mtl", "map_Kd ./a.png\n");
+        put("m/a.png", "png");
+        put("m/.hidden.obj", "");
+        put("m/other.obj", "");
+        let keys = |folder: Folder| folder.into_keys().collect::<Vec<_>>();
+        assert_eq!(
+            keys(read_model(&temp.0.join("x.urdf")).unwrap()),
+            ["m/a.mtl", "m/a.obj", "m/a.png", "x.urdf"]
+        );
+        assert_eq!(keys(read_model(&temp.0).unwrap()).len(), 5);
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(temp.0.join("m"), temp.0.join("link")).unwrap();
+            put("l.urdf", &format!("<robot>{}</robot>", mesh("link/a.obj")));
+            assert_eq!(keys(read_model(&temp.0.join("l.urdf")).unwrap()), ["l.urdf"]);
+        }
+        for (path, words) in [("m/a.obj", "neither a folder nor a .urdf"), ("none.urdf", "No such file")] {
+            let why = read_model(&temp.0.join(path)).unwrap_err().to_string();
+            assert!(why.contains(words), "{why}");
+        }
+    }
 }

@@ -6,10 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::urdf::robot_of;
+use super::robot::{Robot, RobotJoint};
 use crate::{
     export::{SINGLE_JOINT, require_numbers},
     files,
@@ -201,10 +201,10 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
     let path = single_joint_urdf(folder, &report.name);
     let urdf = read(&path, URDF)?;
-    // Before the parser, which takes `nan` and `inf` for numbers.
+    // Before the reader, which takes `nan` and `inf` for numbers.
     require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
-    let robot = robot_of(&urdf).map_err(|e| fail(&path, e.to_string()))?;
-    let children: Vec<&str> = robot.joints.iter().map(|j| j.child.link.as_str()).collect();
+    let robot = Robot::parse(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let children: Vec<&str> = robot.joints.iter().map(|j| j.child.as_str()).collect();
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
     let joints: Option<Vec<SummaryJoint>> = robot.joints.iter().map(|j| joint(j, &report)).collect();
@@ -220,29 +220,24 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     Ok(RunSummary { folder: folder.to_owned(), name, urdf, root, joints, object_box_m })
 }
 
-fn joint(j: &urdf_rs::Joint, report: &ReportFile) -> Option<SummaryJoint> {
+fn joint(j: &RobotJoint, report: &ReportFile) -> Option<SummaryJoint> {
     let reported = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
-    let kind = match (&j.joint_type, reported.pitch_m_per_rad) {
-        (urdf_rs::JointType::Revolute, None) => JointKind::Revolute,
-        (urdf_rs::JointType::Revolute, Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
-        (urdf_rs::JointType::Prismatic, _) => JointKind::Prismatic,
+    let kind = match (j.kind.as_str(), reported.pitch_m_per_rad) {
+        ("revolute", None) => JointKind::Revolute,
+        ("revolute", Some(pitch_m_per_rad)) => JointKind::Screw { pitch_m_per_rad },
+        ("prismatic", _) => JointKind::Prismatic,
         _ => return None,
     };
     let states: Option<Vec<f64>> = report.states.iter().map(|s| s.joints.get(&j.name).copied()).collect();
-    let [roll, pitch, yaw] = j.origin.rpy.0;
-    let [x, y, z] = j.origin.xyz.0;
     Some(SummaryJoint {
         name: j.name.clone(),
-        parent: j.parent.link.clone(),
-        child: j.child.link.clone(),
+        parent: j.parent.clone(),
+        child: j.child.clone(),
         kind,
-        parent_from_joint: Pose::from_parts(
-            Translation3::new(x, y, z),
-            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-        ),
-        axis: Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)?,
-        limits: [j.limit.lower, j.limit.upper],
+        parent_from_joint: j.parent_from_joint,
+        axis: Unit::try_new(j.axis, 1e-9)?,
+        limits: j.limits,
         states: states?,
         // `null` in the report: not determined. NaN keeps that apart from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),

@@ -2,12 +2,11 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{UrdfError, read_urdf, urdf_fault::UrdfFault};
+use super::{UrdfError, read_urdf, urdf::read_urdf_text, urdf_fault::UrdfFault};
 use crate::{
     export::require_sound,
-    files,
     gap::camera::model::{tree::JointFacts, twin::SeenTwin},
-    limits::{URDF, XmlError, parse_xml},
+    limits::{XmlError, parse_xml},
 };
 
 /// Reads a twin with its visual meshes, and gives its text too.
@@ -18,10 +17,9 @@ use crate::{
 pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
     let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
     let tree = read_urdf(path)?;
-    let text =
-        files::read_text(path, URDF).map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
+    let text = read_urdf_text(path)?;
     require_sound(&text).map_err(|e| format(e.into()))?;
-    // From the XML again: `urdf_rs` knows no thread, and a missing limit reads as 0 to 0 there.
+    // From the XML again: a `Tree` knows neither threads nor limits.
     let facts = facts(&text).map_err(|e| format(e.into()))?;
     Ok((SeenTwin::of(&tree, &facts).map_err(|e| format(UrdfFault::Seen(e.to_string())))?, text))
 }

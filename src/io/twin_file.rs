@@ -2,28 +2,54 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
     path::{Path, PathBuf},
 };
 
-use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
 
-use super::{UrdfError, urdf::robot_of, urdf_fault::UrdfFault};
+use super::{
+    UrdfError,
+    robot::{Robot, RobotJoint, RobotLink},
+    urdf::read_urdf_text,
+    urdf_fault::UrdfFault,
+};
 use crate::{
     export::require_sound,
-    files,
     gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
-    geometry::Pose,
-    limits::{CHAIN_WORK, URDF},
+    limits::CHAIN_WORK,
 };
+
+/// The URDF that a path leads to: of a folder the only one beside those for ROS (`*.ros.urdf`).
+///
+/// # Errors
+/// A folder that cannot be read, or has none or several.
+pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
+    let mut found = Vec::new();
+    for entry in fs::read_dir(path).map_err(disk)? {
+        let entry = entry.map_err(disk)?.path();
+        let name = entry.file_name().unwrap_or_default().to_string_lossy();
+        if name.ends_with(".urdf") && !name.ends_with(".ros.urdf") && !name.starts_with('.') {
+            found.push(entry);
+        }
+    }
+    match &found[..] {
+        [one] => Ok(one.clone()),
+        all => Err(UrdfError::Format { path: path.to_owned(), problem: UrdfFault::NotOneUrdf(all.len()) }),
+    }
+}
 
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
 /// # Errors
 /// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies ([`require_sound`]).
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
-    let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
+    let text = read_urdf_text(path)?;
     let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
-    let text = files::read_text(path, URDF).map_err(disk)?;
     let tree = twin_of(&text, gravity).map_err(format)?;
     Ok((tree, text))
 }
@@ -57,7 +83,7 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
 /// [`UrdfFault`].
 pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     require_sound(text)?;
-    let robot = robot_of(text)?;
+    let robot = Robot::parse(text)?;
     let index: BTreeMap<&str, usize> =
         robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());
@@ -102,22 +128,18 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     })
 }
 
-fn link(link: &urdf_rs::Link) -> TwinLink {
-    let i = &link.inertial;
-    let frame = pose(&i.origin);
-    let t = &i.inertia;
-    let inertia = Matrix3::new(t.ixx, t.ixy, t.ixz, t.ixy, t.iyy, t.iyz, t.ixz, t.iyz, t.izz);
-    let r = frame.rotation.to_rotation_matrix();
+fn link(link: &RobotLink) -> TwinLink {
+    let r = link.link_from_inertial.rotation.to_rotation_matrix();
     TwinLink {
         name: link.name.clone(),
-        mass_kg: i.mass.value,
-        center_of_mass: Point3::from(frame.translation.vector),
+        mass_kg: link.mass_kg,
+        center_of_mass: Point3::from(link.link_from_inertial.translation.vector),
         // URDF gives the inertia in the inertial frame; a twin holds it in that of the link.
-        inertia: r.matrix() * inertia * r.matrix().transpose(),
+        inertia: r.matrix() * link.inertia * r.matrix().transpose(),
     }
 }
 
-fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, UrdfFault> {
+fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, UrdfFault> {
     let name = &joint.name;
     let of = |link: &str| {
         index
@@ -125,39 +147,28 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TwinJo
             .copied()
             .ok_or_else(|| UrdfFault::NoLink { joint: name.clone(), link: link.to_owned() })
     };
-    let motion = match joint.joint_type {
-        urdf_rs::JointType::Fixed => Motion::Fixed,
-        urdf_rs::JointType::Revolute | urdf_rs::JointType::Continuous => Motion::Turn,
-        urdf_rs::JointType::Prismatic => Motion::Slide,
-        ref other => {
-            return Err(UrdfFault::JointType { joint: name.clone(), kind: format!("{other:?}") });
-        }
+    let motion = match joint.kind.as_str() {
+        "fixed" => Motion::Fixed,
+        "revolute" | "continuous" => Motion::Turn,
+        "prismatic" => Motion::Slide,
+        other => return Err(UrdfFault::JointType { joint: name.clone(), kind: other.to_owned() }),
     };
-    let axis =
-        Unit::try_new(Vector3::from(*joint.axis.xyz), 1e-9).ok_or_else(|| UrdfFault::NoAxis(name.clone()));
-    let dynamics = joint.dynamics.as_ref();
+    let axis = Unit::try_new(joint.axis, 1e-9).ok_or_else(|| UrdfFault::NoAxis(name.clone()));
     // A joint without limits reads as 0 to 0; those of a continuous joint hold effort and velocity only.
-    let limited = joint.joint_type != urdf_rs::JointType::Continuous && joint.limit.upper > joint.limit.lower;
+    let [lower, upper] = joint.limits;
+    let limited = joint.kind != "continuous" && upper > lower;
     Ok(TwinJoint {
         name: name.clone(),
         motion,
-        parent: of(&joint.parent.link)?,
-        child: of(&joint.child.link)?,
-        parent_from_joint: pose(&joint.origin),
+        parent: of(&joint.parent)?,
+        child: of(&joint.child)?,
+        parent_from_joint: joint.parent_from_joint,
         axis: if motion == Motion::Fixed { Vector3::z_axis() } else { axis? },
-        damping: dynamics.map_or(0.0, |d| d.damping),
-        friction: dynamics.map_or(0.0, |d| d.friction),
-        limit: limited.then_some((joint.limit.lower, joint.limit.upper)),
+        damping: joint.damping,
+        friction: joint.friction,
+        limit: limited.then_some((lower, upper)),
         is_mimic: joint.mimic.is_some(),
     })
-}
-
-fn pose(origin: &urdf_rs::Pose) -> Pose {
-    let [roll, pitch, yaw] = *origin.rpy;
-    Pose::from_parts(
-        Translation3::from(Vector3::from(*origin.xyz)),
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    )
 }
 
 #[cfg(test)]
@@ -173,6 +184,21 @@ mod tests {
             .map(|f| Path::new("runs/box").join(f));
         assert_eq!(files[..5], expected);
         assert_eq!(files[5..], [PathBuf::from("/c.obj")]);
+    }
+
+    #[test]
+    fn a_folder_leads_to_its_only_urdf() {
+        let temp = crate::temp::Temp::new("twin-path");
+        let none = twin_path(&temp.0).unwrap_err().to_string();
+        assert!(none.contains("holds 0 .urdf files"), "{none}");
+        for name in ["box.urdf", "box.ros.urdf", ".box.urdf", "box.xml"] {
+            fs::write(temp.0.join(name), "").unwrap();
+        }
+        let urdf = temp.0.join("box.urdf");
+        assert_eq!((twin_path(&temp.0).unwrap(), twin_path(&urdf).unwrap()), (urdf.clone(), urdf));
+        fs::write(temp.0.join("lid.urdf"), "").unwrap();
+        assert!(twin_path(&temp.0).unwrap_err().to_string().contains("holds 2 .urdf files; name one"));
+        assert_eq!(twin_path(&temp.0.join("gone")).unwrap(), temp.0.join("gone"));
     }
 
     #[test]

@@ -1,18 +1,23 @@
 //! URDF files and their meshes, as the tree that an evaluation looks at.
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     path::{Component, Path, PathBuf},
 };
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, Vector3};
 
-use super::{MeshFileError, mesh_files::read_mesh_within, urdf_fault::UrdfFault};
+use super::{
+    MeshFileError,
+    mesh_files::read_mesh_within,
+    robot::{Robot, RobotJoint, RobotLink, RobotMesh},
+    urdf_fault::UrdfFault,
+};
 use crate::{
     export::require_numbers,
     files,
-    geometry::Pose,
-    limits::{LINKS, MESH, URDF, check_xml},
+    limits::{MESH, URDF, with_declaration},
     model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink},
     surface::{TriangleMesh, merge},
 };
@@ -56,11 +61,10 @@ pub enum UrdfError {
 /// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous
 /// and prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
-    let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
-    let text = files::read_text(path, URDF).map_err(disk)?;
+    let text = read_urdf_text(path)?;
     require_numbers(&text).map_err(|e| format(e.into()))?;
-    let robot = robot_of(&text).map_err(format)?;
+    let robot = Robot::parse(&text).map_err(format)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(robot.links.len());
     // One budget for all meshes: a short URDF may name a large file ten thousand times.
@@ -78,17 +82,17 @@ pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
         .map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
 }
 
-/// The robot of a URDF's text.
+/// The text of a URDF file, with a declaration that readers of XML take ([`with_declaration`]).
 ///
 /// # Errors
-/// No URDF, too deep, or more than [`LINKS`] links or joints.
-pub(super) fn robot_of(text: &str) -> Result<urdf_rs::Robot, UrdfFault> {
-    // Before the parser, which goes down by recursion: deep nesting would end the process.
-    check_xml(text)?;
-    let robot = urdf_rs::read_from_string(text).map_err(|e| UrdfFault::Robot(e.to_string()))?;
-    // Here, before trees are built of them.
-    let count = robot.links.len().max(robot.joints.len());
-    if count > LINKS { Err(UrdfFault::Links(count)) } else { Ok(robot) }
+/// What the disk says; more than 16 MiB; what is no UTF-8.
+pub(super) fn read_urdf_text(path: &Path) -> Result<String, UrdfError> {
+    let text = files::read_text(path, URDF);
+    let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
+    Ok(match with_declaration(&text) {
+        Cow::Owned(mended) => mended,
+        Cow::Borrowed(_) => text,
+    })
 }
 
 /// What is wrong with a visual: its mesh, or the path to it.
@@ -107,19 +111,16 @@ impl VisualError {
 }
 
 /// All visual meshes of a link in one, in the link frame. `left`: bytes that the files may still have.
-fn visuals(link: &urdf_rs::Link, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
+fn visuals(link: &RobotLink, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
     let mut all = Vec::new();
-    for visual in &link.visual {
-        let urdf_rs::Geometry::Mesh { filename, scale } = &visual.geometry else { continue };
-        let mut mesh = read_mesh_within(&folder.join(relative(filename).map_err(VisualError::Path)?), left)
+    for RobotMesh { link_from_mesh, file, scale } in &link.meshes {
+        let mut mesh = read_mesh_within(&folder.join(relative(file).map_err(VisualError::Path)?), left)
             .map_err(VisualError::Mesh)?;
         // URDF scales a mesh in the mesh's own frame, before the visual's origin moves it.
-        if let Some(scale) = scale {
-            for p in &mut mesh.vertices {
-                p.coords.component_mul_assign(&Vector3::from(scale.0).cast());
-            }
+        for p in &mut mesh.vertices {
+            p.coords.component_mul_assign(&scale.cast());
         }
-        all.push(mesh.transformed(&pose(&visual.origin)));
+        all.push(mesh.transformed(link_from_mesh));
     }
     Ok(merge(&all.iter().collect::<Vec<_>>()))
 }
@@ -142,15 +143,13 @@ fn relative(filename: &str) -> Result<&Path, UrdfFault> {
     }
 }
 
-fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, UrdfFault> {
-    let kind = match joint.joint_type {
-        urdf_rs::JointType::Fixed => JointType::Fixed,
-        urdf_rs::JointType::Revolute => JointType::Revolute,
-        urdf_rs::JointType::Continuous => JointType::Continuous,
-        urdf_rs::JointType::Prismatic => JointType::Prismatic,
-        ref other => {
-            return Err(UrdfFault::JointType { joint: joint.name.clone(), kind: format!("{other:?}") });
-        }
+fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, UrdfFault> {
+    let kind = match joint.kind.as_str() {
+        "fixed" => JointType::Fixed,
+        "revolute" => JointType::Revolute,
+        "continuous" => JointType::Continuous,
+        "prismatic" => JointType::Prismatic,
+        other => return Err(UrdfFault::JointType { joint: joint.name.clone(), kind: other.to_owned() }),
     };
     let link = |name: &str| {
         index
@@ -158,34 +157,27 @@ fn joint(joint: &urdf_rs::Joint, index: &BTreeMap<&str, usize>) -> Result<TreeJo
             .copied()
             .ok_or_else(|| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() })
     };
-    let axis = match Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9) {
+    let axis = match Unit::try_new(joint.axis, 1e-9) {
         Some(axis) => axis,
         // A fixed joint has no axis; writers leave it out or put zeros there.
         None if kind == JointType::Fixed => Vector3::x_axis(),
         None => return Err(UrdfFault::NoAxis(joint.name.clone())),
     };
-    // 1 and 0 are the defaults of URDF.
     let mimic = joint.mimic.as_ref().map(|m| Mimic {
         joint: m.joint.clone(),
-        multiplier: m.multiplier.unwrap_or(1.0),
-        offset: m.offset.unwrap_or(0.0),
+        multiplier: m.multiplier,
+        offset: m.offset,
     });
-    let (parent, child) = (link(&joint.parent.link)?, link(&joint.child.link)?);
+    let (parent, child) = (link(&joint.parent)?, link(&joint.child)?);
     Ok(TreeJoint {
         name: joint.name.clone(),
         kind,
         parent,
         child,
-        parent_from_joint: pose(&joint.origin),
+        parent_from_joint: joint.parent_from_joint,
         axis,
         mimic,
     })
-}
-
-fn pose(origin: &urdf_rs::Pose) -> Pose {
-    // URDF turns about fixed axes, x first: Rz Ry Rx, which is nalgebra's order, too.
-    let [roll, pitch, yaw] = origin.rpy.0;
-    Pose::from_parts(Translation3::from(origin.xyz.0), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
 #[cfg(test)]
@@ -256,7 +248,7 @@ mod tests {
         };
         for (text, message) in [
             ("<link".to_owned(), "x.urdf"),
-            (joint("floating", "b", "1 0 0"), "is of type Floating"),
+            (joint("floating", "b", "1 0 0"), "is of type 'floating'"),
             (joint("revolute", "c", "1 0 0"), "unknown link 'c'"),
             (joint("revolute", "b", "0 0 0"), "it must be a direction"),
             (joint("revolute", "b", "inf 0 0"), "'j': the xyz of <axis> is 'inf 0 0'"),

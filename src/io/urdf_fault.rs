@@ -14,14 +14,14 @@ pub enum UrdfFault {
     /// It describes no bodies.
     #[error(transparent)]
     Unsound(#[from] UnsoundUrdf),
-    /// What the parser of URDF says.
+    /// It is no robot, or a number is none.
     #[error("{0}")]
     Robot(String),
     /// More than are read.
     #[error("{0} links or joints; {LINKS} are the limit: split the model")]
     Links(usize),
     /// A joint of a type that is not read.
-    #[error("joint '{joint}' is of type {kind}; fixed, revolute, continuous and prismatic are read")]
+    #[error("joint '{joint}' is of type '{kind}'; fixed, revolute, continuous and prismatic are read")]
     JointType {
         /// Name of the joint.
         joint: String,
@@ -39,6 +39,9 @@ pub enum UrdfFault {
     /// A joint without direction.
     #[error("joint '{0}' has an axis of no length")]
     NoAxis(String),
+    /// A folder that leads to no twin.
+    #[error("the folder holds {0} .urdf files; name one")]
+    NotOneUrdf(usize),
     /// A mesh on another machine.
     #[error("mesh '{0}' is not a relative path")]
     MeshElsewhere(String),

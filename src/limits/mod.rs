@@ -7,7 +7,7 @@
 mod xml;
 mod yaml;
 
-pub use xml::{XmlError, check_xml, parse_xml};
+pub use xml::{XmlError, parse_xml, with_declaration};
 pub use yaml::{YamlError, parse_yaml};
 
 /// Most bytes of a kind of file.

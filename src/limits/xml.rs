@@ -1,5 +1,7 @@
 //! XML texts looked through before a reader that goes down by recursion gets them.
 
+use std::borrow::Cow;
+
 use roxmltree::Document;
 
 use super::{XML_DEPTH, XML_ELEMENTS};
@@ -27,6 +29,17 @@ pub enum XmlError {
     Parse(#[from] roxmltree::Error),
 }
 
+/// The text with a declaration that is one: `<?xml ...?>` without a version is no XML, and simulators, which
+/// do not look at it, load such files.
+#[must_use]
+pub fn with_declaration(text: &str) -> Cow<'_, str> {
+    let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));
+    match after.filter(|(declared, _)| !declared.trim_start().starts_with("version")) {
+        Some((_, rest)) => Cow::Owned(format!("<?xml version=\"1.0\"?>{rest}")),
+        None => Cow::Borrowed(text),
+    }
+}
+
 /// The document of a text that [`check_xml`] accepts.
 ///
 /// # Errors
@@ -41,7 +54,7 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 ///
 /// # Errors
 /// [`XmlError`] but for [`XmlError::Parse`].
-pub fn check_xml(text: &str) -> Result<(), XmlError> {
+fn check_xml(text: &str) -> Result<(), XmlError> {
     // A scan of the tags alone: it needs no stack and stops at the first one too many.
     let (mut at, mut depth, mut elements) = (0, 0usize, 0);
     while let Some(start) = text[at..].find('<').map(|k| at + k) {
@@ -109,6 +122,18 @@ mod tests {
         assert_eq!(check_xml(&format!("<a>{}</a>", "<b x='1'></b><c/>".repeat(10_000))), Ok(()));
         let deep = |n: usize| format!("{}{}", "<x>".repeat(n), "</x>".repeat(n));
         assert!(parse_xml(&deep(XML_DEPTH)).is_ok());
+    }
+
+    #[test]
+    fn a_declaration_without_a_version_is_mended() {
+        let mended = with_declaration("<?xml verison=\"1.0\"?>\n<a/>");
+        assert_eq!(mended, "<?xml version=\"1.0\"?>\n<a/>");
+        assert!(parse_xml(&mended).is_ok() && parse_xml("<?xml verison=\"1.0\"?>\n<a/>").is_err());
+        for whole in
+            ["<a/>", "<?xml version='1.0' encoding='UTF-8'?><a/>", "<?xml no end", "<?xml-model x?><a/>"]
+        {
+            assert!(matches!(with_declaration(whole), Cow::Borrowed(w) if w == whole));
+        }
     }
 
     #[test]

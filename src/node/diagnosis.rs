@@ -25,6 +25,7 @@ use crate::{
     io::{
         GapReportError, read_gap_report, read_twin,
         ros2msg::gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapReport},
+        twin_path,
     },
     run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError},
 };
@@ -86,7 +87,7 @@ impl Diagnoser {
         let twin = match goal.twin.as_str() {
             // A message has no absent fields: an empty path asks for the twin that was made last.
             "" => made().ok_or(GoalError::NoTwin)?,
-            path => PathBuf::from(path),
+            path => twin_path(Path::new(path))?,
         };
         let paths = |list: &[String]| list.iter().map(PathBuf::from).collect();
         Ok(DiagnoseRequest {

@@ -50,7 +50,7 @@ use crate::{
 /// What is asked of a diagnosis.
 #[derive(Clone, Debug)]
 pub struct DiagnoseRequest {
-    /// URDF of the twin.
+    /// URDF of the twin, or a folder that holds one.
     pub twin: PathBuf,
     /// Bags of the runs.
     pub runs: Vec<PathBuf>,
@@ -106,6 +106,12 @@ impl DiagnoseRequest {
             streams: Streams::default(),
             told: Told::default(),
         }
+    }
+
+    /// The request with the URDF that its twin leads to.
+    pub(super) fn with_urdf(&self) -> Result<Self, RunError> {
+        let twin = io::twin_path(&self.twin).map_err(|e| RunError::stage("twin", e))?;
+        Ok(Self { twin, ..self.clone() })
     }
 
     /// Where the result goes. `text` is that of the twin; `more` is read beside what the request names.
@@ -206,6 +212,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 /// [`RunError`] where the result cannot be put in its place, which is reported before the work, the twin or a
 /// run cannot be read, nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
+    let request = &request.with_urdf()?;
     let (tree, text) =
         io::read_twin(&request.twin, request.gravity).map_err(|e| RunError::stage("twin", e))?;
     let place = request.place(&text, &[]);

@@ -56,6 +56,7 @@ pub fn diagnose_frames(
             "the accuracy of the twin must be a positive number of millimeters".to_owned(),
         ));
     }
+    let request = &request.with_urdf()?;
     // The twin, then its place, then the recordings: the cheap refusals first.
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {

@@ -48,16 +48,35 @@ pub(super) struct ShapeText {
     pub name: Option<String>,
     pub link_from_shape: Pose,
     pub geometry: Geometry,
-    pub has_material: bool,
+    pub material: Option<MaterialText>,
+}
+
+/// A material of the robot, or of a visual.
+pub(super) struct MaterialText {
+    pub name: Option<String>,
+    pub texture: Option<String>,
+    /// It has a color or a texture; without, it refers to one that has.
+    pub is_defined: bool,
+    /// Its color has no numbers.
+    pub is_blank: bool,
 }
 
 /// What a shape is.
 pub(super) enum Geometry {
-    Mesh { path: String, scale: Vector3<f64> },
+    Mesh {
+        path: String,
+        scale: Vector3<f64>,
+    },
     Cuboid(Vector3<f64>),
-    Cylinder { radius: f64, length: f64 },
+    Cylinder {
+        radius: f64,
+        length: f64,
+    },
     Sphere(f64),
-    Unknown,
+    /// The tag of another kind.
+    Other(String),
+    /// None.
+    Missing,
 }
 
 /// A joint as the text has it.
@@ -70,6 +89,8 @@ pub(super) struct JointText {
     pub axis: Option<Vector3<f64>>,
     pub limit: Option<LimitText>,
     pub mimic: Option<MimicText>,
+    /// Has a safety controller without its velocity gain.
+    pub lacks_safety_velocity: bool,
     /// Whether it stands for a screw, which URDF has no word for.
     pub threaded: bool,
 }
@@ -93,6 +114,10 @@ pub(super) struct LimitText {
 pub(super) struct Description {
     pub links: Vec<LinkText>,
     pub joints: Vec<JointText>,
+    /// Those of the robot, which visuals refer to by name.
+    pub materials: Vec<MaterialText>,
+    /// MuJoCo keeps the visuals, which it drops otherwise.
+    pub keeps_visuals: bool,
     pub bad_numbers: Vec<BadNumber>,
 }
 
@@ -114,8 +139,15 @@ impl Description {
         if count > LINKS {
             return Err(DescriptionError::Links(count));
         }
-        let (links, joints) = (all("link").map(link).collect(), all("joint").map(joint).collect());
-        Ok(Self { links, joints, bad_numbers: bad_numbers(robot) })
+        let compiler =
+            |n: Node| child(n, "compiler").and_then(|c| c.attribute("discardvisual")) == Some("false");
+        Ok(Self {
+            links: all("link").map(link).collect(),
+            joints: all("joint").map(joint).collect(),
+            materials: all("material").map(material).collect(),
+            keeps_visuals: all("mujoco").any(compiler),
+            bad_numbers: bad_numbers(robot),
+        })
     }
 }
 
@@ -164,7 +196,7 @@ fn link(node: Node) -> LinkText {
 
 fn shape(node: Node) -> ShapeText {
     let geometry = child(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(
-        Geometry::Unknown,
+        Geometry::Missing,
         |g| match g.tag_name().name() {
             "mesh" => {
                 let scale = g.attribute("scale").map_or(Vector3::repeat(1.0), triple);
@@ -175,11 +207,21 @@ fn shape(node: Node) -> ShapeText {
                 Geometry::Cylinder { radius: number(&text(g, "radius")), length: number(&text(g, "length")) }
             }
             "sphere" => Geometry::Sphere(number(&text(g, "radius"))),
-            _ => Geometry::Unknown,
+            other => Geometry::Other(other.to_owned()),
         },
     );
     let name = node.attribute("name").map(str::to_owned);
-    ShapeText { name, link_from_shape: pose(node), geometry, has_material: child(node, "material").is_some() }
+    ShapeText { name, link_from_shape: pose(node), geometry, material: child(node, "material").map(material) }
+}
+
+fn material(node: Node) -> MaterialText {
+    let texture = child(node, "texture").map(|t| text(t, "filename"));
+    MaterialText {
+        name: node.attribute("name").filter(|n| !n.is_empty()).map(str::to_owned),
+        is_defined: texture.is_some() || child(node, "color").is_some(),
+        is_blank: child(node, "color").is_some_and(|c| c.attribute("rgba").is_none()),
+        texture,
+    }
 }
 
 fn joint(node: Node) -> JointText {
@@ -209,6 +251,8 @@ fn joint(node: Node) -> JointText {
                 offset: read("offset", 0.0),
             }
         }),
+        lacks_safety_velocity: child(node, "safety_controller")
+            .is_some_and(|s| s.attribute("k_velocity").is_none()),
         // By the local name, whatever prefix stands for the namespace.
         threaded: node.children().any(|n| n.tag_name().name() == "thread"),
     }

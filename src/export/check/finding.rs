@@ -14,7 +14,7 @@ pub type Folder = BTreeMap<String, Vec<u8>>;
 pub enum Level {
     /// Some importer refuses the model, loses something of it, or makes it explode.
     Error,
-    /// Some importer shows or simulates it otherwise than meant.
+    /// Some importer shows or simulates it otherwise than meant, or refuses what others leave out.
     Warning,
 }
 
@@ -55,7 +55,7 @@ impl<'a> Findings<'a> {
         Self { file, all: Vec::new() }
     }
 
-    fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
+    pub fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
         if self.all.len() > FINDINGS {
             // What is not listed may still be an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));

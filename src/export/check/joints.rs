@@ -2,7 +2,7 @@
 
 use super::{
     description::{Description, JointText},
-    finding::Findings,
+    finding::{Findings, Level},
     rule::Rule,
 };
 
@@ -11,11 +11,21 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         match joint.kind.as_str() {
             "fixed" => {}
             "revolute" | "prismatic" | "continuous" => moving(joint, found),
-            other => found.error(
+            other => {
+                let level =
+                    if ["floating", "planar"].contains(&other) { Level::Warning } else { Level::Error };
+                let message = format!(
+                    "is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere"
+                );
+                found.add(level, Rule::Joint, &joint.name, message);
+            }
+        }
+        if joint.lacks_safety_velocity {
+            found.warn(
                 Rule::Joint,
                 &joint.name,
-                format!("is of type '{other}'; fixed, revolute, continuous and prismatic load everywhere"),
-            ),
+                "has a <safety_controller> without k_velocity, which urdfdom refuses",
+            );
         }
         if joint.mimic.is_some() {
             found.warn(
@@ -38,12 +48,10 @@ fn moving(joint: &JointText, found: &mut Findings) {
         _ => {}
     }
     let Some(limit) = &joint.limit else {
-        found.error(
-            Rule::Limit,
-            name,
-            "has no <limit>; effort and velocity are needed, urdfdom refuses the model without",
-        );
-        return;
+        // urdfdom asks for the limits of those that end; all load the others, PyBullet without effort.
+        let level = if joint.kind == "continuous" { Level::Warning } else { Level::Error };
+        let message = "has no <limit>; effort and velocity are needed, urdfdom refuses the model without";
+        return found.add(level, Rule::Limit, name, message);
     };
     for (what, value) in [("effort", limit.effort), ("velocity", limit.velocity)] {
         match value {

@@ -6,51 +6,57 @@ use nalgebra::Matrix3;
 
 use super::{
     description::{Description, InertialText},
-    finding::Findings,
+    finding::{Findings, Level},
     numbers::is_number,
     rule::Rule,
+    welds::Welds,
 };
 use crate::model::{impossible_inertia, is_plain_name, principal_moments};
 
 /// MuJoCo refuses less, kg.
 const MIN_MASS_KG: f64 = 1e-6;
 
-pub(super) fn check(description: &Description, found: &mut Findings) {
+pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findings) {
     names(description, found);
-    if description.links.is_empty() {
+    let links = &description.links;
+    if links.is_empty() {
         found.error(Rule::Tree, "robot", "has no link");
     }
-    for link in &description.links {
-        // A link without shapes is a mere frame and needs no mass.
+    let is_heavy = welds.any(|link| links[link].inertial.as_ref().is_some_and(is_of_a_body));
+    for (l, link) in links.iter().enumerate() {
+        // What stands in the world, or is fixed to a body with a mass, loads all the same.
+        let level = if welds.moves(l) && !is_heavy[l] { Level::Error } else { Level::Warning };
+        // A link without shapes that does not move alone is a mere frame.
         let bare = link.visuals.is_empty() && link.collisions.is_empty();
         match &link.inertial {
-            None if !bare => {
-                found.error(
-                    Rule::Inertia,
-                    &link.name,
-                    "has no <inertial>: Gazebo drops the link, Drake gives it no mass, PyBullet 1 kg",
-                );
+            None if level == Level::Error || !bare => {
+                let message =
+                    "has no <inertial>: Gazebo drops the link, Drake gives it no mass, PyBullet 1 kg";
+                found.add(level, Rule::Inertia, &link.name, message);
             }
-            Some(inertial) => inertia(&link.name, inertial, found),
             None => {}
-        }
-        for (kind, shapes) in [("visual", &link.visuals), ("collision", &link.collisions)] {
-            if shapes.iter().any(|s| s.name.is_none()) {
-                found.warn(Rule::Name, &link.name, format!("has a <{kind}> without a name"));
-            }
+            Some(inertial) => inertia(&link.name, inertial, level, found),
         }
     }
+}
+
+/// Whether simulators take it for that of a body that moves.
+fn is_of_a_body(inertial: &InertialText) -> bool {
+    inertial.mass.is_some_and(|m| m >= MIN_MASS_KG)
+        && tensor(inertial).is_some_and(|t| principal_moments(&t)[0] > 0.0)
 }
 
 fn names(description: &Description, found: &mut Findings) {
     let links: BTreeSet<&str> = description.links.iter().map(|l| l.name.as_str()).collect();
     let joints: BTreeSet<&str> = description.joints.iter().map(|j| j.name.as_str()).collect();
     for name in links.union(&joints) {
-        if !is_plain_name(name) {
-            found.error(
+        if name.is_empty() {
+            found.error(Rule::Name, "robot", "has a link or a joint without a name");
+        } else if !is_plain_name(name) {
+            found.warn(
                 Rule::Name,
                 name,
-                "is no name for USD and MJCF; use letters, digits and _, beginning with a letter",
+                "is no name for USD, whose importers change it; use letters, digits and _, a letter first",
             );
         }
     }
@@ -60,31 +66,24 @@ fn names(description: &Description, found: &mut Findings) {
 }
 
 /// What importers do not take of an inertia that is possible.
-fn inertia(link: &str, inertial: &InertialText, found: &mut Findings) {
+fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findings) {
+    let mut add = |message: String| found.add(level, Rule::Inertia, link, message);
     match inertial.mass {
-        None => found.error(Rule::Inertia, link, "the <inertial> has no mass"),
+        None => add("the <inertial> has no mass: MuJoCo refuses the model".to_owned()),
         Some(mass) if (0.0..MIN_MASS_KG).contains(&mass) => {
-            found.error(
-                Rule::Inertia,
-                link,
-                format!("the mass is {mass} kg; SDF drops such a link, MuJoCo refuses it"),
-            );
+            add(format!("the mass is {mass} kg; SDF drops such a link, MuJoCo refuses one that moves"));
         }
         Some(_) => {}
     }
     match tensor(inertial) {
         None if inertial.inertia.contains(&None) => {
-            found.error(Rule::Inertia, link, "the inertia lacks an element")
+            add("the inertia lacks an element: MuJoCo refuses the model".to_owned());
         }
         // Impossible tensors are reported by `sound`.
         Some(tensor) if impossible_inertia(&tensor).is_none() => {
             let least = principal_moments(&tensor)[0];
             if least <= 0.0 {
-                found.error(
-                    Rule::Inertia,
-                    link,
-                    format!("the principal moment {least:.3e} kg m^2 is not positive"),
-                );
+                add(format!("the principal moment {least:.3e} kg m^2 is not positive"));
             }
         }
         _ => {}

@@ -6,9 +6,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     description::{Description, Geometry, ShapeText},
-    finding::{Findings, Folder},
+    finding::{Findings, Folder, Level},
     mesh_text::{MaterialText, MeshText},
     numbers::is_number,
+    paths::inside,
     rule::Rule,
 };
 use crate::{
@@ -33,14 +34,14 @@ pub(super) fn check(
     found: &mut Findings,
 ) -> Vec<Vec<ConvexSolid>> {
     let mut basenames: BTreeMap<String, String> = BTreeMap::new();
-    let mut solids = Vec::new();
+    let (mut solids, visuals, place) = (Vec::new(), Use::visual(description), (folder, urdf));
     if !affordable(description, folder, urdf, found) {
         return vec![Vec::new(); description.links.len()];
     }
     for link in &description.links {
         let mut visual = Some(TriangleMesh::default());
         for shape in &link.visuals {
-            let mesh = mesh_of(shape, folder, urdf, true, &mut basenames, found);
+            let mesh = mesh_of(shape, place, visuals, &mut basenames, found);
             if let Some((path, mesh)) = &mesh {
                 looks(path, mesh, shape, folder, found);
             }
@@ -52,8 +53,8 @@ pub(super) fn check(
         for shape in &link.collisions {
             let points = match &shape.geometry {
                 Geometry::Mesh { scale, .. } => {
-                    let Some((file, mesh)) = mesh_of(shape, folder, urdf, false, &mut basenames, found)
-                    else {
+                    let mesh = mesh_of(shape, place, Use::COLLISION, &mut basenames, found);
+                    let Some((file, mesh)) = mesh else {
                         continue;
                     };
                     // The rules of numbers report it.
@@ -170,23 +171,45 @@ fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
                 .collect()
         }
         Geometry::Sphere(radius) => directions(64).map(|d| Point3::from(d * *radius)).collect(),
-        Geometry::Mesh { .. } | Geometry::Unknown => Vec::new(),
+        Geometry::Mesh { .. } | Geometry::Other(_) | Geometry::Missing => Vec::new(),
+    }
+}
+
+/// How the meshes of a kind of shape are looked at.
+#[derive(Clone, Copy)]
+struct Use {
+    visual: bool,
+    /// How bad it is where a shape gets no mesh.
+    lost: Level,
+}
+
+impl Use {
+    const COLLISION: Self = Self { visual: false, lost: Level::Error };
+
+    fn visual(description: &Description) -> Self {
+        // MuJoCo refuses what it cannot read, if it is to read visuals at all.
+        let lost = if description.keeps_visuals { Level::Error } else { Level::Warning };
+        Self { visual: true, lost }
     }
 }
 
 /// The mesh of a shape with its path in the folder; `None` for primitives and where a rule says why.
 fn mesh_of(
     shape: &ShapeText,
-    folder: &Folder,
-    urdf: &str,
-    visual: bool,
+    (folder, urdf): (&Folder, &str),
+    of: Use,
     basenames: &mut BTreeMap<String, String>,
     found: &mut Findings,
 ) -> Option<(String, MeshText)> {
     let Geometry::Mesh { path, .. } = &shape.geometry else { return None };
-    let file = resolve(path, urdf, found)?;
+    let file = resolve(path, urdf, of, found)?;
     let Some(bytes) = folder.get(&file) else {
-        found.error(Rule::Path, path, "the file is missing");
+        found.add(
+            of.lost,
+            Rule::Path,
+            path,
+            "the file is missing: PyBullet refuses the model, others the shape",
+        );
         return None;
     };
     let name = file.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
@@ -203,17 +226,15 @@ fn mesh_of(
     let extension = name.rsplit('.').next().unwrap_or_default().to_owned();
     let mesh = match extension.as_str() {
         "obj" => MeshText::obj(&String::from_utf8_lossy(bytes)),
-        "stl" => {
-            if visual {
-                found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
-            } else {
-                found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
-            }
-            let Some(mesh) = MeshText::stl(bytes) else {
-                found.error(Rule::Mesh, &file, "is no whole STL, neither binary nor text");
-                return None;
-            };
-            mesh
+        "stl" => stl(path, &file, bytes, of, found)?,
+        "dae" => {
+            found.add(
+                of.lost,
+                Rule::Format,
+                path,
+                "a DAE is refused by MuJoCo and not drawn by Drake; use OBJ",
+            );
+            return None;
         }
         // PyBullet refuses a whole model for one GLB or PLY.
         other => {
@@ -225,51 +246,40 @@ fn mesh_of(
             return None;
         }
     };
-    health(&file, &mesh, extension == "stl", found).then_some((file, mesh))
+    health(&file, &mesh, extension == "stl", of, found).then_some((file, mesh))
+}
+
+/// The mesh of an STL file.
+fn stl(path: &str, file: &str, bytes: &[u8], of: Use, found: &mut Findings) -> Option<MeshText> {
+    if of.visual {
+        found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
+    } else {
+        found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
+    }
+    let mesh = MeshText::stl(bytes);
+    if mesh.is_none() {
+        found.error(Rule::Mesh, file, "is no whole STL, neither binary nor text");
+    }
+    mesh
 }
 
 /// The path of a mesh in the folder; `None`, with a finding, where it is none.
-fn resolve(path: &str, urdf: &str, found: &mut Findings) -> Option<String> {
+fn resolve(path: &str, urdf: &str, of: Use, found: &mut Findings) -> Option<String> {
     if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
-        found.error(
+        found.add(
+            of.lost,
             Rule::Path,
             path,
             "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path",
         );
     }
-    inside(path, urdf).map_err(|why| found.error(Rule::Path, path, why)).ok()
+    inside(path, urdf).map_err(|why| found.add(of.lost, Rule::Path, path, why)).ok()
 }
 
-/// The path of a mesh in the folder, or why it is none.
-fn inside(path: &str, urdf: &str) -> Result<String, &'static str> {
-    let inside = if let Some(rest) = path.strip_prefix("package://") {
-        rest.split_once('/').map_or("", |(_, path)| path)
-    } else if path.contains("://")
-        || path.starts_with('/')
-        || path.contains('\\')
-        || path.get(1..2) == Some(":")
-    {
-        return Err("is not relative to the URDF: other machines do not have it");
-    } else {
-        path
-    };
-    let mut parts: Vec<&str> = urdf.split('/').collect();
-    parts.pop();
-    for part in inside.split('/') {
-        match part {
-            "" | "." => {}
-            ".." if parts.pop().is_some() => {}
-            ".." => return Err("leads out of the folder"),
-            name => parts.push(name),
-        }
-    }
-    Ok(parts.join("/"))
-}
-
-fn health(file: &str, mesh: &MeshText, stl: bool, found: &mut Findings) -> bool {
+fn health(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findings) -> bool {
     let before = found.all.len();
     if mesh.faces == 0 {
-        found.error(Rule::Mesh, file, "has no face");
+        found.add(of.lost, Rule::Mesh, file, "has no face");
     }
     if mesh.points.iter().any(|p| !p.iter().all(|x| is_number(*x))) {
         found.error(Rule::Mesh, file, "has a vertex that is no finite point");
@@ -314,10 +324,9 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         );
     }
     // Names in an OBJ and in its material file are relative to their folder.
-    let beside =
-        |name: &str| file.rsplit_once('/').map_or_else(|| name.to_owned(), |(f, _)| format!("{f}/{name}"));
+    let beside = |name: &str| inside(name, file).ok().and_then(|path| folder.get(&path));
     let Some(material_file) = &mesh.material_file else { return };
-    let Some(bytes) = folder.get(&beside(material_file)) else {
+    let Some(bytes) = beside(material_file) else {
         found.error(Rule::Texture, file, format!("its material file {material_file} is missing"));
         return;
     };
@@ -333,7 +342,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         found.error(Rule::Texture, file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
     }
     for texture in &material.textures {
-        match folder.get(&beside(texture)) {
+        match beside(texture) {
             None => found.error(Rule::Texture, file, format!("the texture {texture} is missing")),
             Some(bytes)
                 if !bytes.starts_with(b"\x89PNG\r\n\x1a\n")
@@ -353,7 +362,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
                 "texture coordinates are missing or leave [0, 1]: Drake smears the texture",
             );
         }
-        if shape.has_material {
+        if shape.material.is_some() {
             found.warn(
                 Rule::Texture,
                 file,

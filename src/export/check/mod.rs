@@ -6,19 +6,30 @@ mod description;
 mod finding;
 mod joints;
 mod links;
+mod materials;
 mod mesh_text;
 mod meshes;
+mod named;
 mod numbers;
 mod overlap;
+mod paths;
 mod placement;
 mod places;
 mod rule;
+mod shapes;
 mod tree;
+mod welds;
+
+use std::borrow::Cow;
 
 use description::{Description, DescriptionError};
 use finding::Findings;
 pub use finding::{CheckFinding, Folder, Level};
+pub use named::named_files;
 pub use rule::Rule;
+use welds::Welds;
+
+use crate::limits::with_declaration;
 
 /// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files
 /// named `*.ros.urdf` may hold `package://` paths of the package that is the folder.
@@ -43,7 +54,11 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     let mut found = Findings::of(path);
     // Bytes that are no UTF-8 are replaced: the rules then find what is wrong with them.
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
-    let description = match Description::parse(&text) {
+    let declared = with_declaration(&text);
+    if matches!(declared, Cow::Owned(_)) {
+        found.warn(Rule::Xml, path, "its <?xml ...?> has no version: readers of XML refuse the file");
+    }
+    let description = match Description::parse(&declared) {
         Ok(description) => description,
         Err(problem) => {
             found.error(Rule::Xml, path, problem.to_string());
@@ -52,14 +67,17 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     };
     sound(&description, &mut found);
     let is_sound = found.all.is_empty();
-    links::check(&description, &mut found);
+    let welds = Welds::of(&description);
+    links::check(&description, &welds, &mut found);
+    shapes::check(&description, &mut found);
     joints::check(&description, &mut found);
+    materials::check(&description, folder, path, &mut found);
     let solids = meshes::check(&description, folder, path, &mut found);
     // Positions mean nothing where the tree or a number is broken.
     if is_sound
         && !found.all.iter().any(|f| f.level == Level::Error && [Rule::Limit, Rule::Joint].contains(&f.rule))
     {
-        overlap::check(&description, &solids, &mut found);
+        overlap::check(&description, &solids, &welds, &mut found);
     }
     found.all
 }

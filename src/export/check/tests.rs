@@ -82,9 +82,8 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
         ("limit", "nothing moves", "lower=\"0\" upper=\"0.2\"", "lower=\"0\" upper=\"0\""),
         ("overlap", "overlap by 2.00 mm", "xyz=\"0.11 0 0\"", "xyz=\"0.098 0 0\""),
         ("sweep", "the joint jams", "axis xyz=\"1 0 0\"", "axis xyz=\"-1 0 0\""),
-        ("name", "no name for USD", "link name=\"tray\"", "link name=\"my tray\""),
         ("name", "both a link and a joint", "joint name=\"slide\"", "joint name=\"tray\""),
-        ("joint", "'floating'", "type=\"prismatic\"", "type=\"floating\""),
+        ("joint", "'sliding'", "type=\"prismatic\"", "type=\"sliding\""),
         ("xml", "is no XML", "</robot>", ""),
         ("name", "same file name", mesh, "other/frame_0.obj"),
     ];

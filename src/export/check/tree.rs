@@ -1,9 +1,9 @@
 //! Rules of the tree: links and joints have names of their own and make one tree, and joints that follow
 //! others follow one that leads.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use super::{description::Description, finding::Findings, places::places, rule::Rule};
+use super::{description::Description, finding::Findings, places::unique_places, rule::Rule};
 
 pub(super) fn check(description: &Description, found: &mut Findings) {
     let (links, joints) = (&description.links, &description.joints);
@@ -68,21 +68,6 @@ fn mimics(description: &Description, found: &mut Findings) {
             format!("mimics itself ({}); one joint must lead", shortened(&names)),
         );
     }
-}
-
-/// Where each name stands first; one that stands twice is reported.
-fn unique_places<'a>(
-    what: &str,
-    names: impl Iterator<Item = &'a str> + Clone,
-    found: &mut Findings,
-) -> BTreeMap<&'a str, usize> {
-    let places = places(names.clone());
-    let again = names.enumerate().filter(|(place, name)| places.get(name) != Some(place));
-    let mut reported = BTreeSet::new();
-    for (_, name) in again.filter(|(_, name)| reported.insert(*name)) {
-        found.error(Rule::Name, name, format!("is the name of more than one of the {what}"));
-    }
-    places
 }
 
 /// The rings of a graph in which every node points to one other at most, itself perhaps; each begins at its

@@ -1,0 +1,43 @@
+//! What a file of a model folder names.
+
+use super::{mesh_text::MaterialText, paths::inside};
+use crate::limits::{URDF, parse_xml, with_declaration};
+
+/// Paths in the folder of what a file names: meshes and textures of a URDF, the material file of an OBJ,
+/// textures of a material file. What lies elsewhere, or cannot be read, names nothing.
+#[must_use]
+pub fn named_files(path: &str, bytes: &[u8]) -> Vec<String> {
+    let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    let text = || String::from_utf8_lossy(bytes);
+    let named: Vec<String> = match extension.as_str() {
+        "urdf" if bytes.len() as u64 <= URDF.bytes => parse_xml(&with_declaration(&text())).map_or_else(
+            |_| Vec::new(),
+            |robot| robot.descendants().filter_map(|n| n.attribute("filename").map(str::to_owned)).collect(),
+        ),
+        "obj" => {
+            let materials =
+                |line: &str| line.trim_start().strip_prefix("mtllib").map(|m| m.trim().to_owned());
+            text().lines().filter_map(materials).collect()
+        }
+        "mtl" => MaterialText::parse(&text()).textures,
+        _ => Vec::new(),
+    };
+    named.iter().filter_map(|name| inside(name, path).ok()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_name_others() {
+        let urdf = "<robot><material><texture filename='t.png'/></material><link><visual><geometry>\
+            <mesh filename='m/a.obj'/></geometry></visual></link><x filename='/etc/passwd'/></robot>";
+        assert_eq!(named_files("u/x.urdf", urdf.as_bytes()), ["u/t.png", "u/m/a.obj"]);
+        assert_eq!(named_files("u/m/a.obj", b"mtllib a.mtl\nv 0 0 0\n"), ["u/m/a.mtl"]);
+        assert_eq!(named_files("u/m/a.mtl", b"newmtl a\nmap_Kd ./a.png\n"), ["u/m/a.png"]);
+        assert!(
+            named_files("u/x.urdf", b"<robot").is_empty() && named_files("a.stl", b"mtllib b").is_empty()
+        );
+    }
+}
