@@ -260,13 +260,14 @@ mod tests {
     #[test]
     fn what_closes_stands_closed_in_a_keyframe() {
         let mut model = cabinet();
-        assert!(!mjcf(&model).contains("name=\"closed\""));
+        let text = |model: &ArticulatedModel| mjcf(model, &ExportConfig::default());
+        assert!(!text(&model).contains("name=\"closed\""));
         let seat = Seat { position: -0.02, std: 1e-4, contact_share: 0.3, above: false };
         (model.joints[0].limit.closed, model.joints[0].limit.lower) = (Some(seat), -0.02);
-        assert!(mjcf(&model).contains("<key name=\"closed\" qpos=\"-0.02 0.18\"/>"), "{}", mjcf(&model));
+        assert!(text(&model).contains("<key name=\"closed\" qpos=\"-0.02 0.18\"/>"), "{}", text(&model));
         // A limit that ends before it keeps it open.
         model.joints[0].limit.lower = 0.0;
-        assert!(mjcf(&model).contains("<key name=\"closed\" qpos=\"0 0.18\"/>"));
+        assert!(text(&model).contains("<key name=\"closed\" qpos=\"0 0.18\"/>"));
     }
 
     #[test]

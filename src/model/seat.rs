@@ -27,6 +27,13 @@ const BROAD: f64 = 0.02;
 /// that the middle cell meets too late.
 /// tuned: shared/bags, a quarter against a half
 const STANDS_OUT: f64 = 0.25;
+/// A part that so many cells meet before, as a share of those that meet at the seat, is stopped before.
+/// derived: odds of four to one that they are clutter
+const STOPPED: f64 = 0.25;
+/// Where surfaces of one part may lie on another, as a share of the object's longest side: a larger face within
+/// it is the seat.
+/// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
+const BLUR_SHARE: f64 = 0.04;
 /// A seat at the other end with more than this share of the contact leaves open which one is closed.
 /// derived: odds of two to one
 const RIVAL: f64 = 0.5;
@@ -57,12 +64,15 @@ pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat
         return None;
     }
     let [lower, upper] = model.observed_interval(j);
+    let blur_m = BLUR_SHARE * model.extent_m();
     let of = |above: bool| {
         let start = if above { upper } else { -lower };
-        Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m).map(|(way, std, share)| {
-            let position = if above { start + way } else { -(start + way) };
-            Seat { position, std, contact_share: share, above }
-        })
+        Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m, blur_m).map(
+            |(way, std, share)| {
+                let position = if above { start + way } else { -(start + way) };
+                Seat { position, std, contact_share: share, above }
+            },
+        )
     };
     let (a, b) = (of(false), of(true));
     let share = |s: &Option<Seat>| s.map_or(0.0, |s| s.contact_share);
@@ -124,32 +134,37 @@ impl Ways {
         Self { left, leading }
     }
 
-    /// Way to the first face that enough cells meet at once, its deviation, and their share.
-    fn seat(&self, tolerance_m: f64) -> Option<(f64, f64, f64)> {
+    /// Way to the first face that enough cells meet at once, its deviation, and their share; `None` where the
+    /// part is stopped before, or meets one face after the other.
+    fn seat(&self, tolerance_m: f64, blur_m: f64) -> Option<(f64, f64, f64)> {
         let steps = self.steps(tolerance_m);
-        let far = |a: &Step, b: &Step| (a.way - b.way).abs() * a.lever_m.min(b.lever_m) > 2.0 * tolerance_m;
-        let is_peak = |k: usize| {
-            let (before, after) = steps.split_at(k);
-            let near = before.iter().rev().chain(after).filter(|s| !far(s, &steps[k]));
-            near.map(|s| s.met).max() == Some(steps[k].met)
+        let apart_m = |a: &Step, b: &Step| (a.way - b.way).abs() * a.lever_m.min(b.lever_m);
+        let is_peak = |k: &usize| {
+            let near = steps.iter().filter(|s| apart_m(s, &steps[*k]) <= 2.0 * tolerance_m);
+            near.map(|s| s.met).max() == Some(steps[*k].met)
         };
-        let least = BROAD * self.leading as f64;
-        (0..steps.len()).filter(|k| is_peak(*k)).find_map(|peak| {
+        let face = |peak: usize| {
             // The face reaches as far as half as many cells meet at once: noise spreads them.
             let holds = |s: &&Step| 2 * s.met >= steps[peak].met;
             let first = steps[..peak].iter().rev().take_while(holds).last().unwrap_or(&steps[peak]);
             let last = steps[peak..].iter().take_while(holds).last().unwrap_or(&steps[peak]);
             let met: Vec<&[f64; 2]> =
                 self.left.iter().filter(|w| w[0] >= first.way && w[0] <= last.way).collect();
-            (met.len() as f64 >= least).then(|| self.rest_on(&met, first, tolerance_m))
-        })?
-    }
-
-    /// The seat on cells that meet about at once; `None` where the part is stopped before.
-    fn rest_on(&self, met: &[&[f64; 2]], first: &Step, tolerance_m: f64) -> Option<(f64, f64, f64)> {
-        let before = self.left.iter().filter(|w| (first.way - w[0]) * w[1] > tolerance_m).count();
+            (first, met)
+        };
+        let least = BROAD * self.leading as f64;
+        let faces = (0..steps.len()).filter(is_peak).map(face).filter(|f| f.1.len() as f64 >= least);
+        let (first, met) = faces.reduce(|seat, next| {
+            let behind = apart_m(seat.0, next.0) <= blur_m && next.1.len() > seat.1.len();
+            if behind { next } else { seat }
+        })?;
+        let before = self.left.iter().filter(|w| (first.way - w[0]) * w[1] > blur_m).count();
+        let width_m = met.iter().map(|w| (w[0] - first.way) * w[1]).fold(0.0, f64::max);
+        if before as f64 > STOPPED * met.len() as f64 || width_m > blur_m {
+            return None;
+        }
         // In order, as all ways are.
-        let seat = met.get((STANDS_OUT * met.len() as f64) as usize).filter(|_| before <= met.len())?[0];
+        let seat = met.get((STANDS_OUT * met.len() as f64) as usize)?[0];
         // A position is known by a cell as well as its lever is long.
         let weight: f64 = met.iter().map(|w| w[1] * w[1]).sum();
         let square = met.iter().map(|w| (w[1] * (w[0] - seat)).powi(2)).sum::<f64>() / weight;

@@ -18,6 +18,9 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
 /// by it.
 const GRAZE_SHARE: f64 = 0.05;
+/// Gap beyond the observed positions, where a part may lie on its seat, as a share of that within them.
+/// measured: over 2 mm MuJoCo and Bullet make no contact
+const SEAT_GAP: f64 = 2.0 / 3.0;
 /// Blocks are one where together they are at most so many times as large as apart.
 const FUSED: f64 = 1.25;
 /// A revolute joint is swept this far at most, radians.
@@ -27,26 +30,31 @@ const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 /// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as wide as engines
 /// with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
+    // What lies on its seat has surfaces nearer to it than the gap.
+    let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        let [lower, upper] = [lower.min(joint.limit.lower), upper.max(joint.limit.upper)];
+        let observed = steps(model, &joint, lower, upper);
+        let beyond = [[joint.limit.lower, lower], [upper, joint.limit.upper]].into_iter();
+        let beyond: Vec<f64> =
+            beyond.filter(|[a, b]| a < b).flat_map(|[a, b]| steps(model, &joint, a, b)).collect();
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
                 continue;
             }
-            let positions = steps(model, &joint, lower, upper);
             let moving = model.links[joint.child].collision.clone();
+            // The parent is known to be clear; another part may truly stand in the way, unless it is only
+            // grazed, but not where it was seen.
+            let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
             // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
-                let poses = relative_poses(model, j, other, &state, &positions);
-                // The parent is known to be clear; another part may truly stand in the way, unless it is only
-                // grazed, but not where it was seen.
-                let grazed =
-                    if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
-                let seen = relative_poses(model, j, other, &state, &[state[j]]);
-                carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
+                for (positions, config) in [(&observed, config), (&beyond, &on_seat)] {
+                    let poses = relative_poses(model, j, other, &state, positions);
+                    let seen = relative_poses(model, j, other, &state, &[state[j]]);
+                    carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
+                }
             }
         }
     }
