@@ -125,7 +125,7 @@ pub mod surface {
 }
 pub mod synth {
     pub use crate::synth::{
-        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, Light, Material, Object, Part,
+        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
         PartJointKind, PoseSpread, Scene, Solid, SynthConfig, SynthState, View, film, further_states,
         generate, record,
     };

@@ -13,8 +13,8 @@ use artitwin::internal::{
     geometry::{Intrinsics, Pose},
     io::{Place, inspect, track_camera, write_synth, write_synth_bag},
     synth::{
-        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, Light, Material, Object, Part, PoseSpread,
-        Scene, Solid, SynthConfig, SynthState, View, generate, record,
+        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
+        PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
     },
 };
 use nalgebra::{Point3, Vector3};
@@ -58,12 +58,38 @@ fn the_same_seed_gives_the_same_bytes() {
 }
 
 #[test]
+fn the_truth_says_where_handles_are() {
+    let outs = [folder("synth-plain"), folder("synth-handles")];
+    let plain = SynthConfig { family: Some(Family::Cabinet), ..small(2) };
+    let config = SynthConfig { handles: Some(HandleStyle::Mixed), ..plain.clone() };
+    let truth = |out: &Path, config: &SynthConfig| -> serde_json::Value {
+        write_synth(&Place::at(out), config).unwrap();
+        serde_json::from_slice(&std::fs::read(out.join("truth.json")).unwrap()).unwrap()
+    };
+    assert!(truth(&outs[0], &plain).get("handles").is_none());
+    let object = generate(&config).unwrap();
+    let truth = truth(&outs[1], &config);
+    let handles = truth["handles"].as_array().unwrap();
+    assert_eq!(handles.len(), object.parts.iter().filter(|p| p.handle.is_some()).count());
+    assert!(!handles.is_empty());
+    for entry in handles {
+        let part = entry["part"].as_u64().unwrap() as usize;
+        let handle = object.parts[part].handle.unwrap();
+        assert_eq!(entry["kind"], handle.kind.name());
+        assert!(entry["size"].as_object().unwrap().values().all(|s| s.as_f64().unwrap() > 0.004));
+        let frame = (object.world_from_parts(0)[part] * handle.part_from_handle).to_homogeneous();
+        let read = |r: usize, c: usize| entry["frame"][r][c].as_f64().unwrap();
+        assert!((0..16).all(|i| (read(i / 4, i % 4) - frame[(i / 4, i % 4)]).abs() < 1e-9));
+    }
+}
+
+#[test]
 fn depth_of_a_box_is_the_analytic_distance() {
     let material = Material::plain(Vector3::repeat(0.5));
     let solids = vec![Solid::between([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3], &material)];
     let object = Object {
         family: "box",
-        parts: vec![Part { name: "box".into(), joint: None, solids }],
+        parts: vec![Part { name: "box".into(), joint: None, solids, handle: None }],
         world_from_rest: Pose::identity(),
     };
     let scene = Scene::new(&object, 0, &material, 1.0);

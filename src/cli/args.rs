@@ -287,6 +287,10 @@ pub struct SynthArgs {
     /// Kind of object; default: by the seed
     #[arg(long, value_parser = ["cabinet", "lamp", "folding_door", "capped_box", "clamshell"])]
     pub family: Option<String>,
+    /// Handles of the doors and drawers of a cabinet, in truth.json too: bar, knob, recess, mixed or none;
+    /// default: plain blocks, as before
+    #[arg(long, value_parser = ["bar", "knob", "recess", "mixed", "none"])]
+    pub handles: Option<String>,
     /// One color a part and no texture; default: by the seed
     #[arg(long, conflicts_with = "textured")]
     pub plain: bool,

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     io,
-    synth::{Family, SynthConfig},
+    synth::{Family, HandleStyle, SynthConfig},
 };
 
 /// Makes an object, films it in two states and writes recordings and truth.
@@ -25,6 +25,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         seed: args.seed,
         parts: args.parts,
         family: args.family.as_deref().and_then(Family::named),
+        handles: args.handles.as_deref().and_then(HandleStyle::named),
         textured: if args.plain || args.textured { Some(args.textured) } else { None },
         noise: args.noise,
         pose_noise: args.pose_noise,

@@ -1,6 +1,6 @@
 //! A made object on disk: two recordings and their truth.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::Point3;
 use serde::Serialize;
@@ -13,8 +13,8 @@ use crate::{
     geometry::Pose,
     surface::{TriangleMesh, merge},
     synth::{
-        Board, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states, generate,
-        imu_bias, record, workspace,
+        Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states,
+        generate, imu_bias, record, workspace,
     },
 };
 
@@ -31,6 +31,9 @@ struct TruthFile<'a> {
     /// Where the true world stands in the world of each recording.
     recorded_from_world: [[[f64; 4]; 4]; 2],
     parts: Vec<PartEntry<'a>>,
+    /// Of the parts that were given one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    handles: Vec<HandleEntry>,
     /// Positions of the parts' joints in the states behind the first two, null for the static part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
@@ -60,6 +63,16 @@ struct PartEntry<'a> {
     seen_points: [usize; 2],
     #[serde(flatten)]
     joint: Option<JointEntry>,
+}
+
+#[derive(Serialize)]
+struct HandleEntry {
+    /// Index of its part.
+    part: usize,
+    kind: &'static str,
+    /// Its frame in the world in state 0: x along it, z out of the plate.
+    frame: [[f64; 4]; 4],
+    size: BTreeMap<&'static str, f64>,
 }
 
 #[derive(Serialize)]
@@ -139,6 +152,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
         seed: config.seed,
         recorded_from_world: recorded_from_world.map(|p| rows(&p)),
         parts: seen_points.iter().enumerate().map(|(k, seen)| entry(&object, &further, k, *seen)).collect(),
+        handles: handles(&object),
         further: further
             .iter()
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
@@ -152,6 +166,30 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     };
     folder.put("truth.json", &serde_json::to_vec_pretty(&truth)?)?;
     Ok((folder.commit()?, object))
+}
+
+/// The handles as they stand in state 0.
+fn handles(object: &Object) -> Vec<HandleEntry> {
+    let poses = object.world_from_parts(0);
+    let entry = |(part, pose): (usize, &Pose)| {
+        let handle = object.parts[part].handle?;
+        let size = match handle.kind {
+            HandleKind::Bar { length_m, thickness_m, clearance_m } => BTreeMap::from([
+                ("length_m", length_m),
+                ("thickness_m", thickness_m),
+                ("clearance_m", clearance_m),
+            ]),
+            HandleKind::Knob { diameter_m, height_m } => {
+                BTreeMap::from([("diameter_m", diameter_m), ("height_m", height_m)])
+            }
+            HandleKind::Recess { length_m, width_m, depth_m } => {
+                BTreeMap::from([("length_m", length_m), ("width_m", width_m), ("depth_m", depth_m)])
+            }
+        };
+        let frame = rows(&(pose * handle.part_from_handle));
+        Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
+    };
+    poses.iter().enumerate().filter_map(entry).collect()
 }
 
 /// The box that a user would give in place of masks, as `reconstruct --workspace` reads it.

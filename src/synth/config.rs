@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::HandheldSensor;
+use super::{HandheldSensor, HandleStyle};
 use crate::capture::Paper;
 
 /// Family of shapes.
@@ -98,6 +98,8 @@ pub struct SynthConfig {
     pub parts: Option<usize>,
     /// Family; `None` draws one that can have so many parts.
     pub family: Option<Family>,
+    /// Handles of the doors, flaps and drawers of cabinets; `None` leaves the plain ones of the family.
+    pub handles: Option<HandleStyle>,
     /// Textured or plain object; `None` draws: three of four are textured.
     pub textured: Option<bool>,
     /// Factor on the noise of depth and color; 0 is a perfect sensor.
@@ -136,6 +138,7 @@ impl Default for SynthConfig {
             seed: 0,
             parts: None,
             family: None,
+            handles: None,
             textured: None,
             noise: 1.0,
             pose_noise: PoseSpread::default(),

@@ -6,8 +6,8 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
-    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, look::Look, observable,
-    tabletop,
+    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings, look::Look,
+    observable, tabletop,
 };
 use crate::{
     geometry::Pose,
@@ -50,13 +50,16 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
         // A stream of its own: how many positions one shape took does not change the next.
         let rng = &mut stage_rng(config.seed, "synth/shape", shape);
         let mut look = Look { textured, scale_m: 1.0 };
-        let parts = match family {
+        let mut parts = match family {
             Family::Cabinet => cabinet::cabinet(parts, &mut look, rng),
             Family::Lamp => chain::lamp(parts, &mut look, rng),
             Family::FoldingDoor => chain::folding_door(parts, &mut look, rng),
             Family::CappedBox => tabletop::capped_box(parts, &mut look, rng),
             Family::Clamshell => tabletop::clamshell(&mut look, rng),
         };
+        if let (Family::Cabinet, Some(style)) = (family, config.handles) {
+            fittings::fit(&mut parts, style, &mut stage_rng(config.seed, "synth/handles", shape));
+        }
         let mut object =
             Object { family: family.name(), parts, world_from_rest: Pose::new(foot, Vector3::z() * yaw) };
         for _ in 0..POSITIONS {

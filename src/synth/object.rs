@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::{Family, Solid};
+use super::{Family, Handle, Solid};
 use crate::{
     geometry::{Pose, Screw, bounding_box},
     surface::{TriangleMesh, merge},
@@ -73,6 +73,8 @@ pub struct Part {
     pub joint: Option<PartJoint>,
     /// What it consists of.
     pub solids: Vec<Solid>,
+    /// Its handle, where handles were asked for.
+    pub handle: Option<Handle>,
 }
 
 impl Part {
@@ -94,12 +96,12 @@ impl Part {
             limits,
             positions: [0.0; 2],
         };
-        Self { name, joint: Some(joint), solids }
+        Self { name, joint: Some(joint), solids, handle: None }
     }
 
     /// The static part.
     pub(super) fn fixed(name: &str, solids: Vec<Solid>) -> Self {
-        Self { name: name.to_owned(), joint: None, solids }
+        Self { name: name.to_owned(), joint: None, solids, handle: None }
     }
 }
 

@@ -48,10 +48,14 @@ fn moving(joint: &JointText, found: &mut Findings) {
         _ => {}
     }
     let Some(limit) = &joint.limit else {
-        // urdfdom asks for the limits of those that end; all load the others, PyBullet without effort.
-        let level = if joint.kind == "continuous" { Level::Warning } else { Level::Error };
-        let message = "has no <limit>; effort and velocity are needed, urdfdom refuses the model without";
-        return found.add(level, Rule::Limit, name, message);
+        // urdfdom asks for the limits of those that end.
+        if joint.kind == "continuous" {
+            found.warn(Rule::Limit, name, "has no <limit> with effort and velocity; PyBullet takes 0");
+        } else {
+            let message = "has no <limit>; effort and velocity are needed, urdfdom refuses the model without";
+            found.error(Rule::Limit, name, message);
+        }
+        return;
     };
     for (what, value) in [("effort", limit.effort), ("velocity", limit.velocity)] {
         match value {

@@ -218,7 +218,7 @@ mod tests {
     fn box_on_floor() -> (Object, Material) {
         let material = Material::plain(Vector3::repeat(0.5));
         let solids = vec![Solid::between([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], &material)];
-        let part = Part { name: "box".into(), joint: None, solids };
+        let part = Part { name: "box".into(), joint: None, solids, handle: None };
         (Object { family: "box", parts: vec![part], world_from_rest: Pose::identity() }, material)
     }
 

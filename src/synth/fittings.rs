@@ -1,0 +1,166 @@
+//! Handles are fitted to the plates of doors and drawers, in the sizes that are sold.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rand_core::Rng;
+
+use super::{Handle, HandleKind, HandleStyle, Material, Part, Shape, Solid};
+use crate::{
+    geometry::Pose,
+    random::{below, chance, range},
+};
+
+/// Share of a plate's side that a handle takes along itself, at most.
+const MOST_ALONG: f64 = 0.6;
+/// Share across itself, at most.
+const MOST_ACROSS: f64 = 0.35;
+/// How far a post or stem reaches into the plate, meters.
+const SUNK_M: f64 = 0.001;
+/// Walls of a recess that is deeper than its plate, meters.
+const CUP_M: f64 = 0.004;
+
+/// Gives the doors, flaps and drawers of a cabinet other handles. Of these parts the plate is the first solid
+/// and the handle the last.
+pub(super) fn fit(parts: &mut [Part], style: HandleStyle, rng: &mut impl Rng) {
+    for part in
+        parts.iter_mut().filter(|p| ["door_", "flap_", "drawer_"].iter().any(|n| p.name.starts_with(n)))
+    {
+        let Some(plate) = Plate::of(part) else { continue };
+        let Some(old) = part.solids.pop() else { continue };
+        let style = match style {
+            HandleStyle::Mixed => [HandleStyle::Bar, HandleStyle::Knob, HandleStyle::Recess][below(rng, 3)],
+            style => style,
+        };
+        part.handle = match style {
+            HandleStyle::Bar => Some(plate.bar(&mut part.solids, &old.material, rng)),
+            HandleStyle::Knob => Some(plate.knob(&mut part.solids, &old.material, rng)),
+            HandleStyle::Recess => Some(plate.recess(&mut part.solids, &old.material, rng)),
+            HandleStyle::Mixed | HandleStyle::Bare => None,
+        };
+    }
+}
+
+/// The plate that carries a handle, seen from the handle: x along it, y across, z out.
+struct Plate {
+    /// The middle of its outer face.
+    part_from_face: Pose,
+    /// Half sides.
+    half: Vector3<f64>,
+    /// The side of y without the hinge; 0 for a drawer.
+    free: f64,
+    material: Material,
+}
+
+impl Plate {
+    fn of(part: &Part) -> Option<Self> {
+        let (solid, joint) = (part.solids.first()?, part.joint?);
+        let Shape::Cuboid(half) = solid.shape else { return None };
+        let center = solid.part_from_solid.translation.vector;
+        let slides = part.name.starts_with("drawer_");
+        // Bars stand upright on doors and lie on flaps and drawers.
+        let along = if !slides && joint.axis.z.abs() > 0.5 { Vector3::z() } else { Vector3::y() };
+        let across = Vector3::x().cross(&along);
+        let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[along, across, Vector3::x()]));
+        let face = center + half.x * Vector3::x();
+        let side = |v: &Vector3<f64>| v.abs().dot(&half);
+        Some(Self {
+            part_from_face: Pose::from_parts(face.into(), UnitQuaternion::from_rotation_matrix(&turn)),
+            half: Vector3::new(side(&along), side(&across), half.x),
+            free: if slides { 0.0 } else { -(joint.origin.coords - center).dot(&across).signum() },
+            material: solid.material.clone(),
+        })
+    }
+
+    /// Factor, 1 at most, on a handle that is too large for the plate.
+    fn scale(&self, length_m: f64, width_m: f64) -> f64 {
+        let fits = |most: f64, half: f64, size: f64| most * 2.0 * half / size;
+        fits(MOST_ALONG, self.half.x, length_m).min(fits(MOST_ACROSS, self.half.y, width_m)).min(1.0)
+    }
+
+    /// The frame of a handle of a width, `out` from the face: near the free edge, or in the middle.
+    fn frame(&self, width_m: f64, out_m: f64) -> Pose {
+        // Clear of the boards that the edge may cover.
+        let rim = (0.5 * self.half.y).min(0.03);
+        let inward = (0.5 * width_m + rim).max(0.24 * self.half.y);
+        self.part_from_face * Pose::translation(0.0, self.free * (self.half.y - inward), out_m)
+    }
+
+    fn bar(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
+        let [length_m, thickness_m, clearance_m] =
+            [range(rng, 0.096, 0.16), range(rng, 0.008, 0.012), range(rng, 0.025, 0.035)];
+        let s = self.scale(length_m, thickness_m);
+        let [length_m, thickness_m, clearance_m] = [s * length_m, s * thickness_m, s * clearance_m];
+        let (half, out_m) = (0.5 * thickness_m, clearance_m + 0.5 * thickness_m);
+        let part_from_handle = self.frame(thickness_m, out_m);
+        solids.push(if chance(rng, 0.5) {
+            let along = Pose::rotation(std::f64::consts::FRAC_PI_2 * Vector3::y());
+            Solid::cylinder(half, 0.5 * length_m, part_from_handle * along, material)
+        } else {
+            Solid {
+                shape: Shape::Cuboid(Vector3::new(0.5 * length_m, half, half)),
+                part_from_solid: part_from_handle,
+                material: material.clone(),
+            }
+        });
+        // Posts end within the bar.
+        let post = Vector3::new(0.8 * half, 0.8 * half, 0.5 * (out_m + SUNK_M));
+        for side in [-1.0, 1.0] {
+            let at = Pose::translation(side * (0.5 * length_m - thickness_m), 0.0, -post.z);
+            solids.push(Solid {
+                shape: Shape::Cuboid(post),
+                part_from_solid: part_from_handle * at,
+                material: material.clone(),
+            });
+        }
+        Handle { kind: HandleKind::Bar { length_m, thickness_m, clearance_m }, part_from_handle }
+    }
+
+    fn knob(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
+        let diameter_m = range(rng, 0.025, 0.035);
+        let diameter_m = diameter_m * self.scale(diameter_m, diameter_m);
+        // Half of it is stem, so that fingers reach behind the head.
+        let (stem, head) = (0.5 * diameter_m, 0.4 * diameter_m);
+        let part_from_handle = self.frame(diameter_m, stem + 0.5 * head);
+        let half_stem = 0.5 * (stem + SUNK_M);
+        let behind = Pose::translation(0.0, 0.0, -0.5 * head - half_stem);
+        solids.push(Solid::cylinder(0.5 * diameter_m, 0.5 * head, part_from_handle, material));
+        solids.push(Solid::cylinder(0.25 * diameter_m, half_stem, part_from_handle * behind, material));
+        Handle { kind: HandleKind::Knob { diameter_m, height_m: stem + head }, part_from_handle }
+    }
+
+    /// Makes the plate one of boxes about the recess, whose floor is of another material.
+    fn recess(&self, solids: &mut Vec<Solid>, trim: &Material, rng: &mut impl Rng) -> Handle {
+        let s = self.scale(0.1, 0.025);
+        let [length_m, width_m, depth_m] = [s * 0.1, s * 0.025, s * range(rng, 0.012, 0.018)];
+        let part_from_handle = self.frame(width_m, 0.0);
+        let from_face = (self.part_from_face.inverse() * part_from_handle).translation.vector;
+        // All in the frame of the recess.
+        let between = |lower: [f64; 3], upper: [f64; 3], material: &Material| {
+            let mut solid = Solid::between(lower, upper, material);
+            solid.part_from_solid = part_from_handle * solid.part_from_solid;
+            solid
+        };
+        let (lower, upper) = (-self.half - from_face, self.half - from_face);
+        let (a, b, back) = (0.5 * length_m, 0.5 * width_m, -2.0 * self.half.z);
+        let plate = &self.material;
+        let mut pieces = vec![
+            between([lower.x, lower.y, back], [upper.x, -b, 0.0], plate),
+            between([lower.x, b, back], [upper.x, upper.y, 0.0], plate),
+            between([lower.x, -b, back], [-a, b, 0.0], plate),
+            between([a, -b, back], [upper.x, b, 0.0], plate),
+        ];
+        if depth_m < -back {
+            pieces.push(between([-a, -b, back], [a, b, -depth_m], trim));
+        } else {
+            let (c, d, floor) = (a + CUP_M, b + CUP_M, -depth_m - CUP_M);
+            pieces.push(between([-c, -d, floor], [c, d, -depth_m], trim));
+            for [x, y] in [[[-c, -a], [-d, d]], [[a, c], [-d, d]], [[-a, a], [-d, -b]], [[-a, a], [b, d]]] {
+                pieces.push(between([x[0], y[0], -depth_m], [x[1], y[1], back], trim));
+            }
+        }
+        solids.splice(..1, pieces);
+        Handle { kind: HandleKind::Recess { length_m, width_m, depth_m }, part_from_handle }
+    }
+}
+
+#[cfg(test)]
+mod tests;
