@@ -1,0 +1,222 @@
+"""The world of a demonstration: the twin, a floor, a ball, a robot; and what happens in it."""
+import mujoco
+import numpy as np
+
+from hold import Hold, Scene, candidates, near
+from twin import BODIES, FLOOR, below, moved, place, solids, vertices
+
+# Speed of the fingertips along the way, m/s; shortest time for it, s.
+SPEED, SHORTEST = 0.15, 1.0
+# How far beyond an end the hand goes, m, so that the joint's own limit stops it.
+BEYOND = 0.006
+# Depth to which fingertips press into a face that they push, m.
+PRESS = 0.002
+# Seconds between pictures of the motion.
+PICTURE_S = 0.08
+# Poses along a way at which the hand's room is checked.
+CHECKS = 9
+# Penetration that counts as being in the way, m.
+TOUCH = 0.0005
+BALL = 0.02
+
+
+def build(spec, robot):
+    """Adds floor, ball and robot to a twin, and the solver settings that hold a grasp."""
+    bare = spec.copy().compile()
+    data = mujoco.MjData(bare)
+    mujoco.mj_forward(bare, data)
+    points = np.concatenate([vertices(bare, data, g) for b in range(bare.nbody) for g in solids(bare, b)])
+    low, high = points.min(0), points.max(0)
+    size = float(np.linalg.norm(high - low))
+    option = spec.option
+    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10
+    option.noslip_iterations = 3
+    look = spec.visual
+    look.global_.offwidth, look.global_.offheight = 960, 720
+    look.quality.shadowsize = 2048
+    spec.stat.extent, spec.stat.center = size, list((low + high) / 2)
+    spec.add_texture(
+        name="demo_sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.8, 0.85], rgb2=[0.95, 0.95, 0.97], width=64, height=384,
+    )
+    world = spec.worldbody
+    world.add_light(pos=[low[0], low[1], high[2] + 2 * size], dir=[0.3, 0.3, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    floor = world.add_geom(name="demo_floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, low[2] - 0.001])
+    floor.rgba, floor.contype, floor.conaffinity = [0.8, 0.8, 0.78, 1], FLOOR, FLOOR
+    ball = world.add_body(name="demo_ball", pos=[0, 0, high[2] + 10])
+    ball.add_freejoint(name="demo_ball")
+    ball.gravcomp = 1
+    # A wooden ball; it rolls.
+    ball.add_geom(
+        name="demo_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL, 0, 0], mass=0.025, condim=6, friction=[0.6, 0.005, 0.0005],
+        rgba=[0.8, 0.1, 0.1, 1], contype=BODIES | FLOOR, conaffinity=BODIES | FLOOR,
+    )
+    robot.add(spec)
+    model = spec.compile()
+    robot.bind(model)
+    return model
+
+
+class Stage:
+    """The running world. `pictures` are positions of all joints, PICTURE_S apart."""
+
+    def __init__(self, model, joints, robot):
+        self.model, self.joints, self.robot = model, joints, robot
+        self.data = mujoco.MjData(model)
+        self.pictures, self.force = [], 0.0
+        self.every = max(1, round(PICTURE_S / model.opt.timestep))
+        self.steps = 0
+        place(model, self.data, {j.name: j.closed for j in joints})
+        robot.away(model, self.data)
+        self.pose, self.gap = None, 0.0
+
+    def position(self, joint):
+        return float(self.data.joint(joint.name).qpos[0])
+
+    def share(self, joint):
+        return joint.share(self.position(joint))
+
+    def kept(self):
+        data = mujoco.MjData(self.model)
+        mujoco.mj_copyData(data, self.model, self.data)
+        return data, list(self.pictures), self.steps, self.pose, self.gap
+
+    def back(self, kept):
+        data, pictures, self.steps, self.pose, self.gap = kept
+        mujoco.mj_copyData(self.data, self.model, data)
+        self.pictures = list(pictures)
+
+    def step(self):
+        if self.pose is not None:
+            self.force = max(self.force, self.robot.drive(self.model, self.data, self.pose, self.gap))
+        mujoco.mj_step(self.model, self.data)
+        if self.steps % self.every == 0:
+            self.pictures.append(self.data.qpos.copy())
+        self.steps += 1
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / self.model.opt.timestep)):
+            self.step()
+
+    def go(self, way, seconds):
+        """Follows `way`, poses by a share from 0 to 1, smoothly."""
+        count = max(1, round(seconds / self.model.opt.timestep))
+        for k in range(count):
+            s = (k + 1) / count
+            self.pose = way(s * s * (3 - 2 * s))
+            self.step()
+
+    # What a hold does.
+
+    def way(self, joint, hold, goal):
+        """The hand's pose by a share of the way from where the joint is to a little beyond its goal."""
+        start = self.position(joint)
+        scene = Scene(self.model, self.data, joint)
+        arm = 1.0 if joint.kind == "slide" else max(np.linalg.norm(scene.away(hold.tip)), 0.02)
+        end = goal + np.sign(goal - start) * BEYOND / arm
+        motions = lambda s: hold.carried(moved(self.model, self.start, joint, start, start + s * (end - start)))
+        return motions, abs(end - start) * arm
+
+    def holds(self, joint, goal):
+        """Holds that have room all along, best first, made as they are asked for."""
+        sign = np.sign(goal - self.position(joint))
+        scene, tried = Scene(self.model, self.data, joint), []
+        for hold in candidates(scene, self.robot.hand, sign):
+            if any(near(hold, other) for other in tried):
+                continue
+            if self.room(joint, hold, goal):
+                tried.append(hold)
+                yield hold
+
+    def room(self, joint, hold, goal):
+        """Whether the hand comes, goes along and leaves without touching anything but what it moves."""
+        start = self.position(joint)
+        self.start = self.data
+        scratch, robot = mujoco.MjData(self.model), self.robot
+        mujoco.mj_copyData(scratch, self.model, self.data)
+        self.start = self.kept()[0]
+        way, _ = self.way(joint, hold, goal)
+        stops = [(hold.before(way(0), by), start, True) for by in np.linspace(0.08, 0.0 if hold.kind != "push" else 0.004, 5)]
+        stops += [(way(s), start + s * (goal - start), False) for s in np.linspace(0, 1, CHECKS)]
+        stops += [(hold.before(way(1), by), goal, None) for by in np.linspace(0.02, 0.08, 4)]
+        if not robot.stand(self.model, scratch, [pose for pose, _, _ in stops]):
+            return False
+        mine = below(self.model, self.model.body(joint.body).id)
+        for pose, q, alone in stops:
+            if not robot.set(self.model, scratch, pose, hold.gap):
+                return False
+            place(self.model, scratch, {joint.name: q})
+            if self.in_the_way(scratch, mine if alone is not True else []):
+                return False
+        return True
+
+    def in_the_way(self, data, but):
+        """Whether the robot touches anything of the world but these bodies."""
+        for k in range(data.ncon):
+            a, b = (int(g) for g in data.contact.geom[k])
+            if (a in self.robot.geoms) == (b in self.robot.geoms):
+                continue
+            other = b if a in self.robot.geoms else a
+            if data.contact.dist[k] < -TOUCH and self.model.geom_bodyid[other] not in but:
+                return True
+        return False
+
+    def touching(self, joint):
+        """Contacts of fingertips with the part."""
+        mine = below(self.model, self.model.body(joint.body).id)
+        pairs = (tuple(int(g) for g in self.data.contact.geom[k]) for k in range(self.data.ncon))
+        count = 0
+        for a, b in pairs:
+            for tip, other in ((a, b), (b, a)):
+                count += tip in self.robot.tips and self.model.geom_bodyid[other] in mine
+        return count
+
+    def perform(self, joint, hold, goal):
+        """Comes, holds, moves the joint to the goal, lets go, leaves. Gives what happened."""
+        self.start, self.force = self.kept()[0], 0.0
+        way, length = self.way(joint, hold, goal)
+        self.gap = hold.gap
+        self.robot.set(self.model, self.data, hold.before(way(0)), hold.gap)
+        self.pose = hold.before(way(0))
+        self.wait(0.1)
+        press = PRESS if hold.kind == "push" else 0.0
+        shift = lambda s: hold.before(way(s), -press)
+        self.go(lambda s: hold.before(way(0), 0.08 * (1 - s) - press), 0.7)
+        if hold.kind == "grasp":
+            self.gap = None
+            self.wait(0.4)
+        contacts = self.touching(joint)
+        self.go(shift, max(SHORTEST, length / SPEED))
+        self.wait(0.2)
+        held, reached = self.touching(joint), self.share(joint)
+        self.gap = min(hold.gap + 0.01, self.robot.hand.gap) if hold.kind == "grasp" else 0.0
+        if hold.kind == "grasp":
+            self.wait(0.3)
+        last = self.pose
+        self.go(lambda s: hold.before(last, 0.08 * s), 0.6)
+        self.wait(0.1)
+        return {
+            "hold": hold.kind, "contacts": contacts, "contacts_at_end": held, "share_held": reached,
+            "share": self.share(joint), "hand_force_n": self.force,
+        }
+
+    def move(self, joint, goal, tries, enough=0.95):
+        """Tries holds until one brings the joint to its goal; keeps the best. `None`: no hold has room."""
+        begin, best, count = self.kept(), None, 0
+        first = self.share(joint)
+        for hold in self.holds(joint, goal):
+            self.back(begin)
+            done = self.perform(joint, hold, goal)
+            count += 1
+            progress = (done["share"] - first) / (joint.share(goal) - first)
+            if best is None or progress > best[0]:
+                best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
+            if progress >= enough or count == tries:
+                break
+        if best is None:
+            self.back(begin)
+            return None
+        self.back(best[2])
+        self.robot.away(self.model, self.data)
+        self.pose = None
+        return {**best[1], "tries": count}
