@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import below, moved, planes, solids, turn
+from twin import below, planes, solids, vertices
 
 # Way of approach before a hold and of retreat after it, m.
 APPROACH = 0.08
@@ -16,6 +16,8 @@ APPROACH = 0.08
 ROOM = 0.003
 # Depths of a part's front behind the fingertips between which a grasp is tried, m.
 SHALLOW, DEEP = 0.006, 0.035
+# Depth behind the foremost place of a part over which the worth of a handle fades, m.
+HANDLE = 0.015
 # Depth to which a map's patch counts as flat, m.
 FLAT = 0.003
 # Most candidates of a kind and direction, most that are checked in all.
@@ -46,6 +48,7 @@ class Hold:
     tip: np.ndarray
     gap: float
     score: float
+    front: np.ndarray
 
     def carried(self, motion):
         rotation, translation = motion
@@ -69,17 +72,16 @@ class Scene:
                     continue
                 (inside if body in self.bodies else outside).append(self._solid(g))
         self.part, self.others = inside, outside
-        points = np.concatenate([corners for _, _, corners in inside])
+        points = np.concatenate([corners for _, _, corners, _ in inside])
         self.points, self.middle = points, (points.min(0) + points.max(0)) / 2
         j = model.joint(joint.name).id
         self.axis, self.anchor = data.xaxis[j].copy(), data.xanchor[j].copy()
+        self.axes = self.directions()
         self.reach = max(np.linalg.norm(self.away(p)) for p in points) if joint.kind != "slide" else 1.0
 
     def _solid(self, geom):
-        from twin import vertices
-
-        normals, offsets = planes(self.model, self.data, geom)
-        return normals, offsets, vertices(self.model, self.data, geom)
+        normals, offsets, areas = planes(self.model, self.data, geom)
+        return normals, offsets, vertices(self.model, self.data, geom), areas
 
     def away(self, point):
         """The joint's axis to a point, square to the axis."""
@@ -95,22 +97,33 @@ class Scene:
             d = d + sign * self.joint.pitch * self.axis
         return d / max(np.linalg.norm(d), 1e-9)
 
+    def ahead(self, point):
+        """How far the part reaches beyond a point, in the direction in which that opens, m."""
+        way = self.way(point, np.sign(self.joint.open - self.joint.closed))
+        # Square to the part's face, where that is nearly its way.
+        face = max(self.axes, key=lambda a: abs(a @ way))
+        return max(0.0, float(((self.points - point) @ face).max() if face @ way > 0 else ((point - self.points) @ face).max()))
+
     def lever(self, point):
         """A share: 1 where the part reaches farthest from its axis."""
         return 1.0 if self.joint.kind == "slide" else float(np.linalg.norm(self.away(point)) / self.reach)
 
     def directions(self):
-        """Directions to look along: those of the joint and of the part's middle."""
+        """Directions to look along: the joint's, and two square to it that the part's faces have."""
         a = self.axis
-        if self.joint.kind == "slide":
-            up = np.array([0.0, 0, 1]) if abs(a[2]) < 0.9 else np.array([1.0, 0, 0])
-        else:
-            up = self.away(self.middle)
-            if np.linalg.norm(up) < 1e-3 * self.reach:  # a lid about its middle
-                up = np.array([1.0, 0, 0]) if abs(a[0]) < 0.9 else np.array([0.0, 1, 0])
-        u = up - a * (a @ up)
+        u = np.array([0.0, 0, 1]) if abs(a[2]) < 0.9 else np.array([1.0, 0, 0])
+        u -= a * (a @ u)
         u /= np.linalg.norm(u)
-        return [a, u, np.cross(a, u)]
+        v = np.cross(a, u)
+        if self.joint.kind == "slide":
+            return [a, u, v]
+        # Square to most of its surface.
+        normals = np.concatenate([n for n, _, _, _ in self.part]) @ np.stack([u, v], 1)
+        areas = np.concatenate([w for _, _, _, w in self.part])
+        angles = np.radians(np.arange(0, 90, 1.0))
+        square = [areas @ ((normals @ [np.cos(t), np.sin(t)]) ** 8 + (normals @ [-np.sin(t), np.cos(t)]) ** 8) for t in angles]
+        t = angles[int(np.argmax(square))]
+        return [a, np.cos(t) * u + np.sin(t) * v, np.cos(t) * v - np.sin(t) * u]
 
 
 class Map:
@@ -128,7 +141,7 @@ class Map:
 
     def _depth(self, group):
         depth = np.full(self.shape, np.inf)
-        for normals, offsets, corners in group:
+        for normals, offsets, corners, _ in group:
             flat = corners @ self.rotation
             first = np.maximum(np.floor((flat.min(0)[:2] - self.low[:2]) / self.cell).astype(int), 0)
             last = np.minimum(np.ceil((flat.max(0)[:2] - self.low[:2]) / self.cell).astype(int) + 1, self.shape)
@@ -189,13 +202,12 @@ def best(scores, count, apart):
 
 
 def levels(map_):
-    """Depths for fingertips: those that a front of the part lies before, 6 mm apart."""
+    """Depths for fingertips: 8 to 26 mm behind the fronts of the part, 6 mm apart."""
     tops = map_.part[np.isfinite(map_.part) & (map_.part <= map_.other)]
     if not len(tops):
         return []
-    steps = np.unique(np.round((tops + 0.02) / 0.006).astype(int))
-    steps = np.unique(np.concatenate([steps, steps - 1, steps + 1]))
-    return steps * 0.006
+    steps = np.unique(np.round((tops + 0.014) / 0.006).astype(int))
+    return np.unique(np.concatenate([steps + k for k in (-1, 0, 1, 2)])) * 0.006
 
 
 def grasps(scene, map_, hand, sign):
@@ -224,7 +236,7 @@ def grasps(scene, map_, hand, sign):
             fits &= counted(map_.other < level, across, rows) == 0
             touch = counted(front, across, rows) / (across * rows)
             fits &= touch > 0.2
-            value = lever + 0.4 * along + 0.6 * touch + 0.5 * np.minimum(depth / 0.025, 1) - 6 * gap
+            value = lever + 0.3 * np.abs(along) + 0.6 * touch + 0.5 * np.minimum(depth / 0.025, 1) - 12 * gap
             better = fits & (value > score)
             score[better] = value[better]
             picked[better] = [level, gap]
@@ -232,12 +244,13 @@ def grasps(scene, map_, hand, sign):
     found = []
     for i, k, s in best(score, EACH, max(3, int(0.02 / map_.cell))):
         level, gap = picked[i, k]
-        found.append(Hold("grasp", map_.rotation, map_.point(i, k, level), min(gap + 4 * ROOM, hand.gap), s))
+        width = min(gap + 4 * ROOM, hand.gap)
+        found.append(Hold("grasp", map_.rotation, map_.point(i, k, level), width, s, map_.point(i, k, map_.part[i, k])))
     return found
 
 
 def _fields(scene, map_, sign, direction):
-    """Per cell: the lever, and how far the way there runs along a direction (-1 to 1 without the absolute)."""
+    """Per cell: the lever, and how far the way there runs along a direction (-1 to 1)."""
     n, m = map_.shape
     step = max(1, n // 30, m // 30)
     lever, along = np.zeros((n, m)), np.zeros((n, m))
@@ -246,7 +259,7 @@ def _fields(scene, map_, sign, direction):
             d = map_.part[i, k]
             p = map_.point(i, k, d if np.isfinite(d) else map_.low[2])
             lever[i : i + step, k : k + step] = scene.lever(p)
-            along[i : i + step, k : k + step] = abs(scene.way(p, sign) @ direction)
+            along[i : i + step, k : k + step] = scene.way(p, sign) @ direction
     return lever, along
 
 
@@ -255,20 +268,21 @@ def hooks(scene, map_, hand, sign):
     c = map_.rotation[:, 0]
     both, wide = map_.cells(2 * hand.thick + 2 * ROOM), map_.cells(hand.wide + 2 * ROOM)
     lever, along = _fields(scene, map_, sign, c)
-    ahead = 1 if scene.way(scene.middle, sign) @ c > 0 else -1
-    off = ahead * int(round((hand.thick + ROOM + 0.006) / map_.cell))
+    off = int(round((hand.thick + ROOM + 0.006) / map_.cell))
+    box = map_.cells(0.008), map_.cells(hand.wide)
     score, picked = np.full(map_.shape, -np.inf), np.zeros(map_.shape)
     for level in levels(map_):
         front = (map_.part < level - SHALLOW) & (map_.part > level - DEEP) & (map_.part <= map_.other)
         free = counted((map_.part < level) | (map_.other < level), both, wide) == 0
-        touch = shifted(counted(front, map_.cells(0.008), map_.cells(hand.wide)), off, 0)
-        touch = touch / (map_.cells(0.008) * map_.cells(hand.wide))
-        fits = free & (touch > 0.5) & (along > 0.9)
-        value = lever + 0.4 * along + 0.4 * touch - 0.3
-        better = fits & (value > score)
-        score[better], picked[better] = value[better], level
+        there = counted(front, *box) / (box[0] * box[1])
+        for ahead in (1, -1):
+            touch = shifted(there, ahead * off, 0)
+            value = lever + 0.4 * ahead * along + 0.4 * touch - 0.3
+            better = free & (touch > 0.5) & (ahead * along > 0.9) & (value > score)
+            score[better], picked[better] = value[better], level
     found = best(score, EACH, max(3, int(0.03 / map_.cell)))
-    return [Hold("hook", map_.rotation, map_.point(i, k, picked[i, k]), 0.0, s) for i, k, s in found]
+    tips = ((map_.point(i, k, picked[i, k]), s) for i, k, s in found)
+    return [Hold("hook", map_.rotation, tip, 0.0, s, tip) for tip, s in tips]
 
 
 def pushes(scene, map_, hand, sign):
@@ -282,8 +296,7 @@ def pushes(scene, map_, hand, sign):
     mean = counted_sum(depth, wide, high) / (wide * high)
     flat = np.abs(depth - mean) < FLAT
     flat &= counted(flat, wide, high) == wide * high
-    facing = scene.way(scene.middle, sign) @ a > 0.7
-    fits = whole & flat & (along > 0.85) & facing
+    fits = whole & flat & (along > 0.85)
     centre = np.indices(map_.shape).transpose(1, 2, 0) - np.array(map_.shape) / 2
     off = np.linalg.norm(centre, axis=2) / (max(map_.shape) / 2)
     if scene.joint.kind == "slide":
@@ -292,7 +305,8 @@ def pushes(scene, map_, hand, sign):
         value = np.minimum(lever, 0.85) - 0.1 * off
     score = np.where(fits, value + 0.5 * along, -np.inf)
     found = best(score, EACH, max(3, int(0.04 / map_.cell)))
-    return [Hold("push", map_.rotation, map_.point(i, k, map_.part[i, k]), 0.0, s) for i, k, s in found]
+    tips = ((map_.point(i, k, map_.part[i, k]), s) for i, k, s in found)
+    return [Hold("push", map_.rotation, tip, 0.0, s, tip) for tip, s in tips]
 
 
 def counted_sum(values, wide, high):
@@ -301,21 +315,28 @@ def counted_sum(values, wide, high):
     return s[wide:, high:] - s[:-wide, high:] - s[wide:, :-high] + s[:-wide, :-high]
 
 
+def frames(scene):
+    """Rotations of a hand: closing direction, across, approach."""
+    for first in range(3):
+        closings = [scene.axes[k] for k in range(3) if k != first]
+        if first == 0 and scene.joint.kind != "slide":  # a part that turns goes every way
+            turns = np.radians(np.arange(0, 180, 22.5))
+            closings = [np.cos(t) * closings[0] + np.sin(t) * closings[1] for t in turns]
+        for approach in (scene.axes[first], -scene.axes[first]):
+            for closing in closings:
+                yield np.stack([closing, np.cross(approach, closing), approach], 1)
+
+
 def candidates(scene, hand, sign):
     """Holds that may move the part in a direction of its joint, best first, not yet checked."""
-    found, axes = [], scene.directions()
-    for first in range(3):
-        for heading in (1, -1):
-            a = heading * axes[first]
-            for other in range(3):
-                if other == first:
-                    continue
-                rotation = np.stack([axes[other], np.cross(a, axes[other]), a], 1)
-                map_ = Map(scene, rotation, hand)
-                found += grasps(scene, map_, hand, sign) + hooks(scene, map_, hand, sign)
-                found += pushes(scene, map_, hand, sign)
-    for hold in found:  # from below there is a floor or a table
+    found = []
+    for rotation in frames(scene):
+        map_ = Map(scene, rotation, hand)
+        found += grasps(scene, map_, hand, sign) + hooks(scene, map_, hand, sign) + pushes(scene, map_, hand, sign)
+    for hold in found:
+        # From below there is a floor or a table. What stands out of a front, in the way that it opens, is a handle.
         hold.score -= 0.5 * max(0.0, hold.rotation[2, 2])
+        hold.score += np.exp(-scene.ahead(hold.front) / HANDLE)
     return sorted(found, key=lambda h: -h.score)
 
 

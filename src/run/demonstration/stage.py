@@ -17,11 +17,12 @@ PICTURE_S = 0.08
 CHECKS = 9
 # Penetration that counts as being in the way, m.
 TOUCH = 0.0005
-BALL = 0.02
+# Height over which a ball is dropped, m; density of the ball, kg/m^3: wood.
+DROP, WOOD = 0.01, 700.0
 
 
-def build(spec, robot):
-    """Adds floor, ball and robot to a twin, and the solver settings that hold a grasp."""
+def build(spec, robot, radius):
+    """Adds floor, ball (radius in m) and robot to a twin, and the solver settings that hold a grasp."""
     bare = spec.copy().compile()
     data = mujoco.MjData(bare)
     mujoco.mj_forward(bare, data)
@@ -40,15 +41,15 @@ def build(spec, robot):
         rgb1=[0.75, 0.8, 0.85], rgb2=[0.95, 0.95, 0.97], width=64, height=384,
     )
     world = spec.worldbody
-    world.add_light(pos=[low[0], low[1], high[2] + 2 * size], dir=[0.3, 0.3, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    world.add_light(pos=[low[0], low[1], high[2] + 2 * size], dir=[0.3, 0.3, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=[0.35] * 3, castshadow=False)
     floor = world.add_geom(name="demo_floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, low[2] - 0.001])
-    floor.rgba, floor.contype, floor.conaffinity = [0.8, 0.8, 0.78, 1], FLOOR, FLOOR
+    floor.rgba, floor.contype, floor.conaffinity = [0.55, 0.56, 0.58, 1], FLOOR, FLOOR
     ball = world.add_body(name="demo_ball", pos=[0, 0, high[2] + 10])
     ball.add_freejoint(name="demo_ball")
     ball.gravcomp = 1
-    # A wooden ball; it rolls.
+    # It rolls: contacts resist turning.
     ball.add_geom(
-        name="demo_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL, 0, 0], mass=0.025, condim=6, friction=[0.6, 0.005, 0.0005],
+        name="demo_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], density=WOOD, condim=6, friction=[0.6, 0.005, 0.0005],
         rgba=[0.8, 0.1, 0.1, 1], contype=BODIES | FLOOR, conaffinity=BODIES | FLOOR,
     )
     robot.add(spec)
@@ -106,6 +107,14 @@ class Stage:
             self.pose = way(s * s * (3 - 2 * s))
             self.step()
 
+    def drop(self, middle):
+        """Lets the ball go a little above a place."""
+        ball = self.data.joint("demo_ball")
+        ball.qpos[:] = [*(middle + [0, 0, DROP]), 1, 0, 0, 0]
+        ball.qvel[:] = 0
+        self.model.body_gravcomp[self.model.body("demo_ball").id] = 0
+        self.wait(1.0)
+
     # What a hold does.
 
     def way(self, joint, hold, goal):
@@ -121,7 +130,10 @@ class Stage:
         """Holds that have room all along, best first, made as they are asked for."""
         sign = np.sign(goal - self.position(joint))
         scene, tried = Scene(self.model, self.data, joint), []
-        for hold in candidates(scene, self.robot.hand, sign):
+        found = candidates(scene, self.robot.hand, sign)
+        if np.isclose(goal, joint.closed):  # what is closed is pushed
+            found.sort(key=lambda h: h.kind != "push")
+        for hold in found:
             if any(near(hold, other) for other in tried):
                 continue
             if self.room(joint, hold, goal):
@@ -177,6 +189,7 @@ class Stage:
         way, length = self.way(joint, hold, goal)
         self.gap = hold.gap
         self.robot.set(self.model, self.data, hold.before(way(0)), hold.gap)
+        mujoco.mj_forward(self.model, self.data)
         self.pose = hold.before(way(0))
         self.wait(0.1)
         press = PRESS if hold.kind == "push" else 0.0
@@ -185,8 +198,10 @@ class Stage:
         if hold.kind == "grasp":
             self.gap = None
             self.wait(0.4)
+        seconds = max(SHORTEST, length / SPEED)
+        self.go(lambda s: shift(0.5 * s), seconds / 2)
         contacts = self.touching(joint)
-        self.go(shift, max(SHORTEST, length / SPEED))
+        self.go(lambda s: shift(0.5 + 0.5 * s), seconds / 2)
         self.wait(0.2)
         held, reached = self.touching(joint), self.share(joint)
         self.gap = min(hold.gap + 0.01, self.robot.hand.gap) if hold.kind == "grasp" else 0.0

@@ -133,7 +133,7 @@ def vertices(model, data, geom):
 
 
 def planes(model, data, geom):
-    """Planes of a convex solid in the world: outer normals, n x 3, and their offsets, n."""
+    """Planes of a convex solid in the world: outer normals, n x 3, their offsets, n, and the areas of its faces, n."""
     mesh = int(model.geom_dataid[geom])
     first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     corners = vertices(model, data, geom)
@@ -145,7 +145,7 @@ def planes(model, data, geom):
     # Outward, whatever the winding.
     flip = np.einsum("ij,ij->i", normals, a - corners.mean(0)) < 0
     normals[flip] *= -1
-    return normals, np.einsum("ij,ij->i", normals, a)
+    return normals, np.einsum("ij,ij->i", normals, a), length[keep] / 2
 
 
 def moved(model, data, joint, q_from, q_to):
