@@ -132,14 +132,18 @@ def main():
 def give(options):
     say = lambda line: print(line, file=sys.stderr, flush=True)
     spec = twin.load(twin.mjcf_of(options.run))
-    joints = twin.joints_of(spec.copy().compile())
+    bare = spec.copy().compile()
+    joints = twin.joints_of(bare)
+    still = mujoco.MjData(bare)
+    twin.place(bare, still, {j.name: j.closed for j in joints})
+    front = twin.front(bare, still, joints)
     robot = robot_of(options.robot)
     places = balls(spec, joints, robot.hand)
     radius = min((r for _, r in places.values()), default=ball.MOST)
-    model = stage.build(spec, robot, radius)
+    model = stage.build(spec, robot, radius, front)
     world = stage.Stage(model, joints, robot)
     # Before the work: a machine that cannot draw is found out here.
-    film = None if options.no_film else picture_maker(model, world, joints)
+    film = None if options.no_film else picture_maker(model, world, front)
     entries = demonstrate(world, joints, places, options.tries, say)
     report = {"twin": options.run.resolve().name, "robot": robot.name, "mujoco": mujoco.__version__, "joints": entries}
     report["seconds"] = float(world.steps * model.opt.timestep)
@@ -150,12 +154,12 @@ def give(options):
     print(table(report), end="")
 
 
-def picture_maker(model, world, joints):
+def picture_maker(model, world, front):
     import picture
 
-    camera = picture.camera_for(model, joints, world.data)
+    camera = picture.camera_for(model, front, world.robot.near)
     try:
-        next(iter(picture.pictures(model, [world.data.qpos.copy()], camera)))
+        next(iter(picture.pictures(model, [(world.data.qpos, world.data.mocap_pos, world.data.mocap_quat)], camera)))
     except Exception as error:  # whatever the graphics of this machine raise
         raise twin.Refused(f"cannot draw ({error}): install libegl1, set MUJOCO_GL=egl, or give --no-film") from error
     return lambda out: picture.film(out, model, world.pictures, camera)

@@ -37,6 +37,8 @@ class Gripper:
     place between the fingertips."""
 
     name, hand, fingers = "gripper", HAND, ("hand_left", "hand_right")
+    # How far away it is filmed from, by the twin's size.
+    near = 1.25
 
     def add(self, spec):
         h = HAND
@@ -61,7 +63,7 @@ class Gripper:
             motor.ctrllimited, motor.ctrlrange = True, [-SQUEEZE, SQUEEZE]
         couple(spec, *self.fingers)
 
-    def bind(self, model):
+    def bind(self, model, front):
         self.body = model.body("hand").id
         self.free = int(model.joint("hand").qposadr[0])
         self.dof = int(model.joint("hand").dofadr[0])
@@ -70,9 +72,12 @@ class Gripper:
         self.geoms = {g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies}
         self.tips = {model.geom(n).id for n in self.fingers}
 
-    def stand(self, model, data, poses):
-        """Whether it can take the poses, one after the other."""
-        return True
+    def stances(self, poses):
+        """Ways to stand for the poses: it hangs free."""
+        yield None
+
+    def take(self, data, stance):
+        """Takes a stance."""
 
     def set(self, model, data, pose, gap):
         """Puts it at a pose, at rest."""
@@ -81,11 +86,9 @@ class Gripper:
         data.qvel[self.dof : self.dof + 6] = 0
         for name in self.fingers:
             data.joint(name).qpos[0], data.joint(name).qvel[0] = gap / 2, 0
-        return True
 
     def drive(self, model, data, pose, gap):
-        """Force and torque toward a pose for one step; fingers to a gap, or `None`: closed with all their force.
-        Gives the force, N."""
+        """Force and torque toward a pose for one step; fingers to a gap, or `None`: closed with all their force."""
         rotation, tip = pose
         now, speed = data.xmat[self.body].reshape(3, 3), np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, self.body, speed, 0)
@@ -96,7 +99,6 @@ class Gripper:
         for name in self.fingers:
             x = data.joint(name)
             data.actuator(name).ctrl[0] = -SQUEEZE if gap is None else 2000 * (gap / 2 - x.qpos[0]) - 60 * x.qvel[0]
-        return float(np.linalg.norm(force))
 
     def away(self, model, data):
         """Out of sight."""

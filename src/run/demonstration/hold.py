@@ -49,6 +49,7 @@ class Hold:
     gap: float
     score: float
     front: np.ndarray
+    stance: object = None
 
     def carried(self, motion):
         rotation, translation = motion

@@ -8,23 +8,13 @@ WIDTH, HEIGHT = 480, 360
 EVERY, SHOWN = 3, 0.12
 
 
-def camera_for(model, joints, data):
-    """Looks at the twin from the side that its parts open to, and from above."""
-    front = np.zeros(3)
-    for joint in joints:
-        j = model.joint(joint.name).id
-        body = model.joint(joint.name).bodyid[0]
-        sign = np.sign(joint.open - joint.closed)
-        axis, arm = data.xaxis[j], data.xipos[body] - data.xanchor[j]
-        way = sign * axis if joint.kind == "slide" else sign * np.cross(axis, arm)
-        front += way / max(np.linalg.norm(way), 1e-9)
-    front[2] = 0
-    angle = np.arctan2(front[1], front[0]) if np.linalg.norm(front) > 0.3 else 0.0
+def camera_for(model, front, near):
+    """Looks at the twin from above and beside a direction that it opens to. `near`: distance by the twin's size."""
     camera = mujoco.MjvCamera()
     camera.lookat[:] = model.stat.center
-    camera.distance = 1.25 * model.stat.extent
+    camera.distance = near * model.stat.extent
     # The camera looks along its azimuth.
-    camera.azimuth, camera.elevation = np.degrees(angle) + 180 + 38, -25
+    camera.azimuth, camera.elevation = np.degrees(np.arctan2(front[1], front[0])) + 180 + 38, -36
     return camera
 
 
@@ -34,8 +24,8 @@ def pictures(model, moments, camera, solids=False, size=(WIDTH, HEIGHT)):
     option.geomgroup[:] = [1, 1, not solids, solids, 1, 0]
     data = mujoco.MjData(model)
     with mujoco.Renderer(model, size[1], size[0]) as renderer:
-        for qpos in moments:
-            data.qpos[:] = qpos
+        for qpos, places, turns in moments:
+            data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, places, turns
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera, option)
             yield renderer.render().copy()
@@ -43,12 +33,12 @@ def pictures(model, moments, camera, solids=False, size=(WIDTH, HEIGHT)):
 
 def film(folder, model, moments, camera):
     """Writes demo.gif, and demo.mp4 where PyAV is there."""
-    frames = list(pictures(model, moments, camera))
-    write_gif(folder / "demo.gif", frames[::EVERY], SHOWN)
     try:
         import av
     except ImportError:
-        return
+        return write_gif(folder / "demo.gif", list(pictures(model, moments[::EVERY], camera)), SHOWN)
+    frames = list(pictures(model, moments, camera))
+    write_gif(folder / "demo.gif", frames[::EVERY], SHOWN)
     with av.open(str(folder / "demo.mp4"), "w") as container:
         stream = container.add_stream("h264", rate=round(EVERY / SHOWN))
         stream.width, stream.height, stream.pix_fmt = frames[0].shape[1], frames[0].shape[0], "yuv420p"
@@ -61,7 +51,7 @@ def write_gif(path, frames, seconds):
     """Writes a GIF that shows each frame for some seconds, with one palette for all."""
     frames = [Image.fromarray(f) for f in frames]
     # Colors of a few frames side by side.
-    some = frames[:: max(1, len(frames) // 4)][:5]
+    some = frames[:: max(1, len(frames) // 12)]
     strip = Image.new("RGB", (some[0].width, some[0].height * len(some)))
     for k, frame in enumerate(some):
         strip.paste(frame, (0, k * frame.height))

@@ -21,7 +21,7 @@ TOUCH = 0.0005
 DROP, WOOD = 0.01, 700.0
 
 
-def build(spec, robot, radius):
+def build(spec, robot, radius, front):
     """Adds floor, ball (radius in m) and robot to a twin, and the solver settings that hold a grasp."""
     bare = spec.copy().compile()
     data = mujoco.MjData(bare)
@@ -54,7 +54,7 @@ def build(spec, robot, radius):
     )
     robot.add(spec)
     model = spec.compile()
-    robot.bind(model)
+    robot.bind(model, front)
     return model
 
 
@@ -89,11 +89,24 @@ class Stage:
 
     def step(self):
         if self.pose is not None:
-            self.force = max(self.force, self.robot.drive(self.model, self.data, self.pose, self.gap))
+            self.robot.drive(self.model, self.data, self.pose, self.gap)
         mujoco.mj_step(self.model, self.data)
         if self.steps % self.every == 0:
-            self.pictures.append(self.data.qpos.copy())
+            d = self.data
+            self.pictures.append((d.qpos.copy(), d.mocap_pos.copy(), d.mocap_quat.copy()))
+            self.force = max(self.force, self.contact_force())
         self.steps += 1
+
+    def contact_force(self):
+        """The force of the twin on the robot, N."""
+        total, wrench = np.zeros(3), np.zeros(6)
+        for k in range(self.data.ncon):
+            contact = self.data.contact[k]
+            sides = [int(g) in self.robot.geoms for g in contact.geom]
+            if sides[0] != sides[1]:
+                mujoco.mj_contactForce(self.model, self.data, k, wrench)
+                total += (1 if sides[1] else -1) * contact.frame.reshape(3, 3).T @ wrench[:3]
+        return float(np.linalg.norm(total))
 
     def wait(self, seconds):
         for _ in range(round(seconds / self.model.opt.timestep)):
@@ -143,7 +156,6 @@ class Stage:
     def room(self, joint, hold, goal):
         """Whether the hand comes, goes along and leaves without touching anything but what it moves."""
         start = self.position(joint)
-        self.start = self.data
         scratch, robot = mujoco.MjData(self.model), self.robot
         mujoco.mj_copyData(scratch, self.model, self.data)
         self.start = self.kept()[0]
@@ -151,12 +163,17 @@ class Stage:
         stops = [(hold.before(way(0), by), start, True) for by in np.linspace(0.08, 0.0 if hold.kind != "push" else 0.004, 5)]
         stops += [(way(s), start + s * (goal - start), False) for s in np.linspace(0, 1, CHECKS)]
         stops += [(hold.before(way(1), by), goal, None) for by in np.linspace(0.02, 0.08, 4)]
-        if not robot.stand(self.model, scratch, [pose for pose, _, _ in stops]):
-            return False
         mine = below(self.model, self.model.body(joint.body).id)
+        for stance in robot.stances([pose for pose, _, _ in stops]):
+            robot.take(scratch, stance)
+            if self.free(scratch, joint, hold, stops, mine):
+                hold.stance = stance
+                return True
+        return False
+
+    def free(self, scratch, joint, hold, stops, mine):
         for pose, q, alone in stops:
-            if not robot.set(self.model, scratch, pose, hold.gap):
-                return False
+            self.robot.set(self.model, scratch, pose, hold.gap)
             place(self.model, scratch, {joint.name: q})
             if self.in_the_way(scratch, mine if alone is not True else []):
                 return False
@@ -188,6 +205,7 @@ class Stage:
         self.start, self.force = self.kept()[0], 0.0
         way, length = self.way(joint, hold, goal)
         self.gap = hold.gap
+        self.robot.take(self.data, hold.stance)
         self.robot.set(self.model, self.data, hold.before(way(0)), hold.gap)
         mujoco.mj_forward(self.model, self.data)
         self.pose = hold.before(way(0))
@@ -212,7 +230,7 @@ class Stage:
         self.wait(0.1)
         return {
             "hold": hold.kind, "contacts": contacts, "contacts_at_end": held, "share_held": reached,
-            "share": self.share(joint), "hand_force_n": self.force,
+            "share": self.share(joint), "force_n": self.force,
         }
 
     def move(self, joint, goal, tries, enough=0.95):

@@ -158,6 +158,19 @@ def moved(model, data, joint, q_from, q_to):
     return rotation, anchor - rotation @ anchor + axis * by * joint.pitch
 
 
+def front(model, data, joints):
+    """The level direction that most parts open to, unit length."""
+    total = np.zeros(3)
+    for joint in joints:
+        j, body = model.joint(joint.name).id, model.joint(joint.name).bodyid[0]
+        axis = np.sign(joint.open - joint.closed) * data.xaxis[j]
+        way = axis if joint.kind == "slide" else np.cross(axis, data.xipos[body] - data.xanchor[j])
+        total += way / max(np.linalg.norm(way), 1e-9)
+    total[2] = 0
+    length = np.linalg.norm(total)
+    return total / length if length > 0.3 else np.array([1.0, 0, 0])
+
+
 def turn(axis, angle):
     """The rotation about a unit axis."""
     x, y, z = axis
