@@ -10,6 +10,7 @@ stderr where no demonstration can be given.
 import argparse
 import importlib.util
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -18,8 +19,10 @@ if MISSING:
     packages = " ".join({"PIL": "pillow"}.get(name, name) for name in ("mujoco", "numpy", "PIL"))
     sys.exit(f"this Python has no {', '.join(MISSING)}: pip install {packages}")
 
+if sys.platform == "linux":  # no screen is needed
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
 import mujoco
-import numpy as np
 
 import ball
 import stage
@@ -131,8 +134,7 @@ def main():
 
 def give(options):
     say = lambda line: print(line, file=sys.stderr, flush=True)
-    spec = twin.load(twin.mjcf_of(options.run))
-    bare = spec.copy().compile()
+    spec, bare = twin.load(twin.mjcf_of(options.run))
     joints = twin.joints_of(bare)
     still = mujoco.MjData(bare)
     twin.place(bare, still, {j.name: j.closed for j in joints})

@@ -26,7 +26,7 @@ def pad(body, name, size, pos, rgba=(0.85, 0.35, 0.1, 1)):
 
 def couple(spec, first, second):
     """Keeps both fingers equally far from the middle."""
-    tie = spec.add_equality(name="hand_couple", type=mujoco.mjtEq.mjEQ_JOINT, name1=first, name2=second)
+    tie = spec.add_equality(name="demo_couple", type=mujoco.mjtEq.mjEQ_JOINT, name1=first, name2=second)
     tie.objtype = mujoco.mjtObj.mjOBJ_JOINT
     tie.data[:5] = [0, 1, 0, 0, 0]
     tie.solref, tie.solimp = [0.005, 1], [0.95, 0.99, 0.001, 0.5, 2]
@@ -36,19 +36,19 @@ class Gripper:
     """The hand in a scene. A pose is a rotation, whose columns are closing direction, across and approach, and the
     place between the fingertips."""
 
-    name, hand, fingers = "gripper", HAND, ("hand_left", "hand_right")
+    name, hand, fingers = "gripper", HAND, ("demo_left", "demo_right")
     # How far away it is filmed from, by the twin's size.
     near = 1.25
 
     def add(self, spec):
         h = HAND
-        body = spec.worldbody.add_body(name="hand", pos=[0, 0, 5])
-        body.add_freejoint(name="hand")
+        body = spec.worldbody.add_body(name="demo_hand", pos=[0, 0, 5])
+        body.add_freejoint(name="demo_hand")
         body.gravcomp = 1
         back = -h.long - h.palm[2]
         body.mass, body.ipos, body.inertia, body.explicitinertial = MASS, [0, 0, back], [INERTIA] * 3, True
         body.add_geom(
-            name="hand_palm", type=mujoco.mjtGeom.mjGEOM_BOX, size=list(h.palm), pos=[0, 0, back], mass=0, rgba=[0.2, 0.2, 0.25, 1],
+            name="demo_palm", type=mujoco.mjtGeom.mjGEOM_BOX, size=list(h.palm), pos=[0, 0, back], mass=0, rgba=[0.2, 0.2, 0.25, 1],
             contype=BODIES | FLOOR, conaffinity=BODIES | FLOOR,
         )
         for name, side in zip(self.fingers, (1, -1)):
@@ -64,9 +64,9 @@ class Gripper:
         couple(spec, *self.fingers)
 
     def bind(self, model, front):
-        self.body = model.body("hand").id
-        self.free = int(model.joint("hand").qposadr[0])
-        self.dof = int(model.joint("hand").dofadr[0])
+        self.body = model.body("demo_hand").id
+        self.free = int(model.joint("demo_hand").qposadr[0])
+        self.dof = int(model.joint("demo_hand").dofadr[0])
         self.back = model.body_ipos[self.body].copy()
         bodies = [self.body, *(model.body(n).id for n in self.fingers)]
         self.geoms = {g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies}

@@ -20,8 +20,8 @@ SHALLOW, DEEP = 0.006, 0.035
 HANDLE = 0.015
 # Depth to which a map's patch counts as flat, m.
 FLAT = 0.003
-# Most candidates of a kind and direction, most that are checked in all.
-EACH, CHECKED = 8, 60
+# Most candidates of a kind and direction.
+EACH = 8
 # Widest map, cells; finest cell, m.
 CELLS, FINEST = 150, 0.003
 
@@ -63,15 +63,15 @@ class Hold:
 class Scene:
     """A twin at rest, seen from outside: solids of a moving part and of all else."""
 
-    def __init__(self, model, data, joint):
+    def __init__(self, model, data, joint, but=frozenset()):
+        """`but`: geoms that are no part of it."""
         self.model, self.data, self.joint = model, data, joint
         self.bodies = below(model, model.body(joint.body).id)
         inside, outside = [], []
         for body in range(model.nbody):
             for g in solids(model, body):
-                if model.geom(g).name.startswith("hand_") or model.geom_type[g] != 7:
-                    continue
-                (inside if body in self.bodies else outside).append(self._solid(g))
+                if g not in but:
+                    (inside if body in self.bodies else outside).append(self._solid(g))
         self.part, self.others = inside, outside
         points = np.concatenate([corners for _, _, corners, _ in inside])
         self.points, self.middle = points, (points.min(0) + points.max(0)) / 2

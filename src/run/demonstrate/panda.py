@@ -57,7 +57,7 @@ class Panda:
     """The arm in a scene; poses as those of the free gripper."""
 
     name, hand, near = "panda", HAND, 1.8
-    fingers = ("arm_hand_panda_finger_joint1", "arm_hand_panda_finger_joint2")
+    fingers = ("demo_arm_hand_panda_finger_joint1", "demo_arm_hand_panda_finger_joint2")
 
     def __init__(self):
         self.alone = arm_spec().compile()
@@ -67,14 +67,14 @@ class Panda:
         self.goal = HOME.copy()
 
     def add(self, spec):
-        stand = spec.worldbody.add_body(name="arm_stand", mocap=True, pos=[0, 0, -20])
+        stand = spec.worldbody.add_body(name="demo_arm_stand", mocap=True, pos=[0, 0, -20])
         stand.add_geom(
-            name="arm_stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.08, 0.08, 2], pos=[0, 0, -2], rgba=[0.3, 0.32, 0.35, 1],
+            name="demo_arm_stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.08, 0.08, 2], pos=[0, 0, -2], rgba=[0.3, 0.32, 0.35, 1],
             contype=BODIES, conaffinity=BODIES,
         )
-        spec.attach(arm_spec(), frame=stand.add_frame(), prefix="arm_")
+        spec.attach(arm_spec(), frame=stand.add_frame(), prefix="demo_arm_")
         for k in range(7):
-            name = f"arm_panda_joint{k + 1}"
+            name = f"demo_arm_panda_joint{k + 1}"
             drive = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             drive.set_to_position(kp=STIFF[k], kv=DAMP[k])
             drive.forcelimited, drive.forcerange = True, [-TORQUE[k], TORQUE[k]]
@@ -86,13 +86,13 @@ class Panda:
 
     def bind(self, model, front):
         self.front = front[:2]
-        bodies = {b for b in range(model.nbody) if model.body(b).name.startswith("arm_")}
+        bodies = {b for b in range(model.nbody) if model.body(b).name.startswith("demo_arm_")}
         self.geoms = {g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies}
         for g in self.geoms:
-            if model.geom(g).name != "arm_stand" and model.geom_contype[g]:
+            if model.geom(g).name != "demo_arm_stand" and model.geom_contype[g]:
                 model.geom_contype[g] = model.geom_conaffinity[g] = BODIES | FLOOR
-        self.tips = {model.geom(f"arm_hand_panda_{side}finger").id for side in ("left", "right")}
-        self.joints = [f"arm_panda_joint{k + 1}" for k in range(7)]
+        self.tips = {model.geom(f"demo_arm_hand_panda_{side}finger").id for side in ("left", "right")}
+        self.joints = [f"demo_arm_panda_joint{k + 1}" for k in range(7)]
         self.floor = float(model.geom("demo_floor").pos[2])
 
     def stances(self, poses):

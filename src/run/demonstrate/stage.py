@@ -2,7 +2,7 @@
 import mujoco
 import numpy as np
 
-from hold import Hold, Scene, candidates, near
+from hold import APPROACH, Scene, candidates, near
 from twin import BODIES, FLOOR, below, moved, place, solids, vertices
 
 # Speed of the fingertips along the way, m/s; shortest time for it, s.
@@ -133,8 +133,7 @@ class Stage:
     def way(self, joint, hold, goal):
         """The hand's pose by a share of the way from where the joint is to a little beyond its goal."""
         start = self.position(joint)
-        scene = Scene(self.model, self.data, joint)
-        arm = 1.0 if joint.kind == "slide" else max(np.linalg.norm(scene.away(hold.tip)), 0.02)
+        arm = 1.0 if joint.kind == "slide" else max(np.linalg.norm(self.scene.away(hold.tip)), 0.02)
         end = goal + np.sign(goal - start) * BEYOND / arm
         motions = lambda s: hold.carried(moved(self.model, self.start, joint, start, start + s * (end - start)))
         return motions, abs(end - start) * arm
@@ -142,7 +141,8 @@ class Stage:
     def holds(self, joint, goal):
         """Holds that have room all along, best first, made as they are asked for."""
         sign = np.sign(goal - self.position(joint))
-        scene, tried = Scene(self.model, self.data, joint), []
+        scene, tried = Scene(self.model, self.data, joint, self.robot.geoms), []
+        self.scene = scene
         found = candidates(scene, self.robot.hand, sign)
         if np.isclose(goal, joint.closed):  # what is closed is pushed
             found.sort(key=lambda h: h.kind != "push")
@@ -160,9 +160,9 @@ class Stage:
         mujoco.mj_copyData(scratch, self.model, self.data)
         self.start = self.kept()[0]
         way, _ = self.way(joint, hold, goal)
-        stops = [(hold.before(way(0), by), start, True) for by in np.linspace(0.08, 0.0 if hold.kind != "push" else 0.004, 5)]
+        stops = [(hold.before(way(0), by), start, True) for by in np.linspace(APPROACH, 0.0 if hold.kind != "push" else 0.004, 5)]
         stops += [(way(s), start + s * (goal - start), False) for s in np.linspace(0, 1, CHECKS)]
-        stops += [(hold.before(way(1), by), goal, None) for by in np.linspace(0.02, 0.08, 4)]
+        stops += [(hold.before(way(1), by), goal, None) for by in np.linspace(0.02, APPROACH, 4)]
         mine = below(self.model, self.model.body(joint.body).id)
         for stance in robot.stances([pose for pose, _, _ in stops]):
             robot.take(scratch, stance)
@@ -212,7 +212,7 @@ class Stage:
         self.wait(0.1)
         press = PRESS if hold.kind == "push" else 0.0
         shift = lambda s: hold.before(way(s), -press)
-        self.go(lambda s: hold.before(way(0), 0.08 * (1 - s) - press), 0.7)
+        self.go(lambda s: hold.before(way(0), APPROACH * (1 - s) - press), 0.7)
         if hold.kind == "grasp":
             self.gap = None
             self.wait(0.4)
@@ -226,7 +226,7 @@ class Stage:
         if hold.kind == "grasp":
             self.wait(0.3)
         last = self.pose
-        self.go(lambda s: hold.before(last, 0.08 * s), 0.6)
+        self.go(lambda s: hold.before(last, APPROACH * s), 0.6)
         self.wait(0.1)
         return {
             "hold": hold.kind, "contacts": contacts, "contacts_at_end": held, "share_held": reached,

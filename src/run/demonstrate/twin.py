@@ -9,6 +9,10 @@ import mujoco
 import numpy as np
 
 SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+# Largest MJCF that is read, bytes; a twin's has 30 kB.
+LARGEST = 16 << 20
+# What the names of robot, floor and ball begin with.
+OURS = "demo_"
 # Contact bits: what stands in the world of the twin, and the floor, which the twin itself does not feel.
 BODIES, FLOOR = 1, 2
 
@@ -41,10 +45,16 @@ class Joint:
 
 
 def mjcf_of(folder):
-    """The MJCF of a run's folder."""
-    found = [p for p in sorted(Path(folder).glob("*.xml")) if p.name != "package.xml"]
+    """The MJCF of a run's folder: the one file that holds bodies and includes no other."""
+    found = []
+    for path in sorted(Path(folder).glob("*.xml")):
+        if path.stat().st_size > LARGEST:
+            raise Refused(f"{path} has more than {LARGEST} bytes")
+        text = path.read_text(errors="replace")
+        if "<mujoco" in text and "<worldbody" in text and "<include" not in text:
+            found.append(path)
     if len(found) != 1:
-        raise Refused(f"{folder} holds {len(found)} MJCF files; give the folder of a finished run")
+        raise Refused(f"{folder} holds {len(found)} MJCF files with bodies; give the folder of a finished run")
     return found[0]
 
 
@@ -52,11 +62,23 @@ def load(path):
     """The twin's MJCF, without the keyframes, which hold no positions of what is added to it."""
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+        for key in list(spec.keys):
+            spec.delete(key)
+        model = spec.copy().compile()
     except ValueError as error:
         raise Refused(f"MuJoCo cannot read {path}: {error}") from error
-    for key in list(spec.keys):
-        spec.delete(key)
-    return spec
+    if mujoco.mjtJoint.mjJNT_FREE in model.jnt_type:
+        raise Refused("the twin's base floats and would be pulled along; give a twin whose base is fixed")
+    if any(name.startswith(OURS) for name in names(model)):
+        raise Refused(f"names that begin with {OURS} are those of the robot")
+    return spec, model
+
+
+def names(model):
+    """Names of bodies, joints and geoms."""
+    yield from (model.body(k).name for k in range(model.nbody))
+    yield from (model.joint(k).name for k in range(model.njnt))
+    yield from (model.geom(k).name for k in range(model.ngeom))
 
 
 def joints_of(model):
@@ -90,8 +112,7 @@ def _distance(model, data, joint, body, q):
     place(model, data, {model.joint(joint).name: q})
     middles = []
     for b in (body, int(model.body_parentid[body])):
-        points = [data.geom_xpos[g] for g in solids(model, b)]
-        if not points:
+        if not solids(model, b):
             raise Refused(f"{model.body(b).name} has no collision solid")
         points = np.concatenate([vertices(model, data, g) for g in solids(model, b)])
         middles.append((points.min(0) + points.max(0)) / 2)
@@ -110,9 +131,9 @@ def place(model, data, positions):
 
 
 def solids(model, body):
-    """The geoms of a body that touch others."""
-    first = int(model.body_geomadr[body])
-    return [g for g in range(first, first + int(model.body_geomnum[body])) if model.geom_contype[g]] if first >= 0 else []
+    """The meshes of a body that touch others."""
+    mesh = int(mujoco.mjtGeom.mjGEOM_MESH)
+    return [g for g in range(model.ngeom) if model.geom_bodyid[g] == body and model.geom_contype[g] and model.geom_type[g] == mesh]
 
 
 def below(model, body):
