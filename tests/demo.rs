@@ -1,6 +1,7 @@
 //! `artitwin demo`: a drawer that was reconstructed is opened and closed by contact, and keeps a ball.
 //!
-//! Needs Python with MuJoCo (see `common/venv.rs`), and EGL for the film; says so and passes where they are missing.
+//! Needs Python with MuJoCo (see `common/venv.rs`), and EGL for the film; says so and passes where they are
+//! missing.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 

@@ -1,4 +1,5 @@
-//! Pythons with the packages of `tests/python/requirements.txt` (and `requirements.no-deps.txt` beside it), and of `tests/python/ros/requirements.txt`.
+//! Pythons with the packages of `tests/python/requirements.txt` and, without their dependencies, of
+//! `requirements.no-deps.txt` beside it; and of `tests/python/ros/requirements.txt`.
 
 #![allow(dead_code, reason = "every test binary uses its own part of this")]
 

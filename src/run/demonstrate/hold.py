@@ -18,6 +18,10 @@ ROOM = 0.003
 SHALLOW, DEEP = 0.006, 0.035
 # Depth behind the foremost place of a part over which the worth of a handle fades, m.
 HANDLE = 0.015
+# Cosine between a face and the pads below which rubber of friction 1 hardly holds: 0.71 is the limit.
+SLIPS = 0.75
+# Behind the fingertips: where a pad meets the part, m.
+PAD = 0.008
 # Depth to which a map's patch counts as flat, m.
 FLAT = 0.003
 # Most candidates of a kind and direction.
@@ -337,8 +341,37 @@ def candidates(scene, hand, sign):
     for hold in found:
         # From below there is a floor or a table. What stands out of a front, in the way that it opens, is a handle.
         hold.score -= 0.5 * max(0.0, hold.rotation[2, 2])
-        hold.score += np.exp(-scene.ahead(hold.front) / HANDLE)
+        hold.score += 1.4 * np.exp(-scene.ahead(hold.front) / HANDLE)
+        # Fingers slip off faces that are not square to them.
+        if hold.kind == "grasp":
+            square = squareness(scene, hold)
+            hold.score -= 1 - square + (2 if square < SLIPS else 0)
     return sorted(found, key=lambda h: -h.score)
+
+
+def squareness(scene, hold):
+    """How square the part's faces stand to the way that the fingers close, the worse of both sides: a cosine."""
+    closing, found = hold.rotation[:, 0], []
+    for side in (1, -1):
+        start = hold.tip - PAD * hold.rotation[:, 2] + side * hold.gap / 2 * closing
+        hits = [hit for solid in scene.part if (hit := first_face(solid, start, -side * closing))]
+        if not hits:
+            return 0.0
+        found.append(abs(float(min(hits, key=lambda h: h[0])[1] @ closing)))
+    return min(found)
+
+
+def first_face(solid, start, way):
+    """Where a ray meets a convex solid from outside: distance and normal; or `None`."""
+    normals, offsets, _, _ = solid
+    toward, room = normals @ way, offsets - normals @ start
+    if ((np.abs(toward) < 1e-9) & (room < 0)).any():
+        return None
+    enters, leaves = toward < -1e-9, toward > 1e-9
+    at = np.where(enters, room / np.where(enters, toward, 1), -np.inf)
+    until = np.where(leaves, room / np.where(leaves, toward, 1), np.inf).min()
+    k = int(np.argmax(at))
+    return (float(at[k]), normals[k]) if 0 <= at[k] <= until else None
 
 
 def near(hold, other):
