@@ -54,7 +54,7 @@ fn interpreter(
 /// The interpreter, if every package of the files is installed in the version that they name.
 fn whole(python: PathBuf, requirements: &Path) -> Result<PathBuf, String> {
     let compare = "import sys\nfrom importlib.metadata import version\n\
-                   for line in (line for path in sys.argv[1:] for line in open(path)):\n    name, _, wanted = \
+                   for line in (l for path in sys.argv[1:] for l in open(path)):\n    name, _, wanted = \
                    line.split('#')[0].strip().partition('==')\n    \
                    assert not name or version(name) == wanted, f'{name} is {version(name)}, not {wanted}'";
     let files = std::iter::once(requirements.to_owned()).chain(without_dependencies(requirements));

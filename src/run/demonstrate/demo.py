@@ -19,10 +19,16 @@ if MISSING:
     packages = " ".join({"PIL": "pillow"}.get(name, name) for name in ("mujoco", "numpy", "PIL"))
     sys.exit(f"this Python has no {', '.join(MISSING)}: pip install {packages}")
 
-if sys.platform == "linux":  # no screen is needed
+if "--no-film" in sys.argv:
+    os.environ["MUJOCO_GL"] = "disable"
+elif sys.platform == "linux":  # no screen is needed
     os.environ.setdefault("MUJOCO_GL", "egl")
+NO_DRAWING = "cannot draw ({}): install libegl1, or give --no-film"
 
-import mujoco
+try:
+    import mujoco
+except Exception as error:  # whatever the graphics of this machine raise
+    sys.exit(NO_DRAWING.format(error))
 
 import ball
 import stage
@@ -163,7 +169,7 @@ def picture_maker(model, world, front):
     try:
         next(iter(picture.pictures(model, [(world.data.qpos, world.data.mocap_pos, world.data.mocap_quat)], camera)))
     except Exception as error:  # whatever the graphics of this machine raise
-        raise twin.Refused(f"cannot draw ({error}): install libegl1, set MUJOCO_GL=egl, or give --no-film") from error
+        raise twin.Refused(NO_DRAWING.format(error)) from error
     return lambda out: picture.film(out, model, world.pictures, camera)
 
 
