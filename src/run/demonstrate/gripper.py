@@ -38,7 +38,7 @@ class Gripper:
 
     name, hand, fingers = "gripper", HAND, ("demo_left", "demo_right")
     # How far away it is filmed from, by the twin's size.
-    near = 1.25
+    near = 1.1
 
     def add(self, spec):
         h = HAND

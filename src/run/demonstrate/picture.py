@@ -12,7 +12,8 @@ def camera_for(model, front, near):
     """Looks at the twin from above and beside a direction that it opens to. `near`: distance by the twin's size."""
     camera = mujoco.MjvCamera()
     camera.lookat[:] = model.stat.center
-    camera.distance = near * model.stat.extent
+    # A hand's length more, for small things.
+    camera.distance = near * model.stat.extent + 0.25
     # The camera looks along its azimuth.
     camera.azimuth, camera.elevation = np.degrees(np.arctan2(front[1], front[0])) + 180 + 38, -36
     return camera
