@@ -15,6 +15,8 @@ PRESS = 0.002
 PICTURE_S = 0.08
 # Poses along a way at which the hand's room is checked.
 CHECKS = 9
+# Share of a way that is enough: no other hold is tried then.
+ENOUGH = 0.95
 # Penetration that counts as being in the way, m.
 TOUCH = 0.0005
 # Height over which a ball is dropped, m; density of the ball, kg/m^3: wood.
@@ -59,7 +61,8 @@ def build(spec, robot, radius, front):
 
 
 class Stage:
-    """The running world. `pictures` are positions of all joints, PICTURE_S apart."""
+    """The running world. `pictures` are positions of all joints and of what is put in place, PICTURE_S apart; `scene` is
+    the part that is to be moved, as the last search for holds saw it."""
 
     def __init__(self, model, joints, robot):
         self.model, self.joints, self.robot = model, joints, robot
@@ -135,8 +138,9 @@ class Stage:
         start = self.position(joint)
         arm = 1.0 if joint.kind == "slide" else max(np.linalg.norm(self.scene.away(hold.tip)), 0.02)
         end = goal + np.sign(goal - start) * BEYOND / arm
-        motions = lambda s: hold.carried(moved(self.model, self.start, joint, start, start + s * (end - start)))
-        return motions, abs(end - start) * arm
+        scene = self.scene
+        poses = lambda s: hold.carried(moved(joint, scene.axis, scene.anchor, s * (end - start)))
+        return poses, abs(end - start) * arm
 
     def holds(self, joint, goal):
         """Holds that have room all along, best first, made as they are asked for."""
@@ -158,11 +162,11 @@ class Stage:
         start = self.position(joint)
         scratch, robot = mujoco.MjData(self.model), self.robot
         mujoco.mj_copyData(scratch, self.model, self.data)
-        self.start = self.kept()[0]
         way, _ = self.way(joint, hold, goal)
-        stops = [(hold.before(way(0), by), start, True) for by in np.linspace(APPROACH, 0.0 if hold.kind != "push" else 0.004, 5)]
-        stops += [(way(s), start + s * (goal - start), False) for s in np.linspace(0, 1, CHECKS)]
-        stops += [(hold.before(way(1), by), goal, None) for by in np.linspace(0.02, APPROACH, 4)]
+        # Poses, the joint's position, whether the part may be touched.
+        stops = [(hold.before(way(0), by), start, False) for by in np.linspace(APPROACH, 0.004 if hold.kind == "push" else 0.0, 5)]
+        stops += [(way(s), start + s * (goal - start), True) for s in np.linspace(0, 1, CHECKS)]
+        stops += [(hold.before(way(1), by), goal, True) for by in np.linspace(0.02, APPROACH, 4)]
         mine = below(self.model, self.model.body(joint.body).id)
         for stance in robot.stances([pose for pose, _, _ in stops]):
             robot.take(scratch, stance)
@@ -172,10 +176,11 @@ class Stage:
         return False
 
     def free(self, scratch, joint, hold, stops, mine):
-        for pose, q, alone in stops:
+        """Whether nothing is in the way at any stop."""
+        for pose, q, touches in stops:
             self.robot.set(self.model, scratch, pose, hold.gap)
             place(self.model, scratch, {joint.name: q})
-            if self.in_the_way(scratch, mine if alone is not True else []):
+            if self.in_the_way(scratch, mine if touches else []):
                 return False
         return True
 
@@ -202,7 +207,7 @@ class Stage:
 
     def perform(self, joint, hold, goal):
         """Comes, holds, moves the joint to the goal, lets go, leaves. Gives what happened."""
-        self.start, self.force = self.kept()[0], 0.0
+        self.force = 0.0
         way, length = self.way(joint, hold, goal)
         self.gap = hold.gap
         self.robot.take(self.data, hold.stance)
@@ -233,23 +238,28 @@ class Stage:
             "share": self.share(joint), "force_n": self.force,
         }
 
-    def move(self, joint, goal, tries, enough=0.95):
+    def diverged(self):
+        """Whether the solver gave up and started anew."""
+        bad = mujoco.mjtWarning
+        return any(self.data.warning[int(k)].number for k in (bad.mjWARN_BADQPOS, bad.mjWARN_BADQVEL, bad.mjWARN_BADQACC))
+
+    def move(self, joint, goal, tries):
         """Tries holds until one brings the joint to its goal; keeps the best. `None`: no hold has room."""
         begin, best, count = self.kept(), None, 0
-        first = self.share(joint)
+        first, wanted = self.share(joint), joint.share(goal)
+        if abs(wanted - first) < 1 - ENOUGH:
+            return {"hold": "none", "share": first, "tries": 0}
         for hold in self.holds(joint, goal):
-            self.back(begin)
             done = self.perform(joint, hold, goal)
             count += 1
-            progress = (done["share"] - first) / (joint.share(goal) - first)
-            if best is None or progress > best[0]:
+            progress = (done["share"] - first) / (wanted - first)
+            if not self.diverged() and (best is None or progress > best[0]):
                 best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
-            if progress >= enough or count == tries:
+            if best and best[0] >= ENOUGH or count == tries:
                 break
-        if best is None:
+            # The next is looked for from where this began.
             self.back(begin)
-            return None
-        self.back(best[2])
+        self.back(best[2] if best else begin)
         self.robot.away(self.model, self.data)
         self.pose = None
-        return {**best[1], "tries": count}
+        return best and {**best[1], "tries": count}

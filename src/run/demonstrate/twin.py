@@ -169,10 +169,8 @@ def planes(model, data, geom):
     return normals, np.einsum("ij,ij->i", normals, a), length[keep] / 2
 
 
-def moved(model, data, joint, q_from, q_to):
-    """The rigid motion of a part between two positions of its joint: rotation and translation, world frame."""
-    j = model.joint(joint.name).id
-    axis, anchor, by = data.xaxis[j].copy(), data.xanchor[j].copy(), q_to - q_from
+def moved(joint, axis, anchor, by):
+    """The rigid motion of a part when its joint moves: rotation and translation, of the axis in the world."""
     if joint.kind == "slide":
         return np.eye(3), axis * by
     rotation = turn(axis, by)
