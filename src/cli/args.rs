@@ -47,6 +47,8 @@ pub enum Command {
     Check(CheckArgs),
     /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
     Diagnose(DiagnoseArgs),
+    /// Let a robot open and close a twin in MuJoCo by contact alone, and film it; needs Python
+    Demo(DemoArgs),
     /// Make an articulated object and film it: recordings of two states with their truth
     Synth(SynthArgs),
     /// Run as a ROS 2 node: collect both states from topics, make the twin, publish it
@@ -103,7 +105,7 @@ pub struct OutputArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct`
-    /// takes the recording's, `diagnose` and `synth` put the result into DIR itself
+    /// takes the recording's, `diagnose`, `demo` and `synth` put the result into DIR itself
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub name: Option<String>,
     /// Move what must not be replaced to NAME.bak instead of refusing; an input is never moved
@@ -198,6 +200,31 @@ pub struct EvaluateArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Options of `demo`.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example: artitwin demo runs/drawer --out demos/drawer")]
+pub struct DemoArgs {
+    /// Folder of a finished run
+    #[arg(value_name = "RUN")]
+    pub twin: PathBuf,
+    /// What opens and closes the twin: gripper, a free two-finger hand; panda, an arm, from the Python
+    /// package dm-robotics-panda
+    #[arg(long, value_name = "ROBOT", value_parser = ["gripper", "panda"], default_value = "gripper")]
+    pub robot: String,
+    /// Python with the packages mujoco, numpy and pillow; with av a film is written as MP4, too
+    #[arg(long, value_name = "PATH", default_value = "python3")]
+    pub python: PathBuf,
+    /// Most holds that are tried for one motion
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), default_value_t = 6)]
+    pub tries: u16,
+    /// Write no film, which needs a machine that can draw
+    #[arg(long)]
+    pub no_film: bool,
+    /// Where the result goes.
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 /// Options of `diagnose`.

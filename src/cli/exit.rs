@@ -7,7 +7,7 @@ use crate::{
     config::ConfigError,
     evaluate::EvaluateError,
     io::SynthError,
-    run::{RunError, chain},
+    run::{DemonstrateError, RunError, chain},
 };
 
 /// How a command ended; the number is the exit code.
@@ -52,6 +52,9 @@ pub enum CliError {
     /// The object cannot be made or written.
     #[error(transparent)]
     Synth(#[from] SynthError),
+    /// There is no demonstration.
+    #[error(transparent)]
+    Demonstrate(#[from] DemonstrateError),
     /// The page of a board cannot be written.
     #[error("cannot write `{}`: {source}", path.display())]
     Board {
@@ -121,7 +124,9 @@ impl CliError {
             | Self::Synth(SynthError::Config(_)) => Exit::Usage,
             #[cfg(feature = "node")]
             Self::Node(error) if error.is_usage() => Exit::Usage,
-            Self::Run(RunError::Cancelled(_)) | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
+            Self::Run(RunError::Cancelled(_))
+            | Self::Demonstrate(DemonstrateError::Cancelled(_))
+            | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
             _ => Exit::Failed,
         }
     }

@@ -5,6 +5,7 @@ mod args;
 mod board;
 mod check;
 mod config;
+mod demo;
 mod diagnose;
 mod doctor;
 mod evaluate;
@@ -69,6 +70,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Synth(args) => synth::run(&args),
         #[cfg(feature = "node")]
         Command::Node(args) => node::run(&args),

@@ -31,6 +31,8 @@ pub enum ResultKind {
     Diagnose,
     /// A made object.
     Synth,
+    /// A demonstration.
+    Demo,
 }
 
 impl fmt::Display for ResultKind {
@@ -39,6 +41,7 @@ impl fmt::Display for ResultKind {
             Self::Reconstruct => "reconstruct",
             Self::Diagnose => "diagnose",
             Self::Synth => "synth",
+            Self::Demo => "demo",
         })
     }
 }

@@ -7,6 +7,7 @@ mod assemble;
 mod batch;
 mod checkpoint;
 mod checksum;
+mod demonstrate;
 mod diagnose;
 mod diagnose_frames;
 mod doubts;
@@ -33,6 +34,7 @@ mod write;
 
 pub use batch::reconstruct_all;
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use demonstrate::{DemonstrateError, DemonstrateRequest, demonstrate};
 pub use diagnose::{DiagnoseOutcome, DiagnoseRequest, diagnose};
 pub use diagnose_frames::diagnose_frames;
 pub use fingerprint::Fingerprint;

@@ -1,4 +1,5 @@
-//! Pythons with the packages of `tests/python/requirements.txt`, and of `tests/python/ros/requirements.txt`.
+//! Pythons with the packages of `tests/python/requirements.txt` and, without their dependencies, of
+//! `requirements.no-deps.txt` beside it; and of `tests/python/ros/requirements.txt`.
 
 #![allow(dead_code, reason = "every test binary uses its own part of this")]
 
@@ -11,7 +12,7 @@ use std::{
 /// The interpreter; `None`, with a line that says why, where there is none and none can be made. With
 /// `CI=true` a failure, see [`without`].
 ///
-/// `ARTITWIN_VENV` names a virtual environment to use, which then must hold every package of the file. Else
+/// `ARTITWIN_VENV` names a virtual environment to use, which then must hold every package of the files. Else
 /// `.venv` in the repository is made once; that needs python3 with venv and pip, and a package index.
 pub fn python() -> Option<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
@@ -50,14 +51,20 @@ fn interpreter(
     }
 }
 
-/// The interpreter, if every package of the file is installed in the version that the file names.
+/// The interpreter, if every package of the files is installed in the version that they name.
 fn whole(python: PathBuf, requirements: &Path) -> Result<PathBuf, String> {
     let compare = "import sys\nfrom importlib.metadata import version\n\
-                   for line in open(sys.argv[1]):\n    name, _, wanted = \
+                   for line in (l for path in sys.argv[1:] for l in open(path)):\n    name, _, wanted = \
                    line.split('#')[0].strip().partition('==')\n    \
                    assert not name or version(name) == wanted, f'{name} is {version(name)}, not {wanted}'";
-    succeed(Command::new(&python).args(["-c", compare]).arg(requirements))?;
+    let files = std::iter::once(requirements.to_owned()).chain(without_dependencies(requirements));
+    succeed(Command::new(&python).args(["-c", compare]).args(files))?;
     Ok(python)
+}
+
+/// The file of packages that are installed without what they depend on, where there is one.
+fn without_dependencies(requirements: &Path) -> Option<PathBuf> {
+    Some(requirements.with_extension("no-deps.txt")).filter(|p| p.exists())
 }
 
 fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
@@ -65,17 +72,19 @@ fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
     let requirements = root.join(requirements);
     let venv = root.join(folder);
     let (python, stamp) = (venv.join("bin/python"), venv.join("artitwin-requirements.txt"));
-    let wanted =
-        std::fs::read_to_string(&requirements).map_err(|e| format!("{}: {e}", requirements.display()))?;
+    let text = |path: &Path| std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()));
+    let bare = without_dependencies(&requirements);
+    let wanted = text(&requirements)? + &bare.as_deref().map(text).transpose()?.unwrap_or_default();
     if python.exists() && std::fs::read_to_string(&stamp).is_ok_and(|text| text == wanted) {
         return Ok(python);
     }
     succeed(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
-    succeed(
-        Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"])
-            .arg(&requirements),
-    )?;
+    let install = |more: &[&str], file: &Path| {
+        let quiet = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
+        succeed(Command::new(&python).args(quiet).args(more).arg("-r").arg(file))
+    };
+    install(&[], &requirements)?;
+    bare.as_deref().map_or(Ok(()), |file| install(&["--no-deps"], file))?;
     std::fs::write(&stamp, wanted).map_err(|e| format!("{}: {e}", stamp.display()))?;
     Ok(python)
 }

@@ -1,0 +1,286 @@
+//! A robot opens and closes a finished twin in MuJoCo, by contact alone: a Python program that is part of
+//! this one.
+
+use std::{
+    io::{BufRead as _, BufReader, Write as _},
+    path::{Path, PathBuf},
+    process::{Child, ChildStderr, Command, Stdio},
+    sync::{
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, RecvTimeoutError, channel},
+    },
+    time::Duration,
+};
+
+use serde::Deserialize;
+
+use super::{Cancelled, least_bytes::DEMONSTRATION};
+use crate::{
+    files,
+    io::{Place, ResultKind, RunDir, RunDirError},
+    limits,
+    note::Note,
+};
+
+/// The program, a module a line.
+const MODULES: [(&str, &str); 8] = [
+    ("ball", include_str!("demonstrate/ball.py")),
+    ("demo", include_str!("demonstrate/demo.py")),
+    ("gripper", include_str!("demonstrate/gripper.py")),
+    ("hold", include_str!("demonstrate/hold.py")),
+    ("panda", include_str!("demonstrate/panda.py")),
+    ("picture", include_str!("demonstrate/picture.py")),
+    ("stage", include_str!("demonstrate/stage.py")),
+    ("twin", include_str!("demonstrate/twin.py")),
+];
+/// What loads the modules.
+const BOOTSTRAP: &str = include_str!("demonstrate/bootstrap.py");
+/// How often a request to stop is looked for.
+const LOOK: Duration = Duration::from_millis(100);
+/// Longest line of the peer that is passed on, bytes.
+const LONGEST_LINE: usize = 2000;
+
+/// What is to be demonstrated, and how.
+#[derive(Clone, Debug)]
+pub struct DemonstrateRequest {
+    /// Folder of a finished twin, with its MJCF.
+    pub twin: PathBuf,
+    /// Where the result goes.
+    pub place: Place,
+    /// The Python interpreter, which needs mujoco, numpy and pillow.
+    pub python: PathBuf,
+    /// `gripper` or `panda`.
+    pub robot: String,
+    /// Most holds that are tried for one motion.
+    pub tries: u16,
+    /// Whether it is filmed.
+    pub film: bool,
+}
+
+/// A demonstration in its place.
+#[derive(Clone, Debug)]
+pub struct Demonstration {
+    /// The result's folder.
+    pub folder: PathBuf,
+    /// The table of joints.
+    pub table: String,
+    /// Whether every joint was opened and closed, and every ball stayed.
+    pub whole: bool,
+    /// What became of what stood there before.
+    pub note: Option<Note>,
+}
+
+/// Why there is no demonstration.
+#[derive(Debug, thiserror::Error)]
+pub enum DemonstrateError {
+    /// The result cannot be written.
+    #[error(transparent)]
+    Output(#[from] RunDirError),
+    /// The folder of the twin is none.
+    #[error("cannot read the twin in {}; give the folder of a finished run", path.display())]
+    Twin {
+        /// Its path.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The interpreter does not start.
+    #[error("cannot run the Python `{}`; name one with mujoco, numpy and pillow by --python", path.display())]
+    Python {
+        /// The interpreter.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The interpreter ended without a result; its last line.
+    #[error("no demonstration: {0}")]
+    Refused(String),
+    /// A file of the result cannot be read back.
+    #[error("cannot read the demonstration's {name}")]
+    Result {
+        /// The file.
+        name: &'static str,
+        /// What was wrong with it.
+        source: std::io::Error,
+    },
+    /// Stopped on request.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Opens and closes every joint of a twin by contact alone, in MuJoCo, and films it. `say` gets a line a
+/// step. The folder holds `demo.json`, `demo.txt` and the film; it appears when it is whole.
+///
+/// # Errors
+/// A place that may not be taken, a folder without a twin, a Python that lacks what it needs, a request to
+/// stop.
+pub fn demonstrate(
+    request: &DemonstrateRequest,
+    stop: &AtomicBool,
+    mut say: impl FnMut(&str),
+) -> Result<Demonstration, DemonstrateError> {
+    let twin = request.twin.canonicalize().and_then(|p| p.read_dir().map(|_| p));
+    let twin = twin.map_err(|source| DemonstrateError::Twin { path: request.twin.clone(), source })?;
+    request.place.check(ResultKind::Demo, DEMONSTRATION)?;
+    let dir = RunDir::open(&request.place, ResultKind::Demo)?;
+    let mut child = started(request, &twin, &dir)?;
+    let last = follow(&mut child, stop, &mut say)?;
+    let ended = child.wait();
+    if stop.load(Ordering::Relaxed) {
+        return Err(Cancelled::default().into());
+    }
+    if !ended.is_ok_and(|status| status.success()) {
+        return Err(DemonstrateError::Refused(last));
+    }
+    let read = |name| {
+        files::read_text(&dir.working().join(name), limits::REPORT)
+            .map_err(|source| DemonstrateError::Result { name, source })
+    };
+    let (table, json) = (read("demo.txt")?, read("demo.json")?);
+    let report: Report = serde_json::from_str(&json)
+        .map_err(|e| DemonstrateError::Result { name: "demo.json", source: e.into() })?;
+    let committed = dir.commit()?;
+    Ok(Demonstration {
+        whole: report.joints.iter().all(|j| j.success),
+        table,
+        note: committed.note(),
+        folder: committed.folder,
+    })
+}
+
+/// What is read back of `demo.json`.
+#[derive(Deserialize)]
+struct Report {
+    joints: Vec<JointReport>,
+}
+
+#[derive(Deserialize)]
+struct JointReport {
+    success: bool,
+}
+
+/// The interpreter, with all modules given to it.
+fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Child, DemonstrateError> {
+    let failed = |source| DemonstrateError::Python { path: request.python.clone(), source };
+    let mut command = Command::new(&request.python);
+    command.args(["-c", BOOTSTRAP]).arg(twin).arg(dir.working());
+    command.args(["--robot", &request.robot, "--tries", &request.tries.to_string()]);
+    if !request.film {
+        command.arg("--no-film");
+    }
+    command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().map_err(failed)?;
+    let modules: std::collections::BTreeMap<_, _> = MODULES.into_iter().collect();
+    let text = serde_json::to_string(&modules).unwrap_or_default();
+    if let Some(mut input) = child.stdin.take() {
+        // By itself, as an interpreter that hangs reads nothing; one that ended before says why.
+        std::thread::spawn(move || input.write_all(text.as_bytes()));
+    }
+    Ok(child)
+}
+
+/// Passes the peer's lines on until it ends, or ends it on request. Gives its last line.
+fn follow(
+    child: &mut Child,
+    stop: &AtomicBool,
+    say: &mut impl FnMut(&str),
+) -> Result<String, DemonstrateError> {
+    let Some(output) = child.stderr.take() else { return Ok(String::new()) };
+    let lines = lines(output);
+    let mut last = "Python ended without a word".to_owned();
+    loop {
+        match lines.recv_timeout(LOOK) {
+            Ok(line) => {
+                say(&line);
+                last = line;
+            }
+            Err(RecvTimeoutError::Disconnected) => return Ok(last),
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => {
+                child.kill().unwrap_or_default();
+                child.wait().map(drop).unwrap_or_default();
+                return Err(Cancelled::default().into());
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+}
+
+/// The lines of a pipe, read by a thread of their own.
+fn lines(output: ChildStderr) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        let mut reader = BufReader::new(output);
+        let mut bytes = Vec::new();
+        while reader.read_until(b'\n', &mut bytes).is_ok_and(|n| n > 0) {
+            bytes.truncate(LONGEST_LINE);
+            let line = String::from_utf8_lossy(&bytes).trim_end().to_owned();
+            if !line.is_empty() && sender.send(line).is_err() {
+                return;
+            }
+            bytes.clear();
+        }
+    });
+    receiver
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::temp::Temp;
+
+    fn request(folder: &Temp, python: &str) -> DemonstrateRequest {
+        DemonstrateRequest {
+            twin: folder.0.join("twin"),
+            place: Place::at(folder.0.join("demo")),
+            python: python.into(),
+            robot: "gripper".to_owned(),
+            tries: 1,
+            film: false,
+        }
+    }
+
+    /// A script in place of Python.
+    #[cfg(unix)]
+    fn peer(folder: &Temp, script: &str) -> String {
+        use std::os::unix::fs::PermissionsExt as _;
+        let path = folder.0.join("peer");
+        std::fs::write(&path, format!("#!/bin/sh\ncat > /dev/null\n{script}\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        path.to_string_lossy().into_owned()
+    }
+
+    #[test]
+    fn what_cannot_be_demonstrated_is_said_and_leaves_nothing() {
+        let folder = Temp::new("demonstrate-refused");
+        let ended = |python: &str| {
+            let error = demonstrate(&request(&folder, python), &AtomicBool::new(false), |_| {}).unwrap_err();
+            error.to_string()
+        };
+        assert!(ended("python3").contains("folder of a finished run"));
+        std::fs::create_dir(folder.0.join("twin")).unwrap();
+        assert!(ended("no-such-python").contains("--python"));
+        assert_eq!(folder.names(), ["twin"]);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_peer_that_fails_is_quoted_and_one_that_hangs_can_be_stopped() {
+        let folder = Temp::new("demonstrate-peer");
+        std::fs::create_dir(folder.0.join("twin")).unwrap();
+        let python = peer(&folder, "echo step >&2; echo 'pip install mujoco' >&2; exit 1");
+        let mut said = Vec::new();
+        let error = demonstrate(&request(&folder, &python), &AtomicBool::new(false), |l| {
+            said.push(l.to_owned());
+        });
+        assert_eq!(error.unwrap_err().to_string(), "no demonstration: pip install mujoco");
+        assert_eq!(said, ["step", "pip install mujoco"]);
+        let python = peer(&folder, "exec sleep 60");
+        let stopped = demonstrate(&request(&folder, &python), &AtomicBool::new(true), |_| {});
+        assert!(matches!(stopped, Err(DemonstrateError::Cancelled(_))));
+        // Success without a result is none.
+        let python = peer(&folder, "exit 0");
+        let nothing = demonstrate(&request(&folder, &python), &AtomicBool::new(false), |_| {});
+        assert!(matches!(nothing, Err(DemonstrateError::Result { .. })));
+        assert_eq!(folder.names(), ["peer", "twin"]);
+    }
+}

@@ -1,0 +1,119 @@
+//! `artitwin demo`: a drawer that was reconstructed is opened and closed by contact, and keeps a ball.
+//!
+//! Needs Python with MuJoCo (see `common/venv.rs`), and EGL for the film; says so and passes where they are
+//! missing.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
+
+#[path = "common/venv.rs"]
+mod venv;
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    sync::OnceLock,
+};
+
+/// A folder for all tests of this file, and in it the twin of a shipped recording.
+fn twin() -> &'static Path {
+    static FOUND: OnceLock<PathBuf> = OnceLock::new();
+    FOUND.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("demo");
+        std::fs::remove_dir_all(&folder).ok();
+        let bag = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
+        let mut command = artitwin();
+        let run = command.arg("reconstruct").arg(bag).args(["--preset", "preview", "--out"]).arg(&folder);
+        let output = run.output().unwrap();
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{}", said(&output));
+        folder.join("drawer")
+    })
+}
+
+fn artitwin() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_artitwin"))
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Gives the demonstration and its folder.
+fn demo(name: &str, python: &Path, options: &[&str]) -> (Output, PathBuf) {
+    let out = twin().with_file_name(name);
+    let mut command = artitwin();
+    command.arg("demo").arg(twin()).arg("--python").arg(python).args(options).arg("--out").arg(&out);
+    (command.output().unwrap(), out)
+}
+
+/// Every joint was opened and closed, and the drawer kept its ball.
+fn succeeded(folder: &Path, robot: &str) {
+    let text = std::fs::read_to_string(folder.join("demo.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["robot"], robot);
+    let [joint] = report["joints"].as_array().unwrap().as_slice() else { panic!("{text}") };
+    let share = |way: &str| joint[way]["share"].as_f64().unwrap();
+    assert!(share("open") > 0.95 && share("close").abs() < 0.05, "{text}");
+    assert_eq!((&joint["ball"]["stayed"], &joint["success"]), (&true.into(), &true.into()), "{text}");
+    // The handle stands 30 mm before the front, which is at x = 0.29 m.
+    assert!(joint["open"]["tip_m"][0].as_f64().unwrap() > 0.29, "{text}");
+}
+
+#[test]
+fn a_hand_opens_and_closes_the_drawer_and_the_ball_stays() {
+    let Some(python) = venv::python() else { return };
+    let (output, folder) = demo("hand", &python, &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(table.contains("1 of 1 joints opened and closed by contact"), "{table}");
+    succeeded(&folder, "gripper");
+    let gif = std::fs::read(folder.join("demo.gif")).unwrap();
+    let frames =
+        gif.windows(4).filter(|w| *w == [0x21, 0xf9, 0x04, 0x04] || *w == [0x21, 0xf9, 0x04, 0x00]).count();
+    assert!(gif.starts_with(b"GIF89a") && frames > 20, "{frames} frames");
+    assert!(folder.join("manifest.json").exists());
+    // The same again takes its place; the twin itself is never replaced.
+    let mut over = artitwin();
+    let refused = over.arg("demo").arg(twin()).arg("--out").arg(twin()).output().unwrap();
+    assert!(refused.status.code() == Some(1) && said(&refused).contains("the input"), "{}", said(&refused));
+}
+
+#[test]
+fn an_arm_does_it_too() {
+    let Some(python) = venv::python() else { return };
+    let (output, folder) = demo("arm", &python, &["--robot", "panda", "--no-film"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    succeeded(&folder, "panda");
+    assert!(!folder.join("demo.gif").exists());
+}
+
+#[test]
+fn nothing_but_contact_moves_the_twin() {
+    let Some(python) = venv::python() else { return };
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut command = Command::new(python);
+    command.arg(root.join("tests/python/demo_control.py")).arg(root.join("src/run/demonstrate")).arg(twin());
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let number = |key: &str| found[key].as_f64().unwrap();
+    assert!(number("touching") > 0.95 && number("ghost").abs() < 1e-3, "{found}");
+    assert_eq!((number("driven"), number("welds")), (0.0, 0.0), "{found}");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_python_without_packages_says_what_to_install() {
+    use std::os::unix::fs::PermissionsExt as _;
+    if Command::new("python3").arg("--version").output().is_err() {
+        venv::without::<()>("python3 is not installed");
+        return;
+    }
+    let python = twin().with_file_name("bare-python");
+    // -S: without the folder that packages are installed to.
+    std::fs::write(&python, "#!/bin/sh\nexec python3 -S \"$@\"\n").unwrap();
+    std::fs::set_permissions(&python, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let (output, folder) = demo("bare", &python, &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("pip install mujoco numpy pillow"), "{}", said(&output));
+    assert!(!folder.exists());
+}
