@@ -9,6 +9,7 @@ mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
 mod guide;
+mod limit_report;
 mod look;
 mod mjcf;
 #[cfg(test)]

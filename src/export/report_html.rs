@@ -355,7 +355,7 @@ mod tests {
     use super::*;
     use crate::note::{Note, NoteCode};
     use crate::{
-        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, report_json::SeatReport},
+        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, limit_report::SeatReport},
         model::example::cabinet,
     };
 

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Deviations, Joint, JointKind, LimitSource, ParentScore},
+    model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore},
     note::Note,
 };
 
@@ -160,46 +160,6 @@ pub struct SpreadReport {
     pub value: Option<f64>,
     /// `rad` or `m`.
     pub unit: String,
-}
-
-/// An interval of joint positions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LimitReport {
-    /// Lowest position, radians or meters.
-    pub lower: f64,
-    /// Highest position.
-    pub upper: f64,
-    /// Largest effort, N m or N.
-    pub effort: f64,
-    /// Largest speed, rad/s or m/s.
-    pub velocity: f64,
-    /// What both bounds are: `seated`, the interval that holds the states with a margin and on the closed end
-    /// the seat; `observed`, the interval that holds the states, which the joint reaches at least; or
-    /// `swept`, as far as the collision solids let it go.
-    pub source: String,
-    /// Inner bound: lowest and highest observed position.
-    #[serde(default)]
-    pub observed: [f64; 2],
-    /// States that show these two.
-    #[serde(default)]
-    pub observed_in: [usize; 2],
-    /// Outer bound: the interval without collision; none where it was not swept.
-    #[serde(default)]
-    pub swept: Option<[f64; 2]>,
-    /// Where a face of the part meets its seat; none where no end shows it.
-    #[serde(default)]
-    pub closed: Option<SeatReport>,
-}
-
-/// The closed end of a joint.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SeatReport {
-    /// Position, radians or meters.
-    pub position: f64,
-    /// Root mean square deviation of the cells of surface that meet there.
-    pub std: f64,
-    /// Share of the part's leading surface that meets.
-    pub contact_share: f64,
 }
 
 /// What resists a joint's motion; N m or N, per radian or meter.
@@ -407,7 +367,6 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let deviation = Deviations::of(&e.covariance, &direction, joint.kind.turns(), extent_m);
     // No deviation is known to more than some digits.
     let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
-    let l = &joint.limit;
     JointReport {
         name: joint.name.clone(),
         kind: joint.kind.name().into(),
@@ -422,25 +381,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         origin: round3(world_from_joint.translation.vector.into()),
         motion: quantity(model.motion(index)),
         positions: positions(model, index),
-        limit: LimitReport {
-            lower: round_significant(l.lower, 12),
-            upper: round_significant(l.upper, 12),
-            effort: l.effort,
-            velocity: l.velocity,
-            source: match l.source {
-                LimitSource::Seated => "seated".into(),
-                LimitSource::Observed => "observed".into(),
-                LimitSource::Swept => "swept".into(),
-            },
-            observed: model.observed_interval(index).map(|q| round_significant(q, 12)),
-            observed_in: observed_in(model, index),
-            swept: l.swept.map(|s| s.map(|q| round_significant(q, DIGITS))),
-            closed: l.closed.map(|s| SeatReport {
-                position: round_significant(s.position, DIGITS),
-                std: round_significant(s.std, 4),
-                contact_share: round_significant(s.contact_share, 4),
-            }),
-        },
+        limit: LimitReport::of(model, index),
         dynamics: DynamicsReport {
             friction: round_significant(joint.dynamics.friction, DIGITS),
             damping: round_significant(joint.dynamics.damping, DIGITS),
@@ -492,12 +433,6 @@ fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
         std: std(state),
     };
     model.states.iter().enumerate().map(of).collect()
-}
-
-/// The first states that show the lowest and the highest position.
-fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
-    // Equal bit for bit: the ends of the interval are positions of states.
-    model.observed_interval(joint).map(|q| model.states.iter().position(|s| s[joint] == q).unwrap_or(0))
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {

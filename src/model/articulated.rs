@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{JointFamily, Seat, TypeScores};
+use super::{JointFamily, TypeScores};
 use crate::{
     geometry::Pose,
     note::Note,
@@ -96,6 +96,19 @@ pub enum LimitSource {
     Seated,
     /// The collision-free interval around it: the joint reaches no further, unless the solids are wrong.
     Swept,
+}
+
+/// Where a joint ends because a face of its child meets its parent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seat {
+    /// Position at which they meet, radians or meters.
+    pub position: f64,
+    /// Root mean square deviation of the meeting cells from it, radians or meters.
+    pub std: f64,
+    /// Share of the part's leading cells that meet.
+    pub contact_share: f64,
+    /// Whether it ends the joint above.
+    pub above: bool,
 }
 
 /// Interval of joint positions, radians or meters.

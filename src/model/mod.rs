@@ -18,7 +18,7 @@ mod validate;
 
 pub use articulated::{
     ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
-    LimitSource, Link, ParentScore,
+    LimitSource, Link, ParentScore, Seat,
 };
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
@@ -29,7 +29,7 @@ pub use material::Material;
 pub use names::is_xml_text;
 pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
 pub use part_names::{PartNames, named};
-pub use seat::{Seat, seat};
+pub use seat::seat;
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
 pub use validate::{impossible_inertia, principal_moments, validate};

@@ -6,11 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
-use serde::{Deserialize, Serialize};
-
-use super::{ArticulatedModel, Joint, JointKind};
+use super::{ArticulatedModel, Joint, JointKind, Seat};
 use crate::surface::TriangleMesh;
+use nalgebra::{Point3, Vector3};
 
 /// Side of the cells, meters.
 /// derived: the sweep's step; nearer faces are one to it
@@ -30,8 +28,8 @@ const STANDS_OUT: f64 = 0.25;
 /// A part that so many cells meet before, as a share of those that meet at the seat, is stopped before.
 /// derived: odds of four to one that they are clutter
 const STOPPED: f64 = 0.25;
-/// Where surfaces of one part may lie on another, as a share of the object's longest side: a larger face within
-/// it is the seat.
+/// Where surfaces of one part may lie on another, as a share of the object's longest side: a larger face
+/// within it is the seat.
 /// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
 const BLUR_SHARE: f64 = 0.04;
 /// A seat at the other end with more than this share of the contact leaves open which one is closed.
@@ -40,19 +38,6 @@ const RIVAL: f64 = 0.5;
 /// Farthest way to a seat, radians.
 /// derived: half a turn; farther, the other way round is the nearer one
 const MOST_TURN_RAD: f64 = std::f64::consts::PI;
-
-/// Where a joint ends because a face of its child meets its parent.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seat {
-    /// Position at which they meet, radians or meters.
-    pub position: f64,
-    /// Root mean square deviation of the meeting cells from it, radians or meters.
-    pub std: f64,
-    /// Share of the part's leading cells that meet.
-    pub contact_share: f64,
-    /// Whether it ends the joint above.
-    pub above: bool,
-}
 
 /// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
 /// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where

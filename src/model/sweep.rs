@@ -27,8 +27,8 @@ const FUSED: f64 = 1.25;
 const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
 /// Makes room: what comes near the solids of a moving link anywhere between its limits and the observed
-/// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as wide as engines
-/// with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
+/// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
+/// wide as engines with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     // What lies on its seat has surfaces nearer to it than the gap.
     let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };

@@ -23,8 +23,8 @@ const TEMPERATURE: f32 = 0.12;
 ///
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
-/// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever is
-/// around: its motion takes the sample to a place that was seen empty.
+/// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever
+/// is around: its motion takes the sample to a place that was seen empty.
 ///
 /// derived: the cost of such places (docs/method.md 6.5)
 const EMPTY: f32 = 1.6 - 1e-4;
