@@ -111,6 +111,59 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
     }
 }
 
+#[test]
+fn a_fault_is_as_bad_as_what_it_costs() {
+    let keeps = "<mujoco><compiler discardvisual=\"false\"/></mujoco></robot>";
+    let (visual, solid) = ("meshes/visual/frame.obj", "meshes/collision/tray_0.obj");
+    let [frame, tray] = ["2", "1"].map(|mass| format!("<inertial><mass value=\"{mass}\"/>"));
+    let still = "type=\"fixed\"";
+    let (error, warning) = (Level::Error, Level::Warning);
+    for (rule, words, level, changes) in [
+        ("path", "is missing", warning, vec![(visual, "gone.obj")]),
+        ("path", "is missing", error, vec![(visual, "gone.obj"), ("</robot>", keeps)]),
+        ("path", "is missing", error, vec![(solid, "gone.obj")]),
+        ("format", "a DAE", warning, vec![(visual, "meshes/box.dae")]),
+        ("format", "a DAE", error, vec![(solid, "meshes/box.dae")]),
+        ("inertia", "no mass", warning, vec![("<mass value=\"2\"/>", "")]),
+        ("inertia", "no mass", error, vec![("<mass value=\"1\"/>", "")]),
+        ("inertia", "no mass", warning, vec![("<mass value=\"1\"/>", ""), ("type=\"prismatic\"", still)]),
+        ("inertia", "no <inertial>", warning, vec![(&frame, "<x>"), ("izz=\"0.02\"/></inertial>", "/></x>")]),
+        ("inertia", "no <inertial>", error, vec![(&tray, "<x>"), ("izz=\"0.01\"/></inertial>", "/></x>")]),
+        ("joint", "'floating'", warning, vec![("type=\"prismatic\"", "type=\"floating\"")]),
+        ("limit", "no <limit>", warning, vec![("prismatic", "continuous"), ("<limit", "<x")]),
+        ("limit", "no <limit>", error, vec![("<limit", "<x")]),
+        ("name", "no name for USD", warning, vec![("link name=\"tray\"", "link name=\"my tray\"")]),
+        ("name", "without a name", error, vec![("joint name=\"slide\"", "joint name=\"\"")]),
+        (
+            "color",
+            "without rgba",
+            warning,
+            vec![("</robot>", "<material name=\"m\"><color/></material></robot>")],
+        ),
+    ] {
+        let mut urdf = URDF.to_owned();
+        for (from, to) in changes {
+            assert!(urdf.contains(from), "{from}");
+            urdf = urdf.replace(from, to);
+        }
+        let mut folder = folder();
+        folder.insert("unit.urdf".to_owned(), urdf.into_bytes());
+        folder.insert("meshes/box.dae".to_owned(), Vec::new());
+        let found = check_folder(&folder);
+        let hits: Vec<Level> = found
+            .iter()
+            .filter(|f| f.rule.word() == rule && f.message.contains(words))
+            .map(|f| f.level)
+            .collect();
+        assert_eq!(hits, [level], "{rule}: '{words}' in:\n{}", text(&found));
+    }
+    // What is fixed to each other does not collide.
+    let mut folder = folder();
+    let welded = URDF.replace("xyz=\"0.11 0 0\"", "xyz=\"0.05 0 0\"").replace("type=\"prismatic\"", still);
+    folder.insert("unit.urdf".to_owned(), welded.into_bytes());
+    assert_eq!(text(&check_folder(&folder)), "");
+}
+
 /// What no reader can make sense of: rule, words, what stands in the fixture, what takes its place.
 const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("origin", "the xyz of <origin> is 'nan inf 0'", "xyz=\"0.11 0 0\"", "xyz=\"nan inf 0\""),
