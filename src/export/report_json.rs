@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport},
+    limit_report::LimitReport,
     number::round_significant,
     part_count::PartCountReport,
     start::InitialMotion,
