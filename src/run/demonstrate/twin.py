@@ -81,12 +81,20 @@ def names(model):
     yield from (model.geom(k).name for k in range(model.ngeom))
 
 
-def joints_of(model):
-    """The joints of a bare twin, parents first."""
-    threads = {}
+def threads_of(model):
+    """Screws: the joint that turns, the one that slides, and the way of a radian; whichever of the two follows."""
     for e in range(model.neq):
         if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT:
-            threads[model.eq_obj2id[e]] = (model.eq_obj1id[e], float(model.eq_data[e][1]))
+            follower, leader, way = int(model.eq_obj1id[e]), int(model.eq_obj2id[e]), float(model.eq_data[e][1])
+            if model.jnt_type[follower] == HINGE:
+                yield follower, leader, 1 / way
+            else:
+                yield leader, follower, way
+
+
+def joints_of(model):
+    """The joints of a bare twin, parents first."""
+    threads = {turn: (slide, pitch) for turn, slide, pitch in threads_of(model)}
     followers = {slide for slide, _ in threads.values()}
     data, found = mujoco.MjData(model), []
     for j in range(model.njnt):
@@ -123,10 +131,8 @@ def place(model, data, positions):
     """Sets joints by name, and the slides of screws with them."""
     for name, q in positions.items():
         data.joint(name).qpos[0] = q
-    for e in range(model.neq):
-        if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT:
-            follower, leader = (model.jnt_qposadr[k[e]] for k in (model.eq_obj1id, model.eq_obj2id))
-            data.qpos[follower] = np.polynomial.polynomial.polyval(data.qpos[leader], model.eq_data[e][:5])
+    for turn, slide, pitch in threads_of(model):
+        data.qpos[model.jnt_qposadr[slide]] = pitch * data.qpos[model.jnt_qposadr[turn]]
     mujoco.mj_forward(model, data)
 
 
