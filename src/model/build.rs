@@ -38,7 +38,7 @@ pub struct ModelConfig {
 /// Margin of a limit around the observed positions, in standard deviations of these.
 const MARGIN_STD: f64 = 2.0;
 /// Least margin as a share of the observed motion: at a limit itself solvers push.
-const LEAST_MARGIN_SHARE: f64 = 0.01;
+const LEAST_MARGIN_SHARE: f64 = 0.005;
 
 /// Which interval the joint limits take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

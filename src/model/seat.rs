@@ -18,16 +18,16 @@ const MOST_CELLS: f64 = 400.0;
 /// A face looks along the motion by at least this cosine.
 /// derived: 45 degrees, nearer to it than to any direction across it
 const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Least share of the leading cells that meet their seat at once.
-/// measured: on the truth of shared/bags seats hold 0.03 to 0.96, and the way back round the hinge 0.005
-const BROAD: f64 = 0.02;
+/// Least share of the leading cells that meet their seat at once; what meets before it has less.
+/// measured: on shared/bags seats hold 0.007 to 0.96 of the reconstructed faces
+const BROAD: f64 = 0.005;
+/// The same at the observed end.
+/// measured: on shared/bags surfaces that do not part there hold up to 0.05, seats of carcasses 0.1
+const AT_START: f64 = 0.1;
 /// Share of the cells that meet which a face comes to rest on: its high spots. Rims are rounded by fusion, so
 /// that the middle cell meets too late.
 /// tuned: shared/bags, a quarter against a half
 const STANDS_OUT: f64 = 0.25;
-/// A part that so many cells meet before, as a share of those that meet at the seat, is stopped before.
-/// derived: odds of four to one that they are clutter
-const STOPPED: f64 = 0.25;
 /// Where surfaces of one part may lie on another, as a share of the object's longest side: a larger face
 /// within it is the seat.
 /// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
@@ -81,8 +81,13 @@ struct Spot {
 struct Ways {
     /// Way to the first surface that looks against the cell, radians or meters, and the cell's lever, meters.
     left: Vec<[f64; 2]>,
-    /// All leading cells.
-    leading: usize,
+    /// Weight of all leading cells.
+    leading: f64,
+}
+
+/// A position is known by a cell as well as its lever is long, and the part is held there as well.
+fn weight(lever_m: f64) -> f64 {
+    lever_m * lever_m
 }
 
 impl Ways {
@@ -95,9 +100,10 @@ impl Ways {
         for spot in frame.spots(&parent, -1.0) {
             seats.entry(spot.cell).or_default().push(spot.along);
         }
-        let mut first: BTreeMap<Cell, Option<[f64; 2]>> = BTreeMap::new();
+        // Lever and least way of every leading cell.
+        let mut first: BTreeMap<Cell, (f64, Option<f64>)> = BTreeMap::new();
         for spot in frame.spots(child, 1.0) {
-            let slack = tolerance_m / spot.lever_m.max(CELL_M);
+            let slack = tolerance_m / spot.lever_m;
             let way = |along: &f64| {
                 let way = along - spot.along - start;
                 // A turn is known up to whole ones.
@@ -105,13 +111,11 @@ impl Ways {
             };
             let ahead = seats.get(&spot.cell).into_iter().flatten().map(way).filter(|w| *w >= -slack);
             let own = ahead.min_by(f64::total_cmp);
-            let known = first.entry(spot.cell).or_default();
-            if let Some(own) = own.filter(|w| known.is_none_or(|k| *w < k[0])) {
-                *known = Some([own, spot.lever_m]);
-            }
+            let known = &mut first.entry(spot.cell).or_insert((spot.lever_m, None)).1;
+            *known = own.into_iter().chain(*known).min_by(f64::total_cmp);
         }
-        let leading = first.len();
-        let mut left: Vec<[f64; 2]> = first.into_values().flatten().collect();
+        let leading = first.values().map(|(lever_m, _)| weight(*lever_m)).sum();
+        let mut left: Vec<[f64; 2]> = first.into_values().filter_map(|(l, w)| Some([w?, l])).collect();
         if frame.turns {
             left.retain(|w| w[0] <= MOST_TURN_RAD);
         }
@@ -126,54 +130,69 @@ impl Ways {
         let apart_m = |a: &Step, b: &Step| (a.way - b.way).abs() * a.lever_m.min(b.lever_m);
         let is_peak = |k: &usize| {
             let near = steps.iter().filter(|s| apart_m(s, &steps[*k]) <= 2.0 * tolerance_m);
-            near.map(|s| s.met).max() == Some(steps[*k].met)
+            near.map(|s| s.met).fold(0.0, f64::max) <= steps[*k].met
         };
-        let face = |peak: usize| {
-            // The face reaches as far as half as many cells meet at once: noise spreads them.
-            let holds = |s: &&Step| 2 * s.met >= steps[peak].met;
-            let first = steps[..peak].iter().rev().take_while(holds).last().unwrap_or(&steps[peak]);
-            let last = steps[peak..].iter().take_while(holds).last().unwrap_or(&steps[peak]);
-            let met: Vec<&[f64; 2]> =
-                self.left.iter().filter(|w| w[0] >= first.way && w[0] <= last.way).collect();
-            (first, met)
-        };
-        let least = BROAD * self.leading as f64;
-        let faces = (0..steps.len()).filter(is_peak).map(face).filter(|f| f.1.len() as f64 >= least);
-        let (first, met) = faces.reduce(|seat, next| {
-            let behind = apart_m(seat.0, next.0) <= blur_m && next.1.len() > seat.1.len();
+        let least = BROAD * self.leading;
+        let faces = (0..steps.len()).filter(is_peak).map(|peak| self.face(&steps, peak));
+        let faces = faces.filter(|f| {
+            // Where the surfaces part in the state that shows this end, some of one may lie on the other.
+            let starts = f.cells[f.cells.len() / 4];
+            f.weight >= if starts[0] * starts[1] <= tolerance_m { AT_START * self.leading } else { least }
+        });
+        let seat = faces.reduce(|seat, next| {
+            let behind = apart_m(seat.first, next.first) <= blur_m && next.weight > seat.weight;
             if behind { next } else { seat }
         })?;
-        let before = self.left.iter().filter(|w| (first.way - w[0]) * w[1] > blur_m).count();
-        let width_m = met.iter().map(|w| (w[0] - first.way) * w[1]).fold(0.0, f64::max);
-        if before as f64 > STOPPED * met.len() as f64 || width_m > blur_m {
-            return None;
-        }
+        let first = seat.first.way;
+        let before = self.left.iter().filter(|w| (first - w[0]) * w[1] > blur_m);
+        let before: f64 = before.map(|w| weight(w[1])).sum();
+        let width_m = seat.cells.iter().map(|w| (w[0] - first) * w[1]).fold(0.0, f64::max);
         // In order, as all ways are.
-        let seat = met.get((STANDS_OUT * met.len() as f64) as usize)?[0];
-        // A position is known by a cell as well as its lever is long.
-        let weight: f64 = met.iter().map(|w| w[1] * w[1]).sum();
-        let square = met.iter().map(|w| (w[1] * (w[0] - seat)).powi(2)).sum::<f64>() / weight;
-        Some((seat, square.sqrt(), met.len() as f64 / self.leading as f64))
+        let way = seat.cells[(STANDS_OUT * seat.cells.len() as f64) as usize][0];
+        let square: f64 = seat.cells.iter().map(|w| weight(w[1]) * (w[0] - way).powi(2)).sum();
+        let stands = before <= least && width_m <= blur_m;
+        stands.then(|| (way, (square / seat.weight).sqrt(), seat.weight / self.leading))
     }
 
-    /// Ways a quarter of the tolerance apart, each with the cells that meet there within the tolerance.
+    /// The face about a peak: as far as half as many cells meet at once, as noise spreads them, and no more
+    /// than at the peak.
+    fn face<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
+        let most = steps[peak].met;
+        let holds = |s: &&Step| (0.5 * most..=most).contains(&s.met);
+        let first = steps[..peak].iter().rev().take_while(holds).last().unwrap_or(&steps[peak]);
+        let last = steps[peak..].iter().take_while(holds).last().unwrap_or(&steps[peak]);
+        let [from, to] = [first.way, last.way].map(|way| self.left.partition_point(|w| w[0] < way));
+        let cells = &self.left[from..=to.min(self.left.len() - 1)];
+        Face { first, cells, weight: cells.iter().map(|w| weight(w[1])).sum() }
+    }
+
+    /// Ways a quarter of the tolerance apart, each with the weight of the cells that meet there within the
+    /// tolerance.
     fn steps(&self, tolerance_m: f64) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
         for &[way, lever_m] in &self.left {
             if steps.last().is_none_or(|s| (way - s.way) * lever_m >= 0.25 * tolerance_m) {
-                let met = self.left.iter().filter(|w| (w[0] - way).abs() * w[1] <= tolerance_m).count();
-                steps.push(Step { way, lever_m, met });
+                let met = self.left.iter().filter(|w| (w[0] - way).abs() * w[1] <= tolerance_m);
+                steps.push(Step { way, lever_m, met: met.map(|w| weight(w[1])).sum() });
             }
         }
         steps
     }
 }
 
-/// A way, and the cells that meet there.
+/// A way, and what meets there.
 struct Step {
     way: f64,
     lever_m: f64,
-    met: usize,
+    met: f64,
+}
+
+/// Cells that meet about at once.
+struct Face<'a> {
+    first: &'a Step,
+    /// In the order of their ways; never empty, as steps are ways of cells.
+    cells: &'a [[f64; 2]],
+    weight: f64,
 }
 
 /// Coordinates of a motion: two that it leaves alone, and the position.
