@@ -11,7 +11,8 @@ const MAX_MOUTH: f64 = 4.0;
 const LEAST_RIM: f64 = 2.0;
 /// The rim of a bay is no longer than this, voxels: tuned, that of a bay twice as deep as the widest hole.
 const MAX_RIM: f64 = 30.0;
-/// What a mouth costs of the rim that it saves, per length: tuned, more than 1 so that it spans no straight rim.
+/// What a mouth costs of the rim that it saves, per length: tuned; more than 1, so that it spans no straight
+/// rim.
 const COST: f64 = 1.5;
 /// So far behind the mouth, along the rim at both sides, the rim must stand apart by as much more, voxels:
 /// tuned. The end of a slot, such as a gap beside a door, does not open and is no bay.

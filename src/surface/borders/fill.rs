@@ -48,8 +48,8 @@ impl<'a> Fill<'a> {
         Self { mesh, neighbors, reach, around, voxel_m, is_seen_empty, taken, triangles }
     }
 
-    /// Fills the gap within a rim, which has the surface on its left; from its last vertex to the first goes a
-    /// side of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices
+    /// Fills the gap within a rim, which has the surface on its left; from its last vertex to the first goes
+    /// a side of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices
     /// of the border, lie in it, where the face is not flat, or where a point of it was seen empty.
     pub(super) fn gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
         let mesh = self.mesh;

@@ -39,11 +39,12 @@ pub struct Mended {
     pub assumed_m2: f64,
 }
 
-/// Rounds of closing and taking off: tuned. What the first takes off lets the second close what was in pieces.
+/// Rounds of closing and taking off: tuned. What the first takes off lets the second close what was in
+/// pieces.
 const ROUNDS: usize = 2;
 
-/// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close_holes` small
-/// holes in flat faces are closed unless `is_seen_empty` says of a point of the fill (same frame, meters) that
+/// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close` small holes
+/// in flat faces are closed unless `is_seen_empty` says of a point of the fill (same frame, meters) that
 /// views saw through it, rims become straight or smooth. `voxel_m` is the spacing of the grid that the mesh
 /// comes from, meters. A mesh without a border, or without a clear one, comes back as it is.
 #[must_use]

@@ -13,8 +13,8 @@ const LEAST_RADIUS: f64 = 1.0;
 /// Disks larger than this show nothing more, voxels: derived, a rim of 8 voxels bends by
 /// one, [`SLACK`], from such a disk.
 const LARGEST_RADIUS: f64 = 8.0;
-/// A vertex may lie this far out of a disk, voxels: derived, so far it can be moved into line; it also makes up
-/// for disks that stand on vertices only.
+/// A vertex may lie this far out of a disk, voxels: derived, so far it can be moved into line; it also makes
+/// up for disks that stand on vertices only.
 const SLACK: f64 = MAX_MOVE;
 
 /// Takes off triangles that hang by one side, until none does.
