@@ -24,7 +24,7 @@ use self::{
     loops::border_loops,
     sheet::Sheet,
     straight::straighten,
-    teeth::{drop_hanging, drop_teeth},
+    teeth::{drop_hanging, drop_shreds, drop_teeth},
 };
 use super::TriangleMesh;
 
@@ -68,6 +68,7 @@ pub fn mend_borders(
         drop_teeth(&mut sheet, voxel_m);
     }
     drop_hanging(&mut sheet);
+    drop_shreds(&mut sheet, voxel_m);
     sheet.mesh = straighten(&sheet.mesh, voxel_m);
     Mended { mesh: sheet.finish(), holes, assumed_m2: sheet.assumed_m2() }
 }

@@ -6,6 +6,7 @@ use super::{
     sheet::Sheet,
     straight::MAX_MOVE,
 };
+use crate::surface::components::components;
 
 /// Disks smaller than this do not hold a strip, voxels: tuned, strips narrower than two voxels hold less
 /// surface than noise.
@@ -16,6 +17,22 @@ const LARGEST_RADIUS: f64 = 8.0;
 /// A vertex may lie this far out of a disk, voxels: derived, so far it can be moved into line; it also makes
 /// up for disks that stand on vertices only.
 const SLACK: f64 = MAX_MOVE;
+
+/// A piece by itself is a shred if its area is less than that of a disk of this radius, voxels: tuned.
+const SHRED_RADIUS: f64 = 4.0;
+
+/// Takes off the pieces that are shreds; the largest stays.
+pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
+    let (labels, sizes) = components(&sheet.mesh);
+    let mut areas_m2 = vec![0.0; sizes.len()];
+    for (t, &label) in labels.iter().enumerate() {
+        areas_m2[label as usize] += 0.5 * f64::from(sheet.mesh.area_normal(t).norm());
+    }
+    let largest_m2 = areas_m2.iter().copied().fold(0.0, f64::max);
+    let least_m2 = largest_m2.min(std::f64::consts::PI * (SHRED_RADIUS * voxel_m).powi(2));
+    let kept: Vec<bool> = labels.iter().map(|&label| areas_m2[label as usize] >= least_m2).collect();
+    sheet.keep(&kept);
+}
 
 /// Takes off triangles that hang by one side, until none does.
 pub(super) fn drop_hanging(sheet: &mut Sheet) {
@@ -92,6 +109,18 @@ mod tests {
         assert!(far(6.0) > 20);
         // What is left of teeth can be moved into line.
         assert!(vertices().all(|p| p.y <= 11.0));
+    }
+
+    #[test]
+    fn a_piece_by_itself_stays_if_it_is_large() {
+        // Pieces of 30, 5 and 9 cells' length in a row.
+        let apart = |x: u32, _: u32| ![30, 36].contains(&x);
+        let mut sheet = Sheet::of(&plate(46, 8, apart));
+        drop_shreds(&mut sheet, 1.0);
+        assert_eq!(sheet.mesh.triangles.len(), 2 * 8 * (30 + 9));
+        let mut small = Sheet::of(&plate(3, 3, |_, _| true));
+        drop_shreds(&mut small, 1.0);
+        assert_eq!(small.mesh.triangles.len(), 18);
     }
 
     #[test]
