@@ -31,6 +31,7 @@ impl Sheet {
     /// Area of the assumed triangles, square meters.
     pub(super) fn assumed_m2(&self) -> f64 {
         let assumed = (0..self.mesh.triangles.len()).filter(|&t| self.is_assumed[t]);
-        assumed.map(|t| 0.5 * f64::from(self.mesh.area_normal(t).norm())).sum()
+        // Folded: the sum of nothing is -0.
+        assumed.fold(0.0, |sum, t| sum + 0.5 * f64::from(self.mesh.area_normal(t).norm()))
     }
 }
