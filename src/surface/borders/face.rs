@@ -17,7 +17,7 @@ const MAX_RMS: f64 = 0.5;
 /// The vertices of the rim itself are no farther from the plane, voxels: derived, three times [`MAX_RMS`].
 const MAX_STEP: f64 = 1.5;
 /// Length of the mean of unit normals around, weighted by area: tuned; about a right angle it is 0.71.
-const MIN_AGREEMENT: f64 = 0.85;
+const MIN_AGREEMENT: f64 = 0.75;
 
 /// The plane of a face around a gap.
 pub(super) struct Face {
