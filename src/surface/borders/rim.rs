@@ -12,7 +12,7 @@ pub(super) struct Rim<'a> {
 
 /// Half the length of the rim that a vertex is fitted to, voxels: tuned, three teeth of two voxels.
 const WINDOW: f64 = 6.0;
-/// Sine of the change of direction from which a corner is one: tuned, 40 degrees; sine's square is compared.
+/// Cosine of the change of direction from which a corner is one: tuned, 40 degrees.
 const CORNER_COSINE: f64 = 0.77;
 /// A piece is a line if no point of it is farther from its line, voxels: tuned, what teeth of one voxel and
 /// the error of a corner make.
