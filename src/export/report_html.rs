@@ -6,7 +6,7 @@ use super::{
     number::{decimal, significant},
     page::{self, count, minus, push_list, push_table, unit},
     picture::{Picture, PictureError, part_color},
-    report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
+    report_json::{JointReport, LinkReport, Quantity, RecordedCamera, Report, SpreadReport},
 };
 use crate::model::escape_xml as escape;
 
@@ -211,18 +211,29 @@ fn push_links(out: &mut String, report: &Report) {
     for (i, link) in report.links.iter().enumerate() {
         writeln!(
             rows,
-            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td \
+            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
              class=\"number\">{}<br><span class=\"soft\">{}</span></td></tr>",
             dot(i),
             escape(&link.name),
             link.triangles,
             unit(&decimal(link.area_m2, 3), "m\u{b2}"),
+            assumed(link),
             unit(&significant(link.mass_kg, 3), "kg"),
             escape(&link.assumption)
         )
         .ok();
     }
     push_table(out, "Parts", &["Part", "Triangles", "Area", "Mass (assumed)"], &rows);
+}
+
+/// How much of a link's surface no view saw, for its area's cell.
+fn assumed(link: &LinkReport) -> String {
+    let share = link.assumed_area_m2 / link.area_m2;
+    if share > 0.0 {
+        format!("<br><span class=\"soft\">{} % of it closed holes</span>", significant(100.0 * share, 2))
+    } else {
+        String::new()
+    }
 }
 
 fn push_times(out: &mut String, report: &Report) {

@@ -191,6 +191,9 @@ pub struct LinkReport {
     pub solids: usize,
     /// Area of the surface, square meters.
     pub area_m2: f64,
+    /// Area of it that no view saw, in small holes that were closed, square meters.
+    #[serde(default)]
+    pub assumed_area_m2: f64,
     /// Vertices of the mesh.
     pub vertices: usize,
     /// Triangles of the mesh.
@@ -327,6 +330,7 @@ impl Report {
             mass_range_kg: l.inertial.mass_range_kg.map(|m| round_significant(m, DIGITS)),
             solids: l.collision.len(),
             area_m2: round_significant(l.visual.area_m2(), DIGITS),
+            assumed_area_m2: round_significant(l.assumed_m2, DIGITS),
             vertices: l.visual.vertices.len(),
             triangles: l.visual.triangles.len(),
         };

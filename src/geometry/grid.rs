@@ -94,6 +94,16 @@ fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool
     (base, frac, inside)
 }
 
+impl Grid3<bool> {
+    /// Whether all eight nodes of the cell around a point hold; not so outside the grid.
+    #[must_use]
+    pub fn holds_around(&self, point: &Point3<f64>) -> bool {
+        let ([x, y, z], _, inside) = cell(self, point);
+        let corner = |k: usize| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2));
+        inside == [true; 3] && self.dims.iter().all(|&n| n > 1) && (0..8).all(|k| self.values[corner(k)])
+    }
+}
+
 impl Grid3<f32> {
     /// Trilinear value; a point outside takes the value at the nearest border.
     #[must_use]
@@ -128,6 +138,18 @@ impl Grid3<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_cell_holds_where_all_its_nodes_do() {
+        let scene = SceneBox::around(&Point3::new(0.0, 0.0, 0.0), &Point3::new(1.0, 1.0, 1.0));
+        let mut g = Grid3::over(&scene, 5, true);
+        let node = g.index(2, 2, 2);
+        g.values[node] = false;
+        let at = |x: f64, y: f64, z: f64| g.origin + Vector3::new(x, y, z) * g.spacing_m;
+        assert!(g.holds_around(&at(0.5, 0.5, 0.5)) && g.holds_around(&at(4.0, 4.0, 4.0)));
+        assert!(!g.holds_around(&at(1.5, 1.5, 1.5)) && !g.holds_around(&at(2.5, 2.5, 2.5)));
+        assert!(g.holds_around(&at(3.5, 2.5, 2.5)) && !g.holds_around(&at(-0.1, 0.5, 0.5)));
+    }
 
     #[test]
     fn a_linear_field_is_exact_at_every_point() {

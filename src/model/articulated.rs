@@ -169,6 +169,8 @@ pub struct Link {
     pub name: String,
     /// Colored surface in the link frame.
     pub visual: TriangleMesh,
+    /// Area of it that no view saw, in holes that were closed, square meters.
+    pub assumed_m2: f64,
     /// Convex solids that collide, in the link frame.
     pub collision: Vec<ConvexSolid>,
     /// Mass properties.

@@ -241,7 +241,7 @@ fn link(name: String, visual: TriangleMesh) -> Link {
         assumption: String::new(),
         mass_range_kg: [0.0; 2],
     };
-    Link { name, visual, collision: Vec::new(), inertial }
+    Link { name, visual, assumed_m2: 0.0, collision: Vec::new(), inertial }
 }
 
 /// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.

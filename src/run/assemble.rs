@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{
     articulate::{JointEstimate, LabelledState, NO_LABEL, TreeJointEstimate, label_grid, part_tsdf},
-    geometry::{NearestPoints, Pose},
+    geometry::{Grid3, NearestPoints, Pose},
     model::{ArticulatedModel, MovingPart, build},
-    surface::{TriangleMesh, keep_components, marching_cubes},
+    surface::{Mended, TriangleMesh, keep_components, marching_cubes, mend_borders},
 };
 
 /// The model: a surface for every part from all states, links, joints.
@@ -35,13 +35,15 @@ pub(super) fn assemble(
         let labels = label_grid(tsdf, &samples.points, &parts.labels, 0.999 * truncation_m);
         LabelledState { tsdf: tsdf.clone(), weight: weight.clone(), labels, truncation_m }
     };
+    let free: Vec<&Grid3<bool>> = states.iter().map(|s| &s.surface.free).collect();
     let colors: Vec<ColorLookup> = states.iter().map(|s| ColorLookup::new(&s.surface)).collect();
     let states: Vec<LabelledState> = states.iter().zip(&articulation.states).map(labelled).collect();
     let part_surface = |part: usize, motions: &[Pose]| {
         let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
         // (9.1)
         let field = part_tsdf(part as u8, &motions, &states);
-        let mut mesh = keep_components(&marching_cubes(&field, 0.0), scene.config.surface.min_component);
+        let raw = keep_components(&marching_cubes(&field, 0.0), scene.config.surface.min_component);
+        let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, &free, scene);
         if mesh.is_empty() {
             let message = format!(
                 "part {part} has no surface: nothing was seen of it; ask for fewer parts or record more \
@@ -50,14 +52,16 @@ pub(super) fn assemble(
             return Err(RunError::stage("assemble", message));
         }
         paint(&mut mesh, &motions, &states, &colors);
-        Ok((mesh, field))
+        Ok((mesh, assumed_m2, field))
     };
     // The static part in the world of state 0, then the moving ones by their joints' motions, which may
     // differ a little from those of registration.
-    let (base, _) = part_surface(0, &vec![Pose::identity(); states.len() - 1])?;
+    let (base, assumed_m2, _) = part_surface(0, &vec![Pose::identity(); states.len() - 1])?;
+    let mut assumed = vec![assumed_m2];
     let mut parts = Vec::with_capacity(joints.len());
     for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {
-        let (surface, field) = part_surface(i + 1, &joint.motions)?;
+        let (surface, assumed_m2, field) = part_surface(i + 1, &joint.motions)?;
+        assumed.push(assumed_m2);
         let JointEstimate { kind, axis, point, positions, evidence, .. } = joint;
         parts.push(MovingPart {
             parent,
@@ -71,9 +75,42 @@ pub(super) fn assemble(
         });
     }
     let mut model = build(name, base, parts, &scene.config.model);
+    for (link, assumed_m2) in model.links.iter_mut().zip(assumed) {
+        link.assumed_m2 = assumed_m2;
+    }
     // Of an object of one part nothing else says how often it was seen.
     model.states.resize_with(states.len(), Vec::new);
     Ok(model)
+}
+
+/// A part's mesh with mended borders (docs/method.md 9.1), where that is asked for.
+fn mended(
+    mesh: TriangleMesh,
+    field: &Grid3<f32>,
+    motions: &[Pose],
+    free: &[&Grid3<bool>],
+    scene: &Scene,
+) -> Mended {
+    let config = &scene.config.surface;
+    if !config.mend_borders {
+        return Mended { mesh, holes: 0, assumed_m2: 0.0 };
+    }
+    let far_m = 0.5 * scene.band.truncation_m as f32;
+    let is_empty = |p: &Point3<f64>| is_seen_empty(p, field, far_m, motions, free);
+    mend_borders(&mesh, field.spacing_m, config.close_holes, &is_empty)
+}
+
+/// Whether views saw that nothing of a part is at a place: all nodes about it are certainly empty in a state,
+/// or the part's field is beyond `far_m`, which also says that another part stands there.
+fn is_seen_empty(
+    place: &Point3<f64>,
+    field: &Grid3<f32>,
+    far_m: f32,
+    motions: &[Pose],
+    free: &[&Grid3<bool>],
+) -> bool {
+    field.nearest(place).is_some_and(|i| field.values[i] > far_m)
+        || motions.iter().zip(free).any(|(motion, free)| free.holds_around(&(motion * place)))
 }
 
 /// Colors of a state's surface by nearest vertex.
@@ -112,4 +149,33 @@ fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], co
         best.and_then(|(_, place, colors)| colors.color(&place)).unwrap_or(UNSEEN)
     };
     mesh.colors = mesh.vertices.par_iter().with_min_len(1024).map(color).collect();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::SceneBox;
+
+    #[test]
+    fn a_place_is_empty_where_a_state_saw_it_or_the_field_is_far() {
+        let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
+        let mut field = Grid3::over(&scene, 41, f32::NAN);
+        let (mut still, mut moved) = (Grid3::over(&scene, 41, false), Grid3::over(&scene, 41, false));
+        for i in 0..field.values.len() {
+            let p = field.position(i);
+            if p.x > 0.2 {
+                field.values[i] = (0.3 - p.y) as f32;
+            }
+            still.values[i] = p.x < -0.2;
+            // Seen empty where the part stands after its motion of 0.3 along z.
+            moved.values[i] = p.z > 0.2 && p.y < -0.2;
+        }
+        let motions = [Pose::identity(), Pose::translation(0.0, 0.0, 0.3)];
+        let is_empty =
+            |x, y, z| is_seen_empty(&Point3::new(x, y, z), &field, 0.05, &motions, &[&still, &moved]);
+        assert!(!is_empty(0.0, 0.0, 0.0), "nobody saw anything there");
+        assert!(is_empty(-0.4, 0.0, 0.0), "free in state 0");
+        assert!(is_empty(0.0, -0.4, 0.0) && !is_empty(0.0, -0.4, -0.2), "free in state 1, or not");
+        assert!(is_empty(0.4, 0.0, 0.0) && !is_empty(0.4, 0.28, 0.0), "far from the surface, or at it");
+    }
 }

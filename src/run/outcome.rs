@@ -233,6 +233,7 @@ mod tests {
         model::Link {
             name: name.to_owned(),
             visual: crate::surface::TriangleMesh::default(),
+            assumed_m2: 0.0,
             collision: vec![],
             inertial,
         }

@@ -21,6 +21,10 @@ pub struct SurfaceConfig {
     pub truncation_m: Option<f64>,
     /// A node counts as observed from this many head-on readings at the median depth.
     pub min_readings: f64,
+    /// Whether shreds are taken off the borders of part surfaces and their rims straightened.
+    pub mend_borders: bool,
+    /// Whether mending also closes small holes and bays in flat faces that no view saw through.
+    pub close_holes: bool,
 }
 
 /// What the surface of a state is made of.
@@ -44,6 +48,8 @@ impl Default for SurfaceConfig {
             min_component: 0.02,
             truncation_m: None,
             min_readings: 0.2,
+            mend_borders: true,
+            close_holes: true,
         }
     }
 }

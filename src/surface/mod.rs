@@ -2,6 +2,7 @@
 
 mod atlas;
 mod bake;
+mod borders;
 mod closest;
 mod color_field;
 mod components;
@@ -31,6 +32,7 @@ mod weld;
 
 pub use atlas::{Atlas, unwrap};
 pub use bake::{BakeView, bake};
+pub use borders::{Mended, mend_borders};
 pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
 pub use components::keep_components;

@@ -1,0 +1,99 @@
+//! Gaps in flat faces, filled where nothing was seen through them.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Point2, Point3};
+
+use super::{
+    face::Face,
+    polygon::{is_inside, triangulate},
+    reach::{Neighbors, Reach},
+};
+use crate::surface::TriangleMesh;
+
+/// A fill is examined at points no farther apart, voxels: derived, half of what a grid can tell apart.
+const SAMPLE_STEP: f64 = 0.5;
+
+/// Whether views saw that a point (meters) is empty.
+pub(super) type SeenEmpty<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
+
+/// Triangles that are to fill gaps of a mesh.
+pub(super) struct Fill<'a> {
+    mesh: &'a TriangleMesh,
+    neighbors: &'a Neighbors,
+    reach: Reach<'a>,
+    /// The triangles at each vertex.
+    around: Vec<Vec<u32>>,
+    voxel_m: f64,
+    is_seen_empty: SeenEmpty<'a>,
+    /// Sides of the new triangles, lower vertex first.
+    taken: BTreeSet<(u32, u32)>,
+    /// The new triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl<'a> Fill<'a> {
+    pub(super) fn new(
+        mesh: &'a TriangleMesh,
+        neighbors: &'a Neighbors,
+        voxel_m: f64,
+        is_seen_empty: SeenEmpty<'a>,
+    ) -> Self {
+        let mut around = vec![Vec::new(); mesh.vertices.len()];
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            corners.iter().for_each(|&v| around[v as usize].push(t as u32));
+        }
+        let reach = Reach::new(mesh, neighbors);
+        let (taken, triangles) = (BTreeSet::new(), Vec::new());
+        Self { mesh, neighbors, reach, around, voxel_m, is_seen_empty, taken, triangles }
+    }
+
+    /// Fills the gap within a rim, which has the surface on its left; from its last vertex to the first goes
+    /// a side of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices
+    /// of the border, lie in it, where the face is not flat, or where a point of it was seen empty.
+    pub(super) fn gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
+        let mesh = self.mesh;
+        let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
+        let is_taken =
+            |a: u32, b: u32| self.neighbors.are_joined(a, b) || self.taken.contains(&(a.min(b), a.max(b)));
+        if is_bay && is_taken(rim[0], rim[rim.len() - 1]) {
+            return false;
+        }
+        let Some(face) = Face::around(mesh, rim, &mut self.reach, &self.around, self.voxel_m) else {
+            return false;
+        };
+        // Turned around: the new triangles lie on the other side.
+        let at = |k: usize| rim[rim.len() - 1 - k];
+        let flat: Vec<Point2<f64>> = (0..rim.len()).map(|k| face.flat(&position(at(k)))).collect();
+        let mut others = others.map(|v| face.flat(&position(v)));
+        if others.any(|p| is_inside(&p, &flat)) {
+            return false;
+        }
+        let Some(cut) = triangulate(&flat, |i, j| is_taken(at(i), at(j))) else { return false };
+        let new: Vec<[u32; 3]> = cut.into_iter().map(|t| t.map(at)).collect();
+        let is_empty = |t: &[u32; 3]| {
+            samples(&t.map(position), SAMPLE_STEP * self.voxel_m).any(|p| (self.is_seen_empty)(&p))
+        };
+        if new.iter().any(is_empty) {
+            return false;
+        }
+        let sides = new.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        self.taken.extend(sides.map(|(p, q)| (p.min(q), p.max(q))));
+        self.triangles.extend(new);
+        true
+    }
+}
+
+/// Points of a triangle, its corners left out, no farther apart than `step_m`.
+fn samples(corners: &[Point3<f64>; 3], step_m: f64) -> impl Iterator<Item = Point3<f64>> + use<> {
+    let [a, b, c] = *corners;
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    // No gap is wider than some voxels.
+    let n = ((longest / step_m).ceil() as usize).clamp(1, 64);
+    (0..n).flat_map(move |i| {
+        (0..n - i).map(move |j| {
+            let [u, v] = [i, j].map(|k| (k as f64 + 1.0 / 3.0) / n as f64);
+            a + (b - a) * u + (c - a) * v
+        })
+    })
+}

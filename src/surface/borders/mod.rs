@@ -1,0 +1,74 @@
+//! Borders of an open mesh mended: shreds taken off, small holes closed, rims straightened (docs/method.md
+//! 9.1).
+
+mod bays;
+mod face;
+mod fill;
+mod holes;
+mod loops;
+#[cfg(test)]
+mod plates;
+mod polygon;
+mod reach;
+mod rim;
+mod sheet;
+mod straight;
+mod teeth;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Point3;
+
+use self::{
+    holes::close_holes,
+    loops::border_loops,
+    sheet::Sheet,
+    straight::straighten,
+    teeth::{drop_hanging, drop_shreds, drop_teeth},
+};
+use super::TriangleMesh;
+
+/// A mesh with mended borders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mended {
+    /// The mesh, without colors where anything changed.
+    pub mesh: TriangleMesh,
+    /// Holes that were closed.
+    pub holes: usize,
+    /// Area that no view saw, square meters.
+    pub assumed_m2: f64,
+}
+
+/// Rounds of closing and taking off: tuned. What the first takes off lets the second close what was in
+/// pieces.
+const ROUNDS: usize = 2;
+
+/// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close` small holes
+/// in flat faces are closed unless `is_seen_empty` says of a point of the fill (same frame, meters) that
+/// views saw through it, rims become straight or smooth. `voxel_m` is the spacing of the grid that the mesh
+/// comes from, meters. A mesh without a border, or without a clear one, comes back as it is.
+#[must_use]
+pub fn mend_borders(
+    mesh: &TriangleMesh,
+    voxel_m: f64,
+    close: bool,
+    is_seen_empty: &dyn Fn(&Point3<f64>) -> bool,
+) -> Mended {
+    if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {
+        return Mended { mesh: mesh.clone(), holes: 0, assumed_m2: 0.0 };
+    }
+    let colorless = TriangleMesh { colors: Vec::new(), ..mesh.clone() };
+    let mut sheet = Sheet::of(&colorless);
+    let mut holes = 0;
+    for _ in 0..ROUNDS {
+        drop_hanging(&mut sheet);
+        if close {
+            holes += close_holes(&mut sheet, voxel_m, is_seen_empty);
+        }
+        drop_teeth(&mut sheet, voxel_m);
+    }
+    drop_hanging(&mut sheet);
+    drop_shreds(&mut sheet, voxel_m);
+    sheet.mesh = straighten(&sheet.mesh, voxel_m);
+    Mended { mesh: sheet.finish(), holes, assumed_m2: sheet.assumed_m2() }
+}

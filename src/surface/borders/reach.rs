@@ -1,0 +1,137 @@
+//! Distances along a surface, short ones.
+
+use std::{cmp::Ordering, collections::BinaryHeap};
+
+use crate::surface::TriangleMesh;
+
+/// The vertices that share a side with each vertex, ascending.
+pub(super) struct Neighbors {
+    first: Vec<u32>,
+    to: Vec<u32>,
+}
+
+impl Neighbors {
+    pub(super) fn of(mesh: &TriangleMesh) -> Self {
+        let mut pairs: Vec<(u32, u32)> = mesh.sides().flat_map(|(p, q, _)| [(p, q), (q, p)]).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut first = vec![0; mesh.vertices.len() + 1];
+        for (p, _) in &pairs {
+            first[*p as usize + 1] += 1;
+        }
+        for i in 1..first.len() {
+            first[i] += first[i - 1];
+        }
+        Self { first, to: pairs.into_iter().map(|(_, q)| q).collect() }
+    }
+
+    pub(super) fn at(&self, vertex: u32) -> &[u32] {
+        let v = vertex as usize;
+        &self.to[self.first[v] as usize..self.first[v + 1] as usize]
+    }
+
+    pub(super) fn are_joined(&self, a: u32, b: u32) -> bool {
+        self.at(a).binary_search(&b).is_ok()
+    }
+}
+
+/// A search along the surface that starts at some vertices; its memory serves many searches.
+pub(super) struct Reach<'a> {
+    mesh: &'a TriangleMesh,
+    neighbors: &'a Neighbors,
+    /// Distance of every vertex, infinite where the search did not come.
+    distance_m: Vec<f64>,
+    reached: Vec<u32>,
+}
+
+impl<'a> Reach<'a> {
+    pub(super) fn new(mesh: &'a TriangleMesh, neighbors: &'a Neighbors) -> Self {
+        let distance_m = vec![f64::INFINITY; mesh.vertices.len()];
+        Self { mesh, neighbors, distance_m, reached: Vec::new() }
+    }
+
+    /// Vertices with a distance of at most `limit_m` in the order of their distance. `sources` are vertices
+    /// with a start value each; a vertex takes the least start value plus straight distance of the sources
+    /// that come to it from vertex to vertex. On short ways over a smooth surface that is the way along it,
+    /// without the zigzag of the sides.
+    pub(super) fn from(&mut self, sources: &[(u32, f64)], limit_m: f64) -> &[u32] {
+        for v in self.reached.drain(..) {
+            self.distance_m[v as usize] = f64::INFINITY;
+        }
+        let position = |v: u32| self.mesh.vertices[v as usize].cast::<f64>();
+        let start =
+            |&(vertex, start): &(u32, f64)| Candidate { distance_m: start, vertex, source: (vertex, start) };
+        let mut queue: BinaryHeap<Candidate> = sources.iter().map(start).collect();
+        while let Some(Candidate { distance_m, vertex, source }) = queue.pop() {
+            // They come in the order of distance: the first one has the vertex.
+            if self.distance_m[vertex as usize].is_finite() || distance_m > limit_m {
+                continue;
+            }
+            self.distance_m[vertex as usize] = distance_m;
+            self.reached.push(vertex);
+            let from = position(source.0);
+            for &n in self.neighbors.at(vertex).iter().filter(|&&n| self.distance_m[n as usize].is_infinite())
+            {
+                let distance_m = source.1 + (position(n) - from).norm();
+                queue.push(Candidate { distance_m, vertex: n, source });
+            }
+        }
+        &self.reached
+    }
+
+    /// Distance of a vertex in the last search, meters; infinite where it did not come.
+    pub(super) fn distance_m(&self, vertex: u32) -> f64 {
+        self.distance_m[vertex as usize]
+    }
+}
+
+/// A vertex that a search may come to.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    distance_m: f64,
+    vertex: u32,
+    /// Where the way began, and the start value there.
+    source: (u32, f64),
+}
+
+impl Ord for Candidate {
+    /// The nearest is the greatest, of equally near ones the vertex with the lowest number.
+    fn cmp(&self, other: &Self) -> Ordering {
+        let key = |c: &Self| (c.vertex, c.source.0);
+        other.distance_m.total_cmp(&self.distance_m).then_with(|| key(other).cmp(&key(self)))
+    }
+}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Candidate {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::borders::plates::plate;
+
+    #[test]
+    fn distances_on_a_plate_are_straight_and_end_at_the_limit() {
+        let mesh = plate(12, 12, |_, _| true);
+        let neighbors = Neighbors::of(&mesh);
+        let mut reach = Reach::new(&mesh, &neighbors);
+        for limit in [3.0, 6.5] {
+            reach.from(&[(0, 0.0)], limit);
+            for (v, p) in mesh.vertices.iter().enumerate() {
+                let (d, straight) = (reach.distance_m(v as u32), f64::from(p.coords.norm()));
+                assert!(if straight <= limit { (d - straight).abs() < 1e-6 } else { d.is_infinite() });
+            }
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! An open mesh while its borders are mended.
+
+use crate::surface::{TriangleMesh, drop_unused_vertices};
+
+/// A mesh without colors, and which of its triangles no view saw.
+#[derive(Clone, Debug)]
+pub(super) struct Sheet {
+    pub mesh: TriangleMesh,
+    /// Per triangle: whether it fills a hole.
+    pub is_assumed: Vec<bool>,
+}
+
+impl Sheet {
+    pub(super) fn of(mesh: &TriangleMesh) -> Self {
+        Self { mesh: mesh.clone(), is_assumed: vec![false; mesh.triangles.len()] }
+    }
+
+    /// Keeps the triangles that are marked; vertices keep their numbers.
+    pub(super) fn keep(&mut self, is_kept: &[bool]) {
+        let mut each = is_kept.iter();
+        self.mesh.triangles.retain(|_| each.next() == Some(&true));
+        let mut each = is_kept.iter();
+        self.is_assumed.retain(|_| each.next() == Some(&true));
+    }
+
+    /// The mesh without unused vertices.
+    pub(super) fn finish(&self) -> TriangleMesh {
+        drop_unused_vertices(&self.mesh)
+    }
+
+    /// Area of the assumed triangles, square meters.
+    pub(super) fn assumed_m2(&self) -> f64 {
+        let assumed = (0..self.mesh.triangles.len()).filter(|&t| self.is_assumed[t]);
+        // Folded: the sum of nothing is -0.
+        assumed.fold(0.0, |sum, t| sum + 0.5 * f64::from(self.mesh.area_normal(t).norm()))
+    }
+}

@@ -1,0 +1,93 @@
+//! Rims straightened: border vertices move within the surface, those near them follow.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    loops::border_loops,
+    reach::{Neighbors, Reach},
+    rim::Rim,
+};
+use crate::surface::{TriangleMesh, vertex_normals};
+
+/// A vertex moves no farther than this, voxels: derived, a rim's place is known to a voxel.
+pub(super) const MAX_MOVE: f64 = 1.0;
+/// Vertices up to here from a rim follow it, voxels: tuned; moves of one voxel spread over four compress
+/// triangles by a quarter.
+const FOLLOWING: f64 = 4.0;
+/// Rounds in which the moves of vertices near a rim settle: tuned.
+const ROUNDS: usize = 20;
+/// Times that the moves of a triangle that would turn too much are halved before they are given up.
+const HALVINGS: usize = 6;
+
+/// A triangle turns by no more than this cosine, and keeps so much of its area: tuned.
+const MIN_COSINE: f32 = 0.5;
+const MIN_AREA: f32 = 0.1;
+
+/// The mesh with straight rims. No triangle turns over.
+pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64) -> TriangleMesh {
+    let Some(loops) = border_loops(mesh) else { return mesh.clone() };
+    let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
+    let within = |v: u32, d: Vector3<f64>| d - normals[v as usize] * normals[v as usize].dot(&d);
+    let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
+    let mut moves = vec![Vector3::zeros(); mesh.vertices.len()];
+    let mut passes = vec![0_u8; mesh.vertices.len()];
+    loops.iter().flatten().for_each(|&v| passes[v as usize] = passes[v as usize].saturating_add(1));
+    for rim in &loops {
+        let points: Vec<Point3<f64>> = rim.iter().map(|&v| position(v)).collect();
+        let Some(places) = Rim::new(&points, voxel_m).places() else { continue };
+        for ((&v, p), place) in rim.iter().zip(&points).zip(places) {
+            // Where loops touch, what is right for one is wrong for the other.
+            if passes[v as usize] == 1 {
+                let d = within(v, place - p);
+                moves[v as usize] = d * (MAX_MOVE * voxel_m / d.norm()).min(1.0);
+            }
+        }
+    }
+    if moves.iter().all(|d| *d == Vector3::zeros()) {
+        return mesh.clone();
+    }
+    let neighbors = Neighbors::of(mesh);
+    let mut reach = Reach::new(mesh, &neighbors);
+    let border: Vec<(u32, f64)> = loops.iter().flatten().map(|&v| (v, 0.0)).collect();
+    let mut inner = reach.from(&border, FOLLOWING * voxel_m).to_vec();
+    inner.retain(|&v| passes[v as usize] == 0);
+    for _ in 0..ROUNDS {
+        // In the order of distance, with what was found this round: the moves run inward.
+        for &v in &inner {
+            let around = neighbors.at(v);
+            let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();
+            moves[v as usize] = within(v, sum / around.len() as f64);
+        }
+    }
+    moved(mesh, moves)
+}
+
+/// The mesh with its vertices moved, less where a triangle would turn or shrink too much.
+fn moved(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
+    let apply = |moves: &[Vector3<f64>]| {
+        let place = |(p, d): (&Point3<f32>, &Vector3<f64>)| {
+            if *d == Vector3::zeros() { *p } else { (p.cast::<f64>() + d).cast() }
+        };
+        TriangleMesh { vertices: mesh.vertices.iter().zip(moves).map(place).collect(), ..mesh.clone() }
+    };
+    let mut halvings = vec![0; mesh.vertices.len()];
+    loop {
+        let result = apply(&moves);
+        let turns = |&t: &usize| {
+            let is_moved = mesh.triangles[t].iter().any(|&v| moves[v as usize] != Vector3::zeros());
+            let (new, old) = (result.area_normal(t), mesh.area_normal(t));
+            is_moved && new.dot(&old) <= (MIN_COSINE * new.norm()).max(MIN_AREA * old.norm()) * old.norm()
+        };
+        let mut turned: Vec<u32> =
+            (0..mesh.triangles.len()).filter(turns).flat_map(|t| mesh.triangles[t]).collect();
+        if turned.is_empty() {
+            return result;
+        }
+        turned.sort_unstable();
+        turned.dedup();
+        for v in turned.into_iter().map(|v| v as usize) {
+            halvings[v] += 1;
+            moves[v] = if halvings[v] > HALVINGS { Vector3::zeros() } else { moves[v] * 0.5 };
+        }
+    }
+}
