@@ -1,5 +1,5 @@
-//! Borders of an open mesh mended: shreds taken off, small holes closed, rims straightened (docs/method.md
-//! 9.1).
+//! Borders of an open mesh mended: shreds taken off, small holes closed, rims straightened. See
+//! docs/method.md 9.1.
 
 mod bays;
 mod face;
